@@ -1,0 +1,205 @@
+"""What the commands do. Each takes the parsed options and returns an exit code."""
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from pydantic import ValidationError
+
+from app.config import BenchConfig, ConfigError, faults, load_bench
+from app.main import DONE, FAILED, UNSAFE, UsageError
+from app.units import UnitError, read_values
+from protocols.events import Status
+from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
+
+FASTEST = 20.0
+"""Times real speed at which the simulated bench still keeps up on its real wires."""
+
+EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
+
+
+def version() -> str:
+    """The program's version."""
+    return metadata.version("tactor-bench")
+
+
+def protocol_names() -> str:
+    """The protocols, for a help text."""
+    return ", ".join(PROTOCOLS)
+
+
+def run(options: argparse.Namespace) -> int:
+    """`tactor-bench run PROTOCOL`."""
+    config, speed = _bench(options)
+    protocol = make_protocol(options.protocol, options.settings)
+    return _run_headless(config, speed, options, protocol)[0]
+
+
+def window(options: argparse.Namespace) -> int:
+    """`tactor-bench [window]`."""
+    from app.screen import why_no_window
+
+    config, speed = _bench(options)
+    protocol = make_protocol(options.protocol, options.settings)
+    if why := why_no_window():
+        raise UsageError(f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'")
+    return _open_window(config, speed, options, protocol, options.autostart)
+
+
+def demo(options: argparse.Namespace) -> int:
+    """`tactor-bench demo`: the main job, with or without a screen."""
+    from app.screen import why_no_window
+
+    config, speed = _bench(options)
+    protocol = make_protocol("sine-dwell", [])
+    why = "" if not options.no_window else "--no-window was given"
+    why = why or why_no_window()
+    if not why:
+        return _open_window(config, speed, options, protocol, autostart=True)
+    sys.stderr.write(f"No window: {why}. The same job follows without one.\n")
+    options.json = False
+    code, path = _run_headless(config, speed, options, protocol)
+    if path is not None and path.exists():
+        _draw(path, path.with_suffix(".png"))
+    return code
+
+
+def show(options: argparse.Namespace) -> int:
+    """`tactor-bench show RUN`."""
+    from app.showing import run_record, run_text
+    from protocols.runreader import Run, RunError
+
+    try:
+        with Run(options.run) as run:
+            if options.json:
+                print(json.dumps(run_record(run), default=str))  # noqa: T201 - the command line speaks here
+            else:
+                print(run_text(run))  # noqa: T201
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    if options.picture:
+        return _draw(options.run, options.picture)
+    return DONE
+
+
+def make_protocol(name: str, settings: list[str]) -> Protocol:
+    """The protocol `name` with `NAME=VALUE` settings.
+
+    Raises:
+        UsageError: an unknown protocol or parameter, or a value out of range; every fault is listed.
+    """
+    kind = PROTOCOLS.get(name)
+    if kind is None:
+        raise UsageError(f"there is no protocol '{name}'; known are: {protocol_names()}")
+    values: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals:
+            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
+        if key.strip() not in kind.model_fields:
+            raise UsageError(f"{name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
+        values[key.strip()] = value.strip()
+    try:
+        return kind(**read_values(kind, values))
+    except (ValidationError, UnitError) as error:
+        raise UsageError(f"{name} cannot be run so:\n" + "\n".join(faults(error))) from None
+
+
+def _bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
+    """The bench and its speed; None is the virtual clock."""
+    try:
+        config = load_bench(options.bench)
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+    speed, seed = options.speed, options.seed
+    if not config.simulated:
+        if speed is not None or seed is not None:
+            raise UsageError(f"--speed and --seed are for a simulated bench; {options.bench} is a real one")
+        return config, 1.0
+    if seed is not None:
+        config = config.model_copy(update={"simulation": {**(config.simulation or {}), "seed": seed}})
+    if speed == "max":
+        return config, None
+    if speed is None:
+        return config, config.truth.speed
+    try:
+        number = float(speed)
+    except ValueError:
+        number = 0.0
+    if not 1 <= number <= FASTEST:
+        raise UsageError(f"--speed {speed}: give a number from 1 to {FASTEST:g}, or 'max'")
+    return config, number
+
+
+def _run_headless(
+    config: BenchConfig, speed: float | None, options: argparse.Namespace, protocol: Protocol
+) -> tuple[int, Path | None]:
+    from rich.console import Console
+
+    from app.build import connect
+    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
+    from app.session import Session, State
+
+    observer = JsonObserver() if options.json else ConsoleObserver(Console(stderr=True))
+    with observer:
+        session = Session(lambda: connect(config, speed), [observer], ConsoleOperator())
+        with _stop_on_signal(session):
+            session.start()
+            session.run(protocol, options.out, options.specimen)
+            # In slices, because a wait without end would keep Python from seeing the signal.
+            while not session.idle.wait(0.1) or (session.outcome is None and session.state is not State.NO_BENCH):
+                pass
+            session.close()
+    if session.outcome is None:
+        return FAILED, None
+    return EXIT_CODES.get(session.outcome[0], FAILED), session.path
+
+
+@contextmanager
+def _stop_on_signal(session: Any) -> Iterator[None]:
+    """Ctrl-C and SIGTERM ask the run to go to rest; asking again changes nothing, because rest comes first."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        session.stop()
+
+    numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _open_window(
+    config: BenchConfig, speed: float | None, options: argparse.Namespace, protocol: Protocol, autostart: bool
+) -> int:
+    from app.build import connect
+    from app.gui.application import open_window
+
+    return open_window(
+        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart=autostart
+    )
+
+
+def _draw(run_file: Path, picture: Path) -> int:
+    from app.picture import draw_run
+    from protocols.runreader import Run, RunError
+
+    try:
+        with Run(run_file) as run:
+            draw_run(run, picture)
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise UsageError(f"the picture {picture} cannot be written: {error.strerror or error}") from None
+    sys.stderr.write(f"picture: {picture}\n")
+    return DONE

@@ -1,0 +1,137 @@
+"""The command `tactor-bench`: the window, and the same work without one.
+
+Exit codes: 0 done, 1 the run failed, 2 asked wrongly, 3 UNSAFE: rest could not be confirmed.
+"""
+
+import argparse
+import functools
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+DONE, FAILED, USAGE, UNSAFE = 0, 1, 2, 3
+
+PROGRAM = "tactor-bench"
+
+
+class UsageError(Exception):
+    """The command was given something it cannot use; the sentence says what and what would do."""
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}. '{self.prog} --help' shows what is understood")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit code."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        options = _parser().parse_args(arguments)
+        return int(options.command(options))
+    except UsageError as error:
+        sys.stderr.write(f"{PROGRAM}: {error}\n")
+        return USAGE
+    except KeyboardInterrupt:
+        return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    from app import commands
+
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Drive, measure, model and identify macro-fiber-composite tactors.",
+        epilog="Without a command the window opens. Exit codes: 0 done, 1 the run failed, 2 asked wrongly, "
+        "3 UNSAFE: rest could not be confirmed.",
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {commands.version()}")
+    _bench_options(parser)
+    parser.set_defaults(
+        command=commands.window,
+        protocol="sine-dwell",
+        settings=[],
+        autostart=False,
+        bench="sim",
+        speed=None,
+        seed=None,
+        out=Path("runs"),
+        specimen="unnamed",
+    )
+    known = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_Parser)
+
+    run = known.add_parser(
+        "run",
+        help="run a protocol without a window",
+        description="Run a protocol: progress on the terminal, one HDF5 file as result.",
+        epilog="example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
+    )
+    run.add_argument("protocol", help=f"one of: {commands.protocol_names()}")
+    _bench_options(run)
+    _setting_option(run)
+    run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
+    run.set_defaults(command=commands.run)
+
+    window = known.add_parser(
+        "window",
+        help="open the window (also what happens without a command)",
+        description="Open the window, with a protocol's form filled in and, if asked, started.",
+        epilog="example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
+    )
+    window.add_argument("protocol", nargs="?", default="sine-dwell", help=f"one of: {commands.protocol_names()}")
+    _bench_options(window)
+    _setting_option(window)
+    window.add_argument(
+        "--start", dest="autostart", action="store_true", help="start the run as soon as the bench is there"
+    )
+    window.set_defaults(command=commands.window)
+
+    demo = known.add_parser(
+        "demo",
+        help="a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
+        description="The main job on the simulated bench: the window running a sine dwell; where no window can be "
+        "opened, the same run with a progress bar, leaving the run file and a picture.",
+        epilog="example: tactor-bench demo --out runs",
+    )
+    _bench_options(demo)
+    demo.add_argument("--no-window", action="store_true", help="do without the window even where there is a screen")
+    demo.set_defaults(command=commands.demo)
+
+    show = known.add_parser(
+        "show",
+        help="tell what a run file holds",
+        description="What a run file holds: how the run ended, its points and estimates.",
+        epilog="example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
+    )
+    show.add_argument("run", type=Path, help="a run file")
+    show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+    show.add_argument("--picture", type=Path, metavar="PNG", help="also draw it into this PNG file")
+    show.set_defaults(command=commands.show)
+    return parser
+
+
+def _bench_options(parser: argparse.ArgumentParser) -> None:
+    # SUPPRESS: a command's own default must not overwrite what stood before the command.
+    add = functools.partial(parser.add_argument, default=argparse.SUPPRESS)
+    add("--bench", metavar="FILE|sim", help="bench file, or 'sim' (default) for the simulated bench")
+    add("--speed", metavar="N|max", help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)")
+    add("--seed", type=int, help="simulated bench only: seed of its noise")
+    add("--out", type=Path, help="folder for run files (default: runs)")
+    add("--specimen", help="name of the specimen (default: unnamed)")
+
+
+def _setting_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a parameter of the protocol, with or without a unit; may be given often",
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""Is there a screen, and can Qt use it? Asked before Qt is imported: Qt's own answer is to abort the program."""
+
+import ctypes
+import importlib.util
+import os
+import sys
+
+# What PySide6-Essentials loads on Linux, and the Debian and Ubuntu package that holds it.
+LIBRARIES = {
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libdbus-1.so.3": "libdbus-1-3",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libglib-2.0.so.0": "libglib2.0-0",
+}
+ON_X11 = {
+    "libxcb-cursor.so.0": "libxcb-cursor0",
+    "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-shape.so.0": "libxcb-shape0",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
+    "libxcb-image.so.0": "libxcb-image0",
+    "libxcb-render-util.so.0": "libxcb-render-util0",
+    "libxcb-xinerama.so.0": "libxcb-xinerama0",
+}
+
+
+def has_screen() -> bool:
+    """Whether a window could be seen: always on Windows and macOS, with a display server elsewhere."""
+    if os.environ.get("QT_QPA_PLATFORM") in ("offscreen", "minimal"):
+        return True  # asked for, as tests do
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def missing_libraries() -> list[str]:
+    """Debian packages without which Qt would not load here; empty where all is well."""
+    if not sys.platform.startswith("linux"):
+        return []
+    wanted = LIBRARIES | (ON_X11 if os.environ.get("DISPLAY") else {})
+    return [package for library, package in wanted.items() if not _loads(library)]
+
+
+def why_no_window() -> str:
+    """Why no window can be opened here, in a sentence with the remedy; empty where one can."""
+    if importlib.util.find_spec("PySide6") is None:
+        return "PySide6 is not installed; run 'pip install PySide6-Essentials'"
+    if not has_screen():
+        return "there is no screen (neither DISPLAY nor WAYLAND_DISPLAY is set)"
+    if missing := missing_libraries():
+        return (
+            f"Qt needs system libraries that are not installed; run 'sudo apt-get install {' '.join(missing)}' "
+            "(Debian, Ubuntu; other systems name them alike)"
+        )
+    return ""
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,195 @@
+"""A session with one bench: a thread that owns the instruments, connects, runs what it is told, and lets go.
+
+Front ends (window, command line, tests) start it, ask for runs, stop them, and observe. Nothing here knows who asks.
+"""
+
+import logging
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+from drivers.bench import Bench
+from drivers.errors import BenchError
+from protocols.events import Event, RunEnded, Status
+from protocols.operator import Operator
+from protocols.protocol import Protocol as Measurement
+from protocols.runfile import Header, RunFile, StoreError
+from protocols.runner import Runner
+
+log = logging.getLogger(__name__)
+
+
+class State(StrEnum):
+    """What the session is doing, in a word a person understands."""
+
+    CONNECTING = "connecting"
+    IDLE = "at rest"
+    RUNNING = "running"
+    NO_BENCH = "no bench"
+    CLOSED = "closed"
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOpened:
+    """The instruments answer; `identities` by role."""
+
+    name: str
+    simulated: bool
+    identities: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchFailed:
+    """The bench cannot be used; the sentence says why and what to do."""
+
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A run was not even begun: its file could not be created."""
+
+    words: str
+
+
+SessionEvent = Event | BenchOpened | BenchFailed | Refused
+Observer = Callable[[SessionEvent], None]
+
+
+class Connected(Protocol):
+    """What the composition root hands over."""
+
+    bench: Bench
+    operator: Operator | None
+    """Answers prompts by itself (a simulated operator), or None where a person must."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    protocol: Measurement
+    folder: Path
+    specimen: str
+
+
+class Session:
+    """One bench, one thread, any number of runs one after the other.
+
+    Args:
+        connect: opens the bench; a context manager that also closes it.
+        observers: told every event, in the session's thread.
+        operator: answers prompts where the bench brings no operator of its own.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], AbstractContextManager[Connected]],
+        observers: Sequence[Observer],
+        operator: Operator,
+    ) -> None:
+        self._connect, self._observers, self._operator = connect, tuple(observers), operator
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._cancel = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
+        self.state = State.CONNECTING
+        self.outcome: tuple[Status, str] | None = None
+        self.path: Path | None = None
+        self.idle = threading.Event()
+        """Set whenever nothing runs: after connecting, after a run, after a failure."""
+        self.bench: Bench | None = None
+
+    def start(self) -> None:
+        """Begin to connect; returns at once."""
+        self._thread.start()
+
+    def run(self, protocol: Measurement, folder: Path, specimen: str) -> None:
+        """Queue a run; returns at once."""
+        self._cancel.clear()
+        self.outcome = None
+        self.idle.clear()
+        self._jobs.put(_Job(protocol, folder, specimen))
+
+    def stop(self) -> None:
+        """Ask the present run to go to rest and end; returns at once."""
+        self._cancel.set()
+
+    def close(self, timeout_s: float | None = None) -> bool:
+        """Stop, go to rest, let go of the bench; whether the thread has ended within `timeout_s`."""
+        self.stop()
+        self._jobs.put(None)
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        try:
+            with self._connect() as connected:
+                self.bench = connected.bench
+                identities = dict(connected.bench.record.get("identities", {}))
+                self._become(State.IDLE)
+                self._tell(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
+                self.idle.set()
+                while (job := self._jobs.get()) is not None:
+                    self._run(connected, job)
+        except BenchError as error:
+            self._lose(str(error))
+        except Exception as error:
+            log.exception("the session failed by an error of this program")
+            self._lose(f"an error of this program: {type(error).__name__}: {error}")
+        finally:
+            self.bench = None
+            if self.state is not State.NO_BENCH:
+                self._become(State.CLOSED)
+            self.idle.set()
+
+    def _run(self, connected: Connected, job: _Job) -> None:
+        self._become(State.RUNNING)
+        try:
+            store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen))
+        except StoreError as error:
+            self.outcome = (Status.FAILED, str(error))
+            self._become(State.IDLE)
+            self._tell(Refused(str(error)))
+        else:
+            self.path = store.path
+            operator = connected.operator or self._operator
+            self.outcome = Runner(job.protocol, connected.bench, store, operator, [self._pass_on], self._cancel).run()
+        self.idle.set()
+
+    def _pass_on(self, event: Event) -> None:
+        if isinstance(event, RunEnded):
+            self._become(State.IDLE)  # before observers hear, so that they see a session ready for the next run
+        self._tell(event)
+
+    def _lose(self, words: str) -> None:
+        self._become(State.NO_BENCH)
+        self._tell(BenchFailed(words))
+
+    def _become(self, state: State) -> None:
+        self.state = state
+
+    def _tell(self, event: SessionEvent) -> None:
+        for observer in self._observers:
+            try:
+                observer(event)
+            except Exception:
+                log.exception("an observer failed on %s", type(event).__name__)
+
+
+def header(protocol: Measurement, bench: Bench, specimen: str) -> Header:
+    """What the run file says about a run before it begins."""
+    return Header(
+        protocol=protocol.name,
+        title=protocol.title,
+        parameters=protocol.model_dump(mode="json"),
+        point_type=protocol.point_type,
+        axes=protocol.axes,
+        sensor=bench.sensor,
+        bench=bench.record,
+        simulated=bench.simulated,
+        specimen=specimen,
+    )

@@ -1,0 +1,72 @@
+"""What a run file holds, in words and as plain values."""
+
+from typing import Any
+
+import numpy as np
+
+from app.words import duration, size
+from protocols.quality import Quality
+from protocols.runreader import Run
+
+
+def run_record(run: Run) -> dict[str, Any]:
+    """Everything but the raw samples and events, in SI units."""
+    return {
+        "path": str(run.path),
+        "protocol": run.protocol,
+        "specimen": run.specimen,
+        "state": run.state,
+        "reason": run.reason,
+        "start_time": run.start_time,
+        "simulated": run.simulated,
+        "sample_rate_hz": run.rate_hz,
+        "samples": run.samples,
+        "parameters": run.parameters,
+        "points": {name: _finite(column) for name, column in run.points().items()},
+        "units": run.units(),
+        "estimates": [
+            {name: getattr(e, name) for name in ("name", "value", "standard_error", "unit", "source")}
+            for e in run.estimates()
+        ],
+        "software": run.software,
+    }
+
+
+def run_text(run: Run) -> str:
+    """A page about a run, for a terminal."""
+    points = run.points()
+    length = duration(run.samples / run.rate_hz) if run.rate_hz else "0 s"
+    lines = [
+        f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
+        f"{run.state}: {run.reason}" if run.reason else run.state,
+        f"begun {run.start_time}, {run.samples} scans at {run.rate_hz:g} Hz ({length}), {size(run.path.stat().st_size)}",
+        "",
+    ]
+    if len(points.get("frequency", ())):
+        lines.append(f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>13} {'±':>7} {'phase/°':>8} {'THD/%':>6}  quality")
+        lines += [
+            f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
+            f"{Quality(int(q)).words}"
+            for f, p, a, u, phase, thd, q in zip(
+                *(
+                    points[name]
+                    for name in (
+                        "frequency", "peak_to_peak", "fundamental", "fundamental_errors", "phase", "thd", "quality",
+                    )
+                ),
+                strict=True,
+            )
+        ]  # fmt: skip
+    else:
+        lines.append("no points")
+    for estimate in run.estimates():
+        unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+        lines.append(
+            f"{estimate.name}: {estimate.value:.5g} ± {estimate.standard_error:.2g}{unit}   ({estimate.source})"
+        )
+    return "\n".join(lines)
+
+
+def _finite(column: Any) -> Any:
+    """Lists with None where a number is not one: JSON has no NaN."""
+    return [_finite(row) if np.ndim(row) else (float(row) if np.isfinite(row) else None) for row in column]

@@ -1,0 +1,82 @@
+"""Units in what a person writes: `4 V`, `0.1 mm/V`, `25 Hz, 50 Hz`. Plain numbers are in the quantity's own unit."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, get_args, get_origin
+
+from annotated_types import Unit
+from pydantic import BaseModel
+
+
+class UnitError(ValueError):
+    """A text is no number in the unit wanted. The sentence says which and what would do."""
+
+
+def to_number(text: str, unit: str) -> float:
+    """The number that `text` means, in `unit`.
+
+    Raises:
+        UnitError: no number, an unknown unit, or a unit of another dimension.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    import pint  # takes half a second, so only where somebody writes a unit
+
+    registry = _registry()
+    try:
+        return float(registry.Quantity(text).to("dimensionless" if unit == "1" else unit).magnitude)
+    except pint.DimensionalityError as error:
+        raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
+    except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
+        raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
+
+
+def unit_of(model: type[BaseModel], name: str) -> str | None:
+    """The unit of a field, None where it has none (a text, a switch)."""
+    return next((m.unit for m in model.model_fields[name].metadata if isinstance(m, Unit)), None)
+
+
+def words_of(model: type[BaseModel], name: str) -> str:
+    """What a field means, in words."""
+    return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
+
+
+def read_values(model: type[BaseModel], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace texts by numbers where a field has a unit; a list is separated by commas or spaces.
+
+    Raises:
+        UnitError: a text does not fit; the sentence names the field.
+    """
+    return {name: _read(model, name, value) for name, value in values.items()}
+
+
+def _read(model: type[BaseModel], name: str, value: Any) -> Any:
+    field = model.model_fields.get(name)
+    unit = unit_of(model, name) if field else None
+    if field is None or unit is None:
+        return value
+    try:
+        if get_origin(field.annotation) is tuple:
+            items = _split(value) if isinstance(value, str) else value
+            return tuple(to_number(item, unit) if isinstance(item, str) else item for item in items)
+        if isinstance(value, str):
+            number = to_number(value, unit)
+            whole = field.annotation is int or int in get_args(field.annotation)
+            return int(number) if whole and number == int(number) else number
+    except UnitError as error:
+        raise UnitError(f"{name}: {error}") from None
+    return value
+
+
+def _split(text: str) -> list[str]:
+    separator = "," if "," in text else None
+    return [item.strip() for item in text.split(separator) if item.strip()]
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()

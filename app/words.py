@@ -1,0 +1,34 @@
+"""Numbers in words a person reads at a glance, alike in window, terminal and picture."""
+
+from typing import Any
+
+from protocols.quality import Quality
+
+
+def duration(seconds: float) -> str:
+    """`12 s`, `3 min 20 s`, `2 h 05 min`."""
+    whole = max(round(seconds), 0)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def size(count: float) -> str:
+    """Bytes as `812 kB`, `1.4 GB`."""
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
+
+
+def point_line(point: Any) -> str:
+    """One point of a sine dwell in a line."""
+    flags = Quality(point.quality) & ~Quality.SIMULATED
+    return (
+        f"{point.frequency:8.3f} Hz   max-min {1e6 * point.peak_to_peak:7.1f} µm   "
+        f"2 x fundamental {2e6 * point.fundamental:7.1f} ± {2e6 * point.fundamental_errors:.2g} µm   "
+        f"phase {point.phase * 57.29578:7.1f}°" + (f"   {flags.words}" if flags else "")
+    )

@@ -1,0 +1,130 @@
+"""The guard between any source and the specimen: the only object that may command a source.
+
+It refuses what leaves the amplifier's input range, is too steep, or does not start and end at rest. It never clips a
+drive into something admissible, and it has no way to switch anything off: rest is 2.5 V, and 0 V is -500 V.
+"""
+
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.drive import Drive, Hold
+from drivers.errors import DriveRefused
+from drivers.ports import Identity, Source
+from model.amplifier import AmplifierMap
+
+VOLTS_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLimits:
+    """What the amplifier's input may be given.
+
+    Args:
+        slew_v_per_s: steepest admissible slope of a drive.
+        step_v: largest jump a source may make when it moves in a staircase.
+        ramp_v_per_s: slope at which the guard itself moves between levels.
+    """
+
+    slew_v_per_s: float = 10_000.0
+    step_v: float = 0.05
+    ramp_v_per_s: float = 5.0
+
+
+class HvAmplifier:
+    """Admits drives, plays them on its source, and brings the source back to rest."""
+
+    def __init__(self, source: Source, amplifier: AmplifierMap, limits: DriveLimits, clock: Clock) -> None:
+        self._source = source
+        self.map = amplifier
+        self.limits = limits
+        self._clock = clock
+        self._until_s = 0.0
+
+    @property
+    def identity(self) -> Identity:
+        return self._source.identity
+
+    def admit(self, drive: Drive) -> None:
+        """Refuse what must not reach the amplifier.
+
+        Raises:
+            DriveRefused: with the value, the limit and the remedy.
+        """
+        rest, name = self.map.rest_v, type(drive).__name__
+        for value, edge, beyond in (
+            (drive.low_v, self.map.low_v, drive.low_v < self.map.low_v - VOLTS_TOLERANCE),
+            (drive.high_v, self.map.high_v, drive.high_v > self.map.high_v + VOLTS_TOLERANCE),
+        ):
+            if beyond:
+                raise DriveRefused(
+                    f"{name} refused: it reaches {value:g} V at the amplifier's input "
+                    f"({float(self.map.specimen_v(edge)):g} V on the specimen is the limit, at {edge:g} V); "
+                    "lower its amplitude or move its offset"
+                )
+        if drive.slew_v_per_s > self.limits.slew_v_per_s:
+            raise DriveRefused(
+                f"{name} refused: its slope of {drive.slew_v_per_s:.4g} V/s at the amplifier's input exceeds the limit of "
+                f"{self.limits.slew_v_per_s:.4g} V/s; lower its frequency or amplitude, or lengthen its rise"
+            )
+        if not isinstance(drive, Hold):  # the guard itself ramps to a held level and back
+            for end, volts in zip(("starts", "ends"), drive.ends_v, strict=True):
+                if abs(volts - rest) > self.limits.step_v:
+                    raise DriveRefused(
+                        f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit +-{self.limits.step_v:g} V); "
+                        f"make it start and end at {rest:g} V"
+                    )
+
+    def source_at_rest(self) -> bool:
+        """Whether the source says of itself that it idles at rest with its output on."""
+        return self._source.at_rest(self.map.rest_v)
+
+    def prepare(self) -> None:
+        """Bring the source up at rest. Only with high voltage disabled."""
+        self._source.prepare(self.map.rest_v, self.map.low_v, self.map.high_v)
+
+    def play(self, drive: Drive) -> None:
+        """Admit a drive and begin it; whatever played before comes to rest first.
+
+        Raises:
+            DriveRefused: nothing was sent to the source.
+            InstrumentError: the source refused it or does not answer.
+        """
+        self.admit(drive)
+        self.to_rest()
+        # Set before the source is told: if its answer is lost, we must assume that it plays.
+        self._until_s = self._clock.now() + drive.duration_s
+        if isinstance(drive, Hold):
+            self._until_s = float("inf")
+            self._ramp(drive.level_v)
+        self._source.play(drive)
+
+    @property
+    def seconds_left(self) -> float:
+        """How much longer the present drive lasts by itself (0 at rest, infinite for a held level)."""
+        return max(self._until_s - self._clock.now(), 0.0)
+
+    def to_rest(self) -> None:
+        """Stop what plays and ramp to rest; returns when the source says it idles there.
+
+        Raises:
+            InstrumentError: the source does not answer. Rest must then be established by measurement.
+        """
+        if self._until_s > 0:
+            self._source.stop()
+            self._ramp(self.map.rest_v)
+            self._until_s = 0.0
+
+    def recover(self) -> None:
+        """Open a failed wire anew and go to rest over it."""
+        self._source.reconnect()
+        self._until_s = float("inf")
+        self.to_rest()
+
+    def close(self) -> None:
+        """Let go of the source's wire; its output stays at rest, on."""
+        self._source.close()
+
+    def _ramp(self, level_v: float) -> None:
+        distance = abs(self._source.idle_v() - level_v)
+        if distance > VOLTS_TOLERANCE:
+            self._source.move(level_v, max(distance / self.limits.ramp_v_per_s, 0.01))

@@ -1,0 +1,260 @@
+"""The instruments of one bench, and the only way to use them live: `with bench.armed(...)`.
+
+Arming brings the source to rest with high voltage disabled, measures that rest through the card, and only then has
+high voltage enabled. Whatever ends the `with` block - success, an exception, a closed generator, Ctrl-C - the source is
+ramped to rest with its output on, and that is *measured* before anybody says so.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.amplifier import HvAmplifier
+from drivers.clock import Clock
+from drivers.drive import Drive
+from drivers.errors import AcquisitionError, BenchError, UnsafeError
+from drivers.ports import Block, Digitizer, Meter, Scale, Stream
+from drivers.sensor import LaserSensor
+
+DRIVE, DISPLACEMENT = 0, 1
+"""Rows of a block."""
+
+REST_TOLERANCE_V = 0.05
+"""How far the card may see the drive from rest: its noise, its gain error and a generator's offset error."""
+
+REST_HELD_S = 0.1
+"""How long the card must see rest without a break."""
+
+FRESH_S = 0.1
+"""Samples taken earlier than this after a command may still show what was before it."""
+
+PATIENCE_S = 2.0
+LONGEST_WAIT_S = 10.0
+"""How long a drive that no longer obeys is given to end by itself, at most."""
+
+BY_HAND = (
+    "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
+    "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"
+)
+
+
+class HighVoltageSwitch(Protocol):
+    """Who switches the amplifier's high voltage: a person who is asked, or a simulated operator."""
+
+    def disable(self) -> None: ...
+
+    def enable(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What the card saw of the drive when rest was to be confirmed."""
+
+    confirmed: bool
+    measured_v: float
+    words: str
+
+
+@dataclass
+class Armed:
+    """The live bench: play a drive, read blocks. Every block read goes to the sink first."""
+
+    amplifier: HvAmplifier
+    stream: Stream
+    sink: Callable[[Block], None]
+    energised: bool = False
+    """Whether high voltage may be on: from then on, every way out must measure rest."""
+    rest: Rest | None = None
+    """What was measured on the way out; None while live, or where high voltage never came on."""
+
+    @property
+    def rate_hz(self) -> float:
+        return self.stream.rate_hz
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        return self.stream.scales
+
+    def play(self, drive: Drive) -> None:
+        self.amplifier.play(drive)
+
+    def to_rest(self) -> None:
+        self.amplifier.to_rest()
+
+    def read(self) -> Block:
+        block = self.stream.read()
+        self.sink(block)
+        return block
+
+
+@dataclass
+class Bench:
+    """The instruments of one bench.
+
+    Args:
+        record: the complete configuration as plain values, copied into every run.
+    """
+
+    amplifier: HvAmplifier
+    digitizer: Digitizer
+    sensor: LaserSensor
+    clock: Clock
+    block_s: float = 0.05
+    simulated: bool = False
+    record: Mapping[str, Any] = field(default_factory=dict)
+    meters: Mapping[str, Meter] = field(default_factory=dict)
+    name: str = "bench"
+
+    def close(self) -> None:
+        """Let go of all instruments; the source's output stays at rest, on."""
+        instruments: list[HvAmplifier | Digitizer | Meter] = [self.amplifier, self.digitizer, *self.meters.values()]
+        for instrument in instruments:
+            with contextlib.suppress(BenchError):
+                instrument.close()
+
+    def open_stream(self, rate_hz: float) -> Stream:
+        return self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
+
+    @contextlib.contextmanager
+    def armed(
+        self,
+        rate_hz: float,
+        sink: Callable[[Block], None],
+        switch: HighVoltageSwitch,
+        started: Callable[[Armed], None] = lambda _: None,
+    ) -> Iterator[Armed]:
+        """The bench at rest and live, with the card running.
+
+        Args:
+            rate_hz: scans per second.
+            sink: receives every block, in order, before anybody else sees it.
+            switch: asked to disable high voltage before the output comes up, and to enable it when rest is measured.
+            started: told before the first block, when the card runs (its true rate and scales are known).
+
+        Raises:
+            BenchError: an instrument is absent or refuses; high voltage was not enabled, or rest was confirmed.
+            UnsafeError: rest could not be confirmed; the sentence says what to do by hand.
+        """
+        with contextlib.ExitStack() as stack:
+            stream = stack.enter_context(self.open_stream(rate_hz))
+            armed = Armed(self.amplifier, stream, sink)
+            started(armed)
+            failure: BaseException | None = None
+            try:
+                self._arm(armed, switch)
+                yield armed
+            except BaseException as error:
+                failure = error
+                raise
+            finally:
+                lost = None
+                if armed.energised:
+                    armed.rest, lost = self._make_safe(armed)
+                    if not armed.rest.confirmed:
+                        raise UnsafeError(f"{BY_HAND}. {armed.rest.words}") from failure
+                if failure is None and lost is not None:
+                    raise lost
+
+    def _arm(self, armed: Armed, switch: HighVoltageSwitch) -> None:
+        says_rest = self.amplifier.source_at_rest()
+        armed.energised = says_rest  # an earlier run may have left high voltage on
+        if not says_rest:
+            switch.disable()
+            self.amplifier.prepare()
+        rest = self._watch(armed.read, armed.stream, PATIENCE_S)
+        if not rest.confirmed and says_rest:
+            raise BenchError(f"the generator says it is at rest, but {rest.words}")
+        if not rest.confirmed:
+            raise BenchError(
+                f"not armed, high voltage stays disabled: {rest.words}. Check the cable from the generator to the amplifier "
+                "and to the card's drive channel"
+            )
+        if not says_rest:
+            armed.energised = True
+            switch.enable()
+            rest = self._watch(armed.read, armed.stream, PATIENCE_S)
+            if not rest.confirmed:
+                raise BenchError(f"after high voltage was enabled, {rest.words}")
+
+    def _make_safe(self, armed: Armed) -> tuple[Rest, BaseException | None]:
+        """Go to rest and measure it. Never raises; a sink that fails on the way does not stop it."""
+        trouble = ""
+        obeyed = False
+        for attempt in (self.amplifier.to_rest, self.amplifier.recover):
+            try:
+                attempt()
+            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, measuring rest comes next
+                trouble = f" The source did not obey: {error}."
+            else:
+                obeyed = True
+                break
+        patience_s = PATIENCE_S if obeyed else min(self.amplifier.seconds_left, LONGEST_WAIT_S) + PATIENCE_S
+        lost: list[BaseException] = []
+
+        def read(stream: Stream) -> Block:
+            block = stream.read()
+            if not lost:
+                try:
+                    armed.sink(block)
+                except Exception as error:  # noqa: BLE001 - make-safe: a full disk must not keep us from rest
+                    lost.append(error)
+            return block
+
+        try:
+            rest = self._watch(lambda: read(armed.stream), armed.stream, patience_s)
+        except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still see the drive
+            armed.stream.__exit__(None, None, None)
+            try:
+                with self.open_stream(armed.rate_hz) as second:
+                    rest = self._watch(second.read, second, patience_s)
+            except Exception as again:  # noqa: BLE001 - make-safe: nothing left to measure with
+                rest = Rest(False, math.nan, f"the card cannot see the drive: {again}")
+        if not obeyed or not rest.confirmed:
+            rest = Rest(rest.confirmed, rest.measured_v, rest.words + "." + trouble)
+        return rest, (lost[0] if lost else None)
+
+    def _watch(self, read: Callable[[], Block], stream: Stream, patience_s: float) -> Rest:
+        """Read until the drive has stood at rest for a while, in samples taken after this call."""
+        rest_v = self.amplifier.map.rest_v
+        begin_s = self.clock.now()
+        fresh = math.ceil((begin_s - stream.started_s + FRESH_S) * stream.rate_hz)
+        needed = math.ceil(REST_HELD_S * stream.rate_hz)
+        held, mean = 0, math.nan
+        while True:
+            block = read()
+            volts = drive_volts(block, stream.scales)[max(fresh - block.start, 0) :]
+            if volts.size:
+                mean = float(volts.mean())
+                away = np.flatnonzero(np.abs(volts - rest_v) > REST_TOLERANCE_V)
+                held = held + volts.size if not away.size else volts.size - 1 - int(away[-1])
+                if held >= needed:
+                    return Rest(True, mean, f"the card sees {mean:.3f} V at the amplifier's input: rest")
+            if block.stop >= fresh + needed and self.clock.now() - begin_s > patience_s:
+                return Rest(
+                    False,
+                    mean,
+                    f"the card sees {mean:.3f} V at the amplifier's input where rest is {rest_v:g} V "
+                    f"(limit +-{REST_TOLERANCE_V:g} V, watched for {patience_s:.1f} s)",
+                )
+
+
+def drive_volts(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
+    """Volts at the amplifier's input, one per scan."""
+    return scales[DRIVE].volts(block.raw[DRIVE])
+
+
+def check_rate(asked_hz: float, actual_hz: float) -> None:
+    """Refuse a sample clock that is not what was asked for to within 0.1 %.
+
+    Raises:
+        AcquisitionError: the card cannot run at that rate.
+    """
+    if abs(actual_hz - asked_hz) > 1e-3 * asked_hz:
+        raise AcquisitionError(
+            f"the card runs at {actual_hz:g} Hz where {asked_hz:g} Hz was asked; choose a rate it can make"
+        )

@@ -1,0 +1,30 @@
+"""Bench time: wall time on a real bench, faster on a simulated one, and a plain counter in tests.
+
+Every wait of a driver or protocol goes through a clock, so that no test has to sleep.
+"""
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic bench time in seconds."""
+
+    def now(self) -> float: ...
+
+    def sleep(self, seconds: float) -> None: ...
+
+
+class WallClock:
+    """Real time, multiplied by `speed` (1 on a real bench; up to 20 on a simulated one)."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self.speed = speed
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        return (time.monotonic() - self._start) * self.speed
+
+    def sleep(self, seconds: float) -> None:
+        if seconds > 0:
+            time.sleep(seconds / self.speed)

@@ -1,0 +1,253 @@
+"""The drive vocabulary: what the source shall do, never an array first.
+
+A generator executes a drive natively, an analogue output renders `volts(t)`, the model evaluates it exactly, and the
+amplifier's guard reads its extremes, its steepest slope and its ends before anything moves. All volts are at the
+amplifier's *input*.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _finite(drive: object) -> None:
+    for field in fields(drive):  # type: ignore[arg-type]
+        value = getattr(drive, field.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if not math.isfinite(number):
+                raise ValueError(f"{type(drive).__name__}: {field.name} must be a finite number, not {number}")
+
+
+def _positive(drive: object, *names: str) -> None:
+    for name in names:
+        if not getattr(drive, name) > 0:
+            raise ValueError(f"{type(drive).__name__}: {name} must be positive, not {getattr(drive, name)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """A constant level for `duration_s`."""
+
+    level_v: float
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "duration_s")
+
+    @property
+    def low_v(self) -> float:
+        return self.level_v
+
+    @property
+    def high_v(self) -> float:
+        return self.level_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return 0.0
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        return self.level_v, self.level_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        return np.full(np.shape(t), self.level_v)
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """A straight line from one level to another, which is then held."""
+
+    start_v: float
+    stop_v: float
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "duration_s")
+
+    @property
+    def low_v(self) -> float:
+        return min(self.start_v, self.stop_v)
+
+    @property
+    def high_v(self) -> float:
+        return max(self.start_v, self.stop_v)
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return abs(self.stop_v - self.start_v) / self.duration_s
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        return self.start_v, self.stop_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
+
+
+@dataclass(frozen=True, slots=True)
+class Sine:
+    """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
+
+    `amplitude_v` is the peak, half of the peak to peak. The count of cycles is finite on purpose: a generator whose
+    computer died comes to rest on its own.
+    """
+
+    frequency_hz: float
+    amplitude_v: float
+    offset_v: float
+    cycles: int
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "frequency_hz", "amplitude_v", "cycles")
+
+    @property
+    def duration_s(self) -> float:
+        return self.cycles / self.frequency_hz
+
+    @property
+    def low_v(self) -> float:
+        return self.offset_v - self.amplitude_v
+
+    @property
+    def high_v(self) -> float:
+        return self.offset_v + self.amplitude_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return 2 * math.pi * self.frequency_hz * self.amplitude_v
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        return self.offset_v, self.offset_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        time = np.asarray(t, float)
+        live = (time >= 0) & (time <= self.duration_s)
+        sine = self.amplitude_v * np.sin(2 * np.pi * self.frequency_hz * time)
+        return np.asarray(self.offset_v + np.where(live, sine, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSweep:
+    """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
+
+    It ends at the offset only if its mean frequency times its duration is a whole number of cycles, which the
+    guard asks for.
+    """
+
+    start_hz: float
+    stop_hz: float
+    duration_s: float
+    amplitude_v: float
+    offset_v: float
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "start_hz", "stop_hz", "duration_s", "amplitude_v")
+
+    @property
+    def low_v(self) -> float:
+        return self.offset_v - self.amplitude_v
+
+    @property
+    def high_v(self) -> float:
+        return self.offset_v + self.amplitude_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return 2 * math.pi * max(self.start_hz, self.stop_hz) * self.amplitude_v
+
+    @property
+    def cycles(self) -> float:
+        """Cycles from start to end."""
+        return 0.5 * (self.start_hz + self.stop_hz) * self.duration_s
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        fraction = self.cycles - round(self.cycles)
+        return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
+
+    def volts(self, t: ArrayLike) -> Array:
+        time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
+        rate = (self.stop_hz - self.start_hz) / self.duration_s
+        phase = 2 * np.pi * (self.start_hz * time + 0.5 * rate * time**2)
+        return np.asarray(self.offset_v + self.amplitude_v * np.sin(phase))
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.
+
+    The first level is where it starts; each later one is reached in `rise_s` and then held.
+    """
+
+    levels_v: tuple[float, ...]
+    dwell_s: float
+    rise_s: float
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "dwell_s", "rise_s")
+        if not self.levels_v:
+            raise ValueError("Steps: levels_v must name at least one level")
+
+    @property
+    def duration_s(self) -> float:
+        return len(self.levels_v) * self.dwell_s + (len(self.levels_v) - 1) * self.rise_s
+
+    @property
+    def low_v(self) -> float:
+        return min(self.levels_v)
+
+    @property
+    def high_v(self) -> float:
+        return max(self.levels_v)
+
+    @property
+    def slew_v_per_s(self) -> float:
+        jumps = [abs(b - a) for a, b in zip(self.levels_v, self.levels_v[1:], strict=False)]
+        return max(jumps, default=0.0) / self.rise_s
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        return self.levels_v[0], self.levels_v[-1]
+
+    def volts(self, t: ArrayLike) -> Array:
+        knots, levels = [], []
+        for i, level in enumerate(self.levels_v):
+            begin = i * (self.dwell_s + self.rise_s)
+            knots += [begin, begin + self.dwell_s]
+            levels += [level, level]
+        return np.asarray(np.interp(np.asarray(t, float), knots, levels))
+
+
+Drive = Hold | Ramp | Sine | LinearSweep | Steps
+
+
+def as_record(drive: Drive) -> dict[str, Any]:
+    """The drive as plain values, for events and files."""
+    return {"kind": type(drive).__name__, **{f.name: getattr(drive, f.name) for f in fields(drive)}}
+
+
+def from_record(record: dict[str, Any]) -> Drive:
+    """The drive that `as_record` described.
+
+    Raises:
+        ValueError: the record names no known drive.
+    """
+    kinds: dict[str, Any] = {kind.__name__: kind for kind in (Hold, Ramp, Sine, LinearSweep, Steps)}
+    values = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k != "kind"}
+    try:
+        drive: Drive = kinds[record["kind"]](**values)
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"not a drive: {record}") from error
+    return drive

@@ -1,0 +1,177 @@
+"""NI DAQ cards (USB-6341 and its X-series relatives): analogue input over `nidaqmx`.
+
+One option decides where the card is: `server=None` is the local driver, `server="host:port"` NI's gRPC device server,
+which is also how the simulated card is served. Raw 16-bit integers are kept, with the card's own scaling.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, Self
+
+import nidaqmx
+import numpy as np
+from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, RpcError
+from nidaqmx.stream_readers import AnalogUnscaledReader
+from nidaqmx.system import System
+
+from drivers.clock import Clock
+from drivers.errors import AcquisitionError, InstrumentError
+from drivers.ports import Block, Identity, Scale
+
+BUFFER_S = 8.0
+"""Seconds of scans the driver holds for us: how long the program may be busy without losing one."""
+
+READ_TIMEOUT_S = 5.0
+"""A card that gives nothing for this long (beyond the block's own duration) is gone."""
+
+REMEDIES = {
+    -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
+    -200278: "scans were lost because the program read too late; lower the rate or the load on this computer",
+    -200361: "scans were lost on the USB bus; connect the card to a port of its own, or lower the rate",
+    -200284: "the card gave no samples in time; check that it is powered and its sample clock runs",
+    -200220: "no such device; check its name in NI MAX and in the bench file",
+    -88705: "the card is not connected; check its USB cable and power",
+    -201003: "the card was disconnected; check its USB cable and power",
+    -50103: "the card is in use by another task or program; close that first",
+    -200077: "the card cannot do this setting; correct range or channel in the bench file",
+    -200081: "the card cannot sample that fast; lower the rate",
+    -200332: "the card cannot sample that fast; lower the rate",
+    -200170: "no such channel on this card; correct it in the bench file",
+}
+
+
+class NiDigitizer:
+    """Several analogue inputs of one card as a `Digitizer` (see drivers.ports).
+
+    Args:
+        device: the card's name, e.g. `Dev1`.
+        channels: terminals, drive first, e.g. `("ai0", "ai1")`.
+        clock: bench time.
+        server: `host:port` of a gRPC device server, or None for the local driver.
+        range_v: input range, +- volts.
+        terminal: terminal configuration by NI's name, e.g. `DIFF`, `RSE`.
+
+    Raises:
+        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        channels: tuple[str, ...],
+        clock: Clock,
+        *,
+        server: str | None = None,
+        range_v: float = 10.0,
+        terminal: str = "DEFAULT",
+    ) -> None:
+        self._device, self._channels, self._clock, self._range_v = device, channels, clock, range_v
+        self._terminal = TerminalConfiguration[terminal]
+        self._where = f"DAQ card {device}" + (f" at {server}" if server else "")
+        self._rpc: Any = None
+        self._options: Any = None
+        if server:
+            import grpc
+
+            # The default limit of 4 MB is half a million samples: one late read would exceed it.
+            unlimited = [("grpc.max_receive_message_length", -1)]
+            self._rpc = grpc.insecure_channel(server, options=unlimited)
+            self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
+        try:
+            with words(self._where):
+                system = System.remote(self._options) if server else System.local()
+                card = system.devices[device]
+                self.identity = Identity("NI", card.product_type, format(card.serial_num, "X"))
+        except InstrumentError:
+            self.close()
+            raise
+        self._where = f"DAQ card {device} ({self.identity.model})"
+
+    def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
+        """Begin to acquire (see drivers.ports.Digitizer.stream)."""
+        with words(self._where):
+            task = nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
+        try:
+            with words(self._where):
+                for terminal in self._channels:
+                    task.ai_channels.add_ai_voltage_chan(
+                        f"{self._device}/{terminal}",
+                        terminal_config=self._terminal,
+                        min_val=-self._range_v,
+                        max_val=self._range_v,
+                    )
+                task.timing.cfg_samp_clk_timing(
+                    rate_hz,
+                    sample_mode=AcquisitionType.CONTINUOUS,
+                    samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
+                )
+                return NiStream(task, block_scans, self._clock, self._where)
+        except BaseException:
+            task.close()
+            raise
+
+    def close(self) -> None:
+        channel, self._rpc = self._rpc, None
+        if channel is not None:
+            channel.close()
+
+
+class NiStream:
+    """A running NI task as a `Stream` (see drivers.ports)."""
+
+    def __init__(self, task: Any, block_scans: int, clock: Clock, where: str) -> None:
+        self._task, self._where, self._next = task, where, 0
+        self.rate_hz = float(task.timing.samp_clk_rate)
+        self.scales = tuple(Scale(tuple(map(float, c.ai_dev_scaling_coeff))) for c in task.ai_channels)
+        self._raw = np.zeros((len(self.scales), block_scans), np.int16)
+        self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
+        self._reader = AnalogUnscaledReader(task.in_stream)
+        task.start()
+        self.started_s = clock.now()
+
+    def read(self) -> Block:
+        if self._task is None:
+            raise AcquisitionError(f"{self._where}: the acquisition is closed")
+        with words(self._where):
+            self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
+        block = Block(self._next, self._raw.copy())
+        self._next = block.stop
+        return block
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        task, self._task = self._task, None
+        if task is not None:
+            # A card that was unplugged, or a server that died, cannot be told to stop: nothing is lost by that.
+            with contextlib.suppress(DaqError, RpcError, DaqNotFoundError):
+                task.close()
+
+
+@contextlib.contextmanager
+def words(where: str) -> Iterator[None]:
+    """Turn NI's errors into sentences: AcquisitionError, or InstrumentError where nothing is installed."""
+    try:
+        yield
+    except DaqNotFoundError as error:
+        raise InstrumentError(
+            f"{where}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "
+            "'python -m nidaqmx installdriver', or use the simulated bench (--bench sim)"
+        ) from error
+    except DaqNotSupportedError as error:
+        raise InstrumentError(
+            f"{where}: NI-DAQmx does not run on this computer; use a gRPC server or --bench sim"
+        ) from error
+    except RpcError as error:
+        raise AcquisitionError(
+            f"{where}: the gRPC device server does not answer ({error.rpc_code}); check that it runs and its address"
+        ) from error
+    except DaqError as error:
+        remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
+        told = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
+        raise AcquisitionError(f"{where}: {remedy} (NI {error.error_code}: {told[:200]})") from error

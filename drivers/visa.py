@@ -1,0 +1,86 @@
+"""A line over VISA: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, whatever the resource string says.
+
+pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later: both are one family here.
+"""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+import pyvisa
+from pyvisa.constants import StatusCode
+from pyvisa.errors import VisaIOError
+
+from drivers.errors import LinkError
+
+
+class VisaLink:
+    """One open VISA resource.
+
+    Args:
+        resource: a VISA resource string, e.g. `TCPIP::192.0.2.7::5025::SOCKET`.
+        timeout_s: how long an answer may take.
+        backend: the VISA library; `@py` is pyvisa-py.
+
+    Raises:
+        LinkError: nothing answers there.
+    """
+
+    def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py") -> None:
+        self.name = resource
+        self.timeout_s = timeout_s
+        self._manager = pyvisa.ResourceManager(backend)
+        self._session: Any = None
+        self.reopen()
+
+    @contextlib.contextmanager
+    def _words(self) -> Iterator[None]:
+        try:
+            yield
+        except VisaIOError as error:
+            if error.error_code == StatusCode.error_timeout:
+                raise LinkError(
+                    f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
+                ) from error
+            raise LinkError(f"{self.name}: {error.description or error}") from error
+        except UnicodeDecodeError as error:
+            raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
+        except (pyvisa.Error, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise LinkError(f"{self.name} cannot be reached ({reason}); check the cable and the address") from error
+
+    def write(self, message: str) -> None:
+        with self._words():
+            self._open_session().write(message)
+
+    def read(self) -> str:
+        with self._words():
+            answer: str = self._open_session().read()
+            return answer
+
+    def clear(self) -> None:
+        with self._words():
+            self._open_session().clear()
+
+    def reopen(self) -> None:
+        self._close_session()
+        with self._words():
+            self._session = self._manager.open_resource(
+                self.name, read_termination="\n", write_termination="\n", timeout=self.timeout_s * 1000
+            )
+
+    def close(self) -> None:
+        self._close_session()
+        with contextlib.suppress(pyvisa.Error, OSError):
+            self._manager.close()
+
+    def _open_session(self) -> Any:
+        if self._session is None:
+            raise LinkError(f"{self.name} is closed")
+        return self._session
+
+    def _close_session(self) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            with contextlib.suppress(pyvisa.Error, OSError):
+                session.close()

@@ -1,0 +1,1 @@
+"""The beam, the skin, the amplifier map, and what follows from them."""

@@ -1,0 +1,1 @@
+"""What is measured: steps, the runner, signals to points, the run file; one file per protocol."""

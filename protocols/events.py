@@ -1,0 +1,176 @@
+"""What happens in a run, as values: stored first, then told to every observer, in this order."""
+
+from dataclasses import asdict, dataclass, is_dataclass
+from enum import StrEnum
+from typing import Any
+
+from drivers.drive import Drive, as_record
+from drivers.ports import Block, Scale
+from protocols.steps import Prompt
+
+
+class Status(StrEnum):
+    """How a run stands. A file that still says `running` while its program is gone tells of a crash."""
+
+    RUNNING = "running"
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    FAILED = "failed"
+    UNSAFE = "unsafe"
+
+
+@dataclass(frozen=True, slots=True)
+class RunStarted:
+    """The run file exists; nothing has moved yet."""
+
+    protocol: str
+    path: str
+    expected_s: float
+    entries: int
+    simulated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStarted:
+    """The card runs."""
+
+    rate_hz: float
+    scales: tuple[Scale, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Armed:
+    """High voltage is on and the source rests, as measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockTaken:
+    """A block is in the file; `row` is the file's row of its first scan."""
+
+    block: Block
+    row: int
+
+
+@dataclass(frozen=True, slots=True)
+class Playing:
+    """The guard admitted a drive and the source began it."""
+
+    drive: Drive
+
+
+@dataclass(frozen=True, slots=True)
+class SettleEnded:
+    """The response became steady, or the limit came first."""
+
+    settled: bool
+    after_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """Samples were kept under a drive: these rows of the file."""
+
+    index: int
+    rows: tuple[int, int]
+    quality: int
+    drive: Drive
+
+
+@dataclass(frozen=True, slots=True)
+class PointMeasured:
+    """A point is in the file."""
+
+    index: int
+    point: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Progressed:
+    """`done` of `entries` are finished; about `left_s` of bench time remain."""
+
+    done: int
+    entries: int
+    left_s: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A person must do something."""
+
+    ask_id: int
+    prompt: Prompt
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """A person has answered."""
+
+    ask_id: int
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """A remark."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class GoingToRest:
+    """The way out has begun; nothing is measured any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class AtRest:
+    """What the card saw of the drive at the end."""
+
+    confirmed: bool
+    measured_v: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnded:
+    """The last event of every run, also of one whose disk is full. `estimates` were appended to the file."""
+
+    status: Status
+    reason: str
+    path: str
+    estimates: tuple[Any, ...] = ()
+
+
+Event = (
+    RunStarted
+    | StreamStarted
+    | Armed
+    | BlockTaken
+    | Playing
+    | SettleEnded
+    | Recorded
+    | PointMeasured
+    | Progressed
+    | Asked
+    | Answered
+    | Noted
+    | GoingToRest
+    | AtRest
+    | RunEnded
+)
+
+
+def event_record(event: Event) -> dict[str, Any]:
+    """An event's fields as plain values, for the file and for `--json`."""
+    values = {name: getattr(event, name) for name in event.__dataclass_fields__}
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    if type(value).__module__ == "drivers.drive":
+        return as_record(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(v) for name, v in asdict(value).items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return value

@@ -1,0 +1,44 @@
+"""Where everything stands in a run file: names and record types shared by its writer and its reader.
+
+NeXus at heart: /entry (NXentry) with NXinstrument, NXdata groups and units on every dataset, so that a NeXus viewer
+opens it to a plot; plain enough for MATLAB's `h5read`.
+"""
+
+from dataclasses import fields
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+from annotated_types import Unit
+
+FORMAT = "tactor-bench-run"
+FORMAT_VERSION = 1
+
+TEXT_BYTES = 1000
+"""Longest text of one event row; longer texts go on in rows of kind `+`."""
+
+EVENT = np.dtype([("time_s", "f8"), ("row", "i8"), ("kind", "S24"), ("text", f"S{TEXT_BYTES}")])
+BLOCK = np.dtype([("row", "i8"), ("scan", "i8"), ("time_s", "f8")])
+RECORDING = np.dtype([("start_row", "i8"), ("stop_row", "i8"), ("quality", "i8"), ("drive", f"S{TEXT_BYTES}")])
+
+CHANNELS = ("drive", "displacement")
+LARGEST_POLYNOMIAL = 4
+"""Scaling coefficients kept per channel."""
+
+
+def columns(point_type: type) -> dict[str, tuple[str, str, int]]:
+    """The columns of a point type: name -> (unit, words, width); width 0 is a plain number.
+
+    A tuple-valued field has the width that its protocol always fills.
+    """
+    hints = get_type_hints(point_type, include_extras=True)
+    found: dict[str, tuple[str, str, int]] = {}
+    for field in fields(point_type):
+        inner, *metadata = get_args(hints[field.name])
+        unit = next((m.unit for m in metadata if isinstance(m, Unit)), "1")
+        words = next((m for m in metadata if isinstance(m, str)), "")
+        found[field.name] = (unit, words, _width(inner))
+    return found
+
+
+def _width(kind: Any) -> int:
+    return 8 if get_origin(kind) is tuple else 0

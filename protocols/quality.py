@@ -1,0 +1,30 @@
+"""What is wrong with a measured value, as flags that travel with it into files, plots, fits and exports."""
+
+from enum import IntFlag
+
+
+class Quality(IntFlag):
+    """No flag set means good. `SIMULATED` is a fact, not a fault."""
+
+    GOOD = 0
+    CLIPPED = 1
+    """The card's converter stood at a rail."""
+    UNSETTLED = 2
+    """The response still changed when it was recorded."""
+    OUT_OF_RANGE = 4
+    """The displacement sensor said 'out of range'."""
+    DROPPED = 8
+    """Scans are missing inside the recording."""
+    DRIVE_OFF = 16
+    """The drive read back is not the drive commanded."""
+    SIMULATED = 32
+
+    @property
+    def words(self) -> str:
+        """The flags in words, e.g. `unsettled, simulated`; `good` where there are none."""
+        return ", ".join((flag.name or "").lower().replace("_", " ") for flag in self) or "good"
+
+    @property
+    def usable(self) -> bool:
+        """Whether fits and summaries may use the value."""
+        return not self & ~Quality.SIMULATED

@@ -1,0 +1,6 @@
+"""The protocols this program knows, by name."""
+
+from protocols.protocol import Protocol
+from protocols.sine_dwell import SineDwell
+
+PROTOCOLS: dict[str, type[Protocol]] = {protocol.name: protocol for protocol in (SineDwell,)}

@@ -1,0 +1,323 @@
+"""Writing a run: one HDF5 file, open before the first volt and readable at every moment.
+
+What survives `kill -9` was measured (docs/decisions/0004-run-file.md): every dataset is created first, then SWMR is
+switched on, then rows are only appended and each block is flushed. Nothing raw is ever rewritten or compressed while
+running. Status and results go in when the run ends.
+"""
+
+import json
+import os
+import platform
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from drivers.bench import DISPLACEMENT, DRIVE
+from drivers.drive import Drive, as_record
+from drivers.ports import Block, Scale
+from drivers.sensor import LaserSensor
+from protocols.events import Event, Status, event_record
+from protocols.layout import (
+    BLOCK,
+    CHANNELS,
+    EVENT,
+    FORMAT,
+    FORMAT_VERSION,
+    LARGEST_POLYNOMIAL,
+    RECORDING,
+    TEXT_BYTES,
+    columns,
+)
+from protocols.values import Estimate
+
+RAW_CHUNK = 16_384
+TABLE_CHUNK = 64
+
+
+class StoreError(Exception):
+    """The run file cannot be written. The sentence says where and why; what was written before stays readable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What a run is, known before it begins."""
+
+    protocol: str
+    title: str
+    parameters: Mapping[str, Any]
+    point_type: type
+    axes: tuple[str, str]
+    sensor: LaserSensor
+    bench: Mapping[str, Any]
+    simulated: bool
+    specimen: str = "unnamed"
+
+
+def software() -> dict[str, str]:
+    """Versions of everything that had a hand in the numbers."""
+    packages = ("tactor-bench", "numpy", "scipy", "h5py", "nidaqmx", "pyvisa", "pyvisa-py")
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def run_path(folder: Path, specimen: str, protocol: str, now: datetime) -> Path:
+    """A name that sorts by time and tells specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
+    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen) or "unnamed"
+    return folder / f"{now:%Y%m%dT%H%M%SZ}_{safe}_{protocol}.h5"
+
+
+class RunFile:
+    """The writer. Create it, `begin` when the card runs, append, `finish`. Every error is a StoreError."""
+
+    def __init__(self, path: Path, header: Header) -> None:
+        """Create the file and every dataset it will ever append to.
+
+        Raises:
+            StoreError: no permission, no space, or the folder is none.
+        """
+        self.path = path
+        self.rows = 0
+        self._columns = columns(header.point_type)
+        self._closed = False
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = h5py.File(path, "x", libver="latest")
+            self._create(header)
+            self._file.flush()
+        except (OSError, ValueError) as error:
+            raise StoreError(
+                f"the run file {path} cannot be created: {_reason(error)}; choose another folder"
+            ) from error
+
+    @classmethod
+    def new(cls, folder: Path, header: Header) -> Self:
+        """A new file in `folder`, named by time, specimen and protocol; a second one within a second gets a number."""
+        wanted = run_path(folder, header.specimen, header.protocol, datetime.now(UTC))
+        for attempt in range(1, 1000):
+            path = wanted if attempt == 1 else wanted.with_stem(f"{wanted.stem}-{attempt}")
+            if not path.exists():
+                return cls(path, header)
+        raise StoreError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
+
+    def begin(self, rate_hz: float, scales: Sequence[Scale]) -> None:
+        """Note the card's true rate and scaling; from here on rows are only appended."""
+        with self._storing():
+            trace = self._file["entry/trace"]
+            trace["sample_rate"][()] = rate_hz
+            for name, scale in zip(CHANNELS, scales, strict=False):
+                padded = [*scale.coefficients, *[0.0] * LARGEST_POLYNOMIAL][:LARGEST_POLYNOMIAL]
+                trace[f"{name}_scaling_coefficients"][:] = padded
+                gain, offset = trace[f"{name}_volts_to_units"][:]
+                trace[f"{name}_scaling_factor"][()] = padded[1] * gain
+                trace[f"{name}_offset"][()] = padded[0] * gain + offset
+            self._file.flush()
+            self._file.swmr_mode = True
+
+    def block(self, block: Block, time_s: float) -> int:
+        """Append a block and flush it; the row of its first scan."""
+        row = self.rows
+        with self._storing():
+            stop = row + block.raw.shape[1]
+            for name, channel in zip(CHANNELS, (DRIVE, DISPLACEMENT), strict=True):
+                data = self._file[f"entry/trace/{name}"]
+                data.resize(stop, axis=0)
+                data[row:stop] = block.raw[channel]
+                data.flush()
+            self._append("blocks", np.array((row, block.start, time_s), BLOCK))
+        self.rows = stop
+        return row
+
+    def event(self, event: Event, time_s: float) -> None:
+        """Append what happened, as JSON; a long text goes on in further rows."""
+        text = json.dumps(event_record(event), ensure_ascii=False, default=str).encode()
+        kind = type(event).__name__
+        with self._storing():
+            for start in range(0, len(text), TEXT_BYTES):
+                piece = text[start : start + TEXT_BYTES]
+                self._append("events", np.array((time_s, self.rows, kind if start == 0 else "+", piece), EVENT))
+
+    def recording(self, rows: tuple[int, int], quality: int, drive: Drive) -> None:
+        with self._storing():
+            self._append("recordings", np.array((*rows, quality, json.dumps(as_record(drive))), RECORDING))
+
+    def point(self, point: Any) -> None:
+        """Append one row to every column of the points."""
+        with self._storing():
+            for name in self._columns:
+                self._append(f"points/{name}", np.asarray(getattr(point, name), np.float64))
+
+    def finish(self, status: Status, reason: str, estimates: Sequence[Estimate] = ()) -> None:
+        """Say how the run ended and append what was identified. The file is closed whatever happens."""
+        if self._closed:
+            return
+        try:
+            with self._storing():
+                # First where a reader of the still open file sees it; the rest needs the file out of SWMR.
+                self._file["entry/status"][()] = str(status)
+                self._file["entry/reason"][()] = reason.encode()[:TEXT_BYTES]
+                self._file["entry/end_time"][()] = datetime.now(UTC).isoformat(timespec="milliseconds")
+                self._file.flush()
+        finally:
+            self._close()
+        append_estimates(self.path, estimates)
+
+    def abandon(self) -> None:
+        """Close after a store error, keeping whatever reached the disk."""
+        if not self._closed:
+            self._close()
+
+    def _close(self) -> None:
+        self._closed = True
+        try:
+            self._file.close()
+        except (OSError, RuntimeError) as error:
+            raise StoreError(f"the run file {self.path} could not be closed: {_reason(error)}") from error
+
+    def _create(self, header: Header) -> None:
+        self._file.attrs.update(
+            {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
+        )
+        entry = _group(self._file, "entry", "NXentry", default="points")
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        for name, value, length in (
+            ("status", str(Status.RUNNING), 16),
+            ("reason", "", TEXT_BYTES),
+            ("start_time", now, 32),
+            ("end_time", "", 32),
+            ("title", f"{header.title} of {header.specimen}", TEXT_BYTES),
+        ):
+            entry.create_dataset(name, data=np.array(value.encode(), f"S{length}"))
+        for name, value in {
+            "protocol": header.protocol,
+            "parameters": json.dumps(header.parameters),
+            "specimen": header.specimen,
+            "configuration": json.dumps(header.bench, default=str),
+            "software": json.dumps(software()),
+            "host": socket.gethostname(),
+        }.items():
+            entry.create_dataset(name, data=value)
+        entry["process_id"] = os.getpid()
+        entry["simulated"] = header.simulated
+        self._create_trace(entry, header.sensor)
+        self._create_points(entry, header)
+        for name, kind in (("events", EVENT), ("blocks", BLOCK), ("recordings", RECORDING)):
+            entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,))
+        self._create_instrument(entry, header)
+
+    def _create_trace(self, entry: h5py.Group, sensor: LaserSensor) -> None:
+        trace = _group(entry, "trace", "NXdata", signal="displacement", auxiliary_signals=["drive"])
+        trace.create_dataset("sample_rate", data=0.0).attrs["units"] = "Hz"
+        # Volts become units as gain * volts + offset; the card's polynomial gives the volts.
+        gains = {
+            "drive": (1.0, 0.0, "V"),
+            "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, "m"),
+        }
+        for name, (gain, offset, unit) in gains.items():
+            raw = trace.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,))
+            raw.attrs.update({"units": "counts", "long_name": f"{name} (counts)", "scaled_units": unit})
+            trace.create_dataset(f"{name}_scaling_factor", data=1.0).attrs["units"] = f"{unit}/count"
+            trace.create_dataset(f"{name}_offset", data=0.0).attrs["units"] = unit
+            trace.create_dataset(f"{name}_volts_to_units", data=[gain, offset]).attrs["units"] = unit
+            card = trace.create_dataset(f"{name}_scaling_coefficients", data=np.zeros(LARGEST_POLYNOMIAL))
+            card.attrs["units"] = "V"
+            card.attrs["long_name"] = "card polynomial: volts = c0 + c1 n + c2 n^2 + c3 n^3"
+
+    def _create_points(self, entry: h5py.Group, header: Header) -> None:
+        x, y = header.axes
+        points = _group(entry, "points", "NXdata", signal=y, axes=[x])
+        for name, (unit, words, width) in self._columns.items():
+            shape, longest = ((0, width), (None, width)) if width else ((0,), (None,))
+            column = points.create_dataset(name, shape, "f8", maxshape=longest, chunks=(TABLE_CHUNK, *shape[1:]))
+            column.attrs.update({"units": unit, "long_name": f"{words} ({unit})"})
+
+    def _create_instrument(self, entry: h5py.Group, header: Header) -> None:
+        instrument = _group(entry, "instrument", "NXinstrument")
+        sensor = _group(instrument, "displacement_sensor", "NXsensor")
+        for name, value, unit in (
+            ("gain", header.sensor.gain_m_per_v, "m/V"),
+            ("zero", header.sensor.zero_v, "V"),
+            ("delay", header.sensor.delay_s, "s"),
+            ("gain_relative_uncertainty", header.sensor.gain_relative_uncertainty, "1"),
+            ("valid_low", header.sensor.valid_low_v, "V"),
+            ("valid_high", header.sensor.valid_high_v, "V"),
+        ):
+            sensor.create_dataset(name, data=value).attrs["units"] = unit
+        sensor["name"], sensor["serial"], sensor["calibrated"] = (
+            header.sensor.name,
+            header.sensor.serial,
+            header.sensor.calibrated,
+        )
+        for role, identity in dict(header.bench.get("identities", {})).items():
+            _group(instrument, role, "NXcollection")["name"] = str(identity)
+
+    def _append(self, name: str, row: np.ndarray) -> None:
+        data = self._file[f"entry/{name}"]
+        data.resize(data.shape[0] + 1, axis=0)
+        data[-1] = row
+        data.flush()
+
+    def _storing(self) -> "_Storing":
+        return _Storing(self.path)
+
+
+def append_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
+    """Append identified quantities to a finished run; raw data is not touched.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    if not estimates:
+        return
+    with _Storing(path), h5py.File(path, "r+", libver="latest") as file:
+        group = _group(file["entry"], "estimates", "NXcollection")
+        for estimate in estimates:
+            one = _group(group, estimate.name.replace(" ", "_"), "NXcollection")
+            for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
+                one.create_dataset(name, data=value).attrs["units"] = estimate.unit
+            one["source"] = estimate.source
+
+
+@dataclass(frozen=True, slots=True)
+class _Storing:
+    """Turns what HDF5 raises into one sentence."""
+
+    path: Path
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
+            raise StoreError(
+                f"the run file {self.path} cannot be written: {_reason(error)}; everything before this moment is in it"
+            ) from error
+
+
+def _group(parent: h5py.Group, name: str, kind: str, **attributes: Any) -> h5py.Group:
+    group = parent.create_group(name)
+    group.attrs["NX_class"] = kind
+    group.attrs.update(attributes)
+    return group
+
+
+def _reason(error: BaseException) -> str:
+    number = getattr(error, "errno", None)
+    if number:
+        return os.strerror(number)
+    text = str(error)
+    for number in (28, 27, 13, 17, 30, 5):  # HDF5 hides the number in its own words
+        if f"errno = {number}" in text:
+            return os.strerror(number)
+    return text

@@ -1,0 +1,249 @@
+"""Reading a run: finished, still being written, or left behind by a crash."""
+
+import json
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import from_record
+from drivers.ports import Scale
+from drivers.sensor import LaserSensor
+from protocols.events import Status
+from protocols.layout import CHANNELS, FORMAT, FORMAT_VERSION
+from protocols.quality import Quality
+from protocols.values import Estimate, Recording
+
+Array = NDArray[np.float64]
+
+
+class RunError(Exception):
+    """A file cannot be read as a run. The sentence says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """One event as the file tells it."""
+
+    time_s: float
+    row: int
+    kind: str
+    fields: dict[str, Any]
+
+
+class Run:
+    """An open run file, read-only.
+
+    Raises:
+        RunError: the file is missing, is no run, or comes from a newer version of this program.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = _open(path)
+        kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
+        if kind != FORMAT or version > FORMAT_VERSION:
+            self.close()
+            if kind != FORMAT:
+                raise RunError(f"{path} is an HDF5 file, but not a run of this program")
+            raise RunError(
+                f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._file.close()
+
+    @property
+    def status(self) -> Status:
+        return Status(self._text("status"))
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the file says `running` but the program that wrote it is gone (told on the same computer only)."""
+        if self.status is not Status.RUNNING or self._text("host") != socket.gethostname():
+            return False
+        return not _alive(int(self._entry["process_id"][()]))
+
+    @property
+    def state(self) -> str:
+        """The status in words, a crash included."""
+        return "crashed" if self.crashed else str(self.status)
+
+    @property
+    def reason(self) -> str:
+        return self._text("reason")
+
+    @property
+    def protocol(self) -> str:
+        return self._text("protocol")
+
+    @property
+    def specimen(self) -> str:
+        return self._text("specimen")
+
+    @property
+    def title(self) -> str:
+        return self._text("title")
+
+    @property
+    def start_time(self) -> str:
+        return self._text("start_time")
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        return dict(json.loads(self._text("parameters")))
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        return dict(json.loads(self._text("configuration")))
+
+    @property
+    def software(self) -> dict[str, str]:
+        return dict(json.loads(self._text("software")))
+
+    @property
+    def simulated(self) -> bool:
+        return bool(self._entry["simulated"][()])
+
+    @property
+    def rate_hz(self) -> float:
+        return float(self._entry["trace/sample_rate"][()])
+
+    @property
+    def samples(self) -> int:
+        """Rows that every channel has."""
+        return min(int(self._entry[f"trace/{name}"].shape[0]) for name in CHANNELS)
+
+    @property
+    def sensor(self) -> LaserSensor:
+        group = self._entry["instrument/displacement_sensor"]
+        number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
+        return LaserSensor(
+            name=group["name"].asstr()[()],
+            gain_m_per_v=number["gain"],
+            zero_v=number["zero"],
+            valid_low_v=float(group["valid_low"][()]),
+            valid_high_v=float(group["valid_high"][()]),
+            delay_s=number["delay"],
+            gain_relative_uncertainty=number["gain_relative_uncertainty"],
+            serial=group["serial"].asstr()[()],
+            calibrated=group["calibrated"].asstr()[()],
+        )
+
+    def scale(self, channel: str) -> Scale:
+        return Scale(tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist()))
+
+    def raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
+        """Integers as the card gave them, rows start..stop."""
+        stop = self.samples if stop is None else min(stop, self.samples)
+        return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
+
+    def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
+        """Volts at the amplifier's input."""
+        return self.scale("drive").volts(self.raw("drive", start, stop))
+
+    def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
+        """Displacement as the sensor tells it; a Recording's quality says where not to believe it."""
+        return self.sensor.displacement_m(self.scale("displacement").volts(self.raw("displacement", start, stop)))
+
+    def recordings(self) -> Iterator[Recording]:
+        """What was kept, in order, exactly as the live run had it."""
+        for index, row in enumerate(self._entry["recordings"][:]):
+            rows = (int(row["start_row"]), int(row["stop_row"]))
+            yield Recording(
+                index=index,
+                rows=rows,
+                rate_hz=self.rate_hz,
+                drive=from_record(json.loads(row["drive"].decode())),
+                drive_v=self.drive_v(*rows),
+                displacement_m=self.displacement_m(*rows),
+                quality=Quality(int(row["quality"])),
+                sensor_delay_s=self.sensor.delay_s,
+            )
+
+    def points(self) -> dict[str, Array]:
+        """The points' columns by name, all of the same length."""
+        group = self._entry["points"]
+        length = min((data.shape[0] for data in group.values()), default=0)
+        return {name: np.asarray(data[:length]) for name, data in group.items()}
+
+    def units(self) -> dict[str, str]:
+        """Units of the points' columns."""
+        return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}
+
+    def events(self) -> Iterator[Happened]:
+        """What happened, in order."""
+        pending: tuple[Any, bytes] | None = None
+        for row in self._entry["events"][:]:
+            if row["kind"] == b"+" and pending:
+                pending = (pending[0], pending[1] + row["text"])
+                continue
+            if pending:
+                yield _happened(*pending)
+            pending = (row, bytes(row["text"]))
+        if pending:
+            yield _happened(*pending)
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        group = self._entry.get("estimates", {})
+        return tuple(
+            Estimate(
+                name.replace("_", " "),
+                float(one["value"][()]),
+                float(one["standard_error"][()]),
+                str(one["value"].attrs["units"]),
+                one["source"].asstr()[()],
+            )
+            for name, one in group.items()
+        )
+
+    @property
+    def _entry(self) -> h5py.Group:
+        return self._file["entry"]
+
+    def _text(self, name: str) -> str:
+        value = self._entry[name][()]
+        return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _happened(row: Any, text: bytes) -> Happened:
+    return Happened(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
+
+
+def _open(path: Path) -> h5py.File:
+    if not path.exists():
+        raise RunError(f"there is no file {path}")
+    # A run that is being written, or was left by a crash, opens for a SWMR reader only; a finished one opens plainly.
+    for options in ({"swmr": True}, {}):
+        try:
+            return h5py.File(path, "r", libver="latest", **options)
+        except (OSError, ValueError) as error:
+            failure = error
+    raise RunError(f"{path} cannot be read as a run file: {failure}")
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

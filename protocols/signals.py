@@ -1,0 +1,170 @@
+"""From samples to numbers: the sine fit with harmonics, and the settling detector. Pure functions.
+
+Sign and phase: a component of order k is `|F_k| sin(2 pi k f t + arg F_k)` with t = 0 at the first sample.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NYQUIST_SHARE = 0.45
+"""Harmonics above this share of the sample rate are not fitted: they cannot be told from aliases."""
+
+
+@dataclass(frozen=True, slots=True)
+class SineFit:
+    """Least-squares sine with harmonics, offset and linear drift.
+
+    Attributes:
+        frequency_hz: of the fundamental.
+        components: complex amplitudes F_1..F_K, (K,), in the unit of the samples.
+        offset, drift_per_s: of the straight line underneath, at the middle of the record.
+        noise: standard deviation of the residual.
+        standard_error: of the modulus of each component (and of its phase times its modulus).
+    """
+
+    frequency_hz: float
+    components: NDArray[np.complex128]
+    offset: float
+    drift_per_s: float
+    noise: float
+    standard_error: float
+
+    @property
+    def fundamental(self) -> complex:
+        return complex(self.components[0])
+
+    @property
+    def thd(self) -> float:
+        """Total harmonic distortion: rms of the harmonics over the fundamental."""
+        return float(np.linalg.norm(self.components[1:]) / abs(self.components[0]))
+
+
+def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int = 1) -> SineFit:
+    """Fit a sine of known frequency (IEEE Std 1057, three-parameter fit, with drift and harmonics added).
+
+    Args:
+        samples: (N,), evenly spaced.
+        rate_hz: samples per second.
+        frequency_hz: of the fundamental.
+        harmonics: how many components are wanted, the fundamental included; fewer where they pass Nyquist.
+
+    Raises:
+        ValueError: fewer samples than unknowns.
+    """
+    orders = max(min(harmonics, int(NYQUIST_SHARE * rate_hz / frequency_hz)), 1)
+    unknowns = 2 + 2 * orders
+    n = len(samples)
+    if n <= unknowns:
+        raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
+    basis = _basis(n, rate_hz, frequency_hz, orders)
+    # The basis is nearly orthogonal over whole cycles, so the normal equations lose nothing.
+    solution = np.linalg.solve(basis @ basis.T, basis @ samples)
+    residual = samples - solution @ basis
+    noise = float(np.sqrt(residual @ residual / (n - unknowns)))
+    sines, cosines = solution[2::2], solution[3::2]
+    return SineFit(
+        frequency_hz=frequency_hz,
+        components=sines + 1j * cosines,
+        offset=float(solution[0]),
+        drift_per_s=float(solution[1]) * 2 * rate_hz / n,
+        noise=noise,
+        standard_error=noise * float(np.sqrt(2 / n)),
+    )
+
+
+def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
+    """The frequency of a sine near `frequency_hz` (IEEE Std 1057, four-parameter fit), in hertz.
+
+    The source and the card have clocks of their own, up to 50 ppm apart.
+    """
+    centred = (np.arange(len(samples)) - 0.5 * (len(samples) - 1)) / rate_hz
+    for _ in range(4):
+        basis = _basis(len(samples), rate_hz, frequency_hz, 1)
+        s, c = np.linalg.solve(basis @ basis.T, basis @ samples)[2:]
+        slope = centred * (s * basis[3] - c * basis[2]) * 2 * np.pi
+        extended = np.vstack([basis, slope])
+        step = float(np.linalg.solve(extended @ extended.T, extended @ samples)[4])
+        frequency_hz += step
+        if abs(step) < 1e-9 * frequency_hz:
+            break
+    return frequency_hz
+
+
+def _basis(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Array:
+    """Rows: 1, t scaled to -1..1, then sin and cos of each order; (2 + 2 orders, n)."""
+    basis = np.empty((2 + 2 * orders, n))
+    basis[0] = 1.0
+    basis[1] = np.linspace(-1.0, 1.0, n)
+    turn = np.exp(2j * np.pi * frequency_hz / rate_hz * np.arange(n))
+    power = np.ones(n, complex)
+    for k in range(orders):
+        power = power * turn
+        basis[2 + 2 * k] = power.imag
+        basis[3 + 2 * k] = power.real
+    return basis
+
+
+@dataclass
+class SettlingDetector:
+    """Tells when the response to a sine has become steady.
+
+    Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
+    amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes
+    are below `tolerance`, or below what the noise alone would make, and the drive is the one commanded.
+
+    Args:
+        window: samples in a window.
+        drive_amplitude_v: the commanded amplitude.
+        tolerance: relative change of the response between windows.
+    """
+
+    rate_hz: float
+    frequency_hz: float
+    window: int
+    drive_amplitude_v: float
+    tolerance: float
+    drive_seen_v: float = 0.0
+    """Amplitude of the drive in the latest window, as the card saw it."""
+
+    _drive: Array = field(default_factory=lambda: np.empty(0))
+    _displacement: Array = field(default_factory=lambda: np.empty(0))
+    _responses: deque[complex] = field(default_factory=lambda: deque(maxlen=3))
+    _noise: float = 0.0
+
+    DRIVE_TOLERANCE = 0.05
+
+    @property
+    def drive_is_on(self) -> bool:
+        """Whether the card sees the commanded drive to within 5 %."""
+        return abs(self.drive_seen_v - self.drive_amplitude_v) <= self.DRIVE_TOLERANCE * self.drive_amplitude_v
+
+    def feed(self, drive_v: Array, displacement: Array) -> bool:
+        """Take more samples; True once the response is steady."""
+        self._drive = np.concatenate([self._drive, drive_v])
+        self._displacement = np.concatenate([self._displacement, displacement])
+        while len(self._drive) >= self.window:
+            if self._window_is_steady():
+                return True
+            self._drive = self._drive[self.window :]
+            self._displacement = self._displacement[self.window :]
+        return False
+
+    def _window_is_steady(self) -> bool:
+        drive = fit_sine(self._drive[: self.window], self.rate_hz, self.frequency_hz)
+        response = fit_sine(self._displacement[: self.window], self.rate_hz, self.frequency_hz, 3)
+        self.drive_seen_v = abs(drive.fundamental)
+        if not self.drive_is_on:
+            self._responses.clear()
+            return False
+        self._responses.append(response.fundamental / drive.fundamental)
+        if len(self._responses) < 3:
+            return False
+        first, second, third = self._responses
+        # Two windows differ by noise alone with sqrt(2) standard errors; three of those are no change.
+        allowed = max(self.tolerance * abs(third), 3 * 1.414 * response.standard_error / self.drive_seen_v)
+        return abs(third - second) <= allowed and abs(second - first) <= allowed

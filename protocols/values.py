@@ -1,0 +1,64 @@
+"""The values a run produces: a recording of samples, an estimate, and the rehearsal before either."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import Drive
+from protocols.quality import Quality
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Samples kept under one drive, in physical units, and what is known against them.
+
+    `rows` are the first and one past the last row of the run file's raw data. `drive_v` is at the amplifier's input,
+    `displacement_m` the tactor's centre as the sensor tells it, both (samples,). `sensor_delay_s` is how late the
+    sensor is.
+    """
+
+    index: int
+    rows: tuple[int, int]
+    rate_hz: float
+    drive: Drive
+    drive_v: Array
+    displacement_m: Array
+    quality: Quality
+    sensor_delay_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """An identified quantity: value and standard error in `unit`, and what it was identified from."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """One entry of a protocol's plan: a drive it will play and about how long the entry takes."""
+
+    label: str
+    drive: Drive
+    expected_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """What a run will ask of the bench, told before anything is armed."""
+
+    duration_s: float
+    entries: int
+    prompts: int
+    highest_specimen_v: float
+    lowest_specimen_v: float
+    file_bytes: int
+    worst: str
+    """The entry that comes closest to a limit, in words."""
