@@ -14,8 +14,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.config import BenchConfig, ConfigError, faults, load_bench
-from app.main import DONE, FAILED, UNSAFE, UsageError
-from app.units import UnitError, read_values
+from app.exits import DONE, FAILED, UNSAFE, UsageError
+from app.units import UnitError, read_value
 from protocols.events import Status
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
@@ -28,7 +28,10 @@ EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
 
 def version() -> str:
     """The program's version."""
-    return metadata.version("tactor-bench")
+    try:
+        return metadata.version("tactor-bench")
+    except metadata.PackageNotFoundError:  # run from a folder that was never installed
+        return "of an unknown version"
 
 
 def protocol_names() -> str:
@@ -100,17 +103,24 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
     if kind is None:
         raise UsageError(f"there is no protocol '{name}'; known are: {protocol_names()}")
     values: dict[str, Any] = {}
+    wrong: list[str] = []
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals:
             raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
         if key.strip() not in kind.model_fields:
             raise UsageError(f"{name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
-        values[key.strip()] = value.strip()
+        try:
+            values[key.strip()] = read_value(kind, key.strip(), value.strip())
+        except UnitError as error:
+            wrong.append(f"  {key.strip()}: {error}")
     try:
-        return kind(**read_values(kind, values))
-    except (ValidationError, UnitError) as error:
-        raise UsageError(f"{name} cannot be run so:\n" + "\n".join(faults(error))) from None
+        protocol = kind(**values)
+    except ValidationError as error:
+        wrong += faults(error)
+    if wrong:
+        raise UsageError(f"{name} cannot be run so:\n" + "\n".join(wrong))
+    return protocol
 
 
 def _bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:

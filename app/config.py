@@ -5,15 +5,14 @@ Validated whole: unknown keys are refused, and every fault is listed at once wit
 
 import re
 import tomllib
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from app.units import UnitError, read_values
+from app.units import read_value
 from drivers.amplifier import DriveLimits
 from drivers.sensor import LaserSensor
 from model.amplifier import AmplifierMap
@@ -27,10 +26,10 @@ class ConfigError(Exception):
 class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    @model_validator(mode="before")
+    @field_validator("*", mode="before")
     @classmethod
-    def _units(cls, values: Any) -> Any:
-        return read_values(cls, values) if isinstance(values, Mapping) else values
+    def _unit(cls, value: Any, info: ValidationInfo) -> Any:
+        return read_value(cls, info.field_name or "", value)
 
 
 class GeneratorTable(_Table):
@@ -141,6 +140,14 @@ class BenchConfig(_Table):
         return self
 
 
+BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
 def load_bench(name: str) -> BenchConfig:
     """The bench of a file, or `sim` for the simulated bench that comes with the program.
 
@@ -160,14 +167,12 @@ def load_bench(name: str) -> BenchConfig:
         return BenchConfig.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{where} is not valid TOML: {error}") from error
-    except (ValidationError, UnitError) as error:
+    except ValidationError as error:
         raise ConfigError(f"{where} has faults:\n" + "\n".join(faults(error, text))) from error
 
 
-def faults(error: ValidationError | UnitError, text: str = "") -> list[str]:
+def faults(error: ValidationError, text: str = "") -> list[str]:
     """One line a fault: where it stands, what is there, and what would do."""
-    if isinstance(error, UnitError):
-        return [f"  {error}"]
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
@@ -178,13 +183,15 @@ def faults(error: ValidationError | UnitError, text: str = "") -> list[str]:
 
 
 def _words(fault: Any) -> str:
-    message = fault["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:]
-    if fault["type"] == "extra_forbidden":
+    kind, context = fault["type"], fault.get("ctx", {})
+    if kind == "extra_forbidden":
         return "unknown key; remove it or correct its spelling"
-    if fault["type"] in ("value_error", "missing"):
-        return str(message)
-    return f"{message}, not {fault['input']!r}"
+    if kind in BOUNDS:
+        key, words = BOUNDS[kind]
+        return f"must be {words} {context[key]:g}, not {fault['input']!r}"
+    message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
+    message = message[:1].lower() + message[1:]
+    return str(message) if kind in ("value_error", "missing") else f"{message}, not {fault['input']!r}"
 
 
 def _line_of(path: list[str], text: str) -> int:

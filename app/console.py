@@ -85,6 +85,8 @@ class ConsoleObserver:
                 colour = (
                     "green" if event.status == "completed" else "bold red" if event.status == "unsafe" else "yellow"
                 )
+                if self._task is not None:
+                    self._progress.update(self._task, description=str(event.status), left="")
                 say(f"[{colour}]{event.status}[/]: {event.reason}", highlight=False, soft_wrap=True)
             case BenchFailed(words) | Refused(words):
                 say(f"[bold red]error[/]: {words}", highlight=False, soft_wrap=True)

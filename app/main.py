@@ -6,18 +6,15 @@ Exit codes: 0 done, 1 the run failed, 2 asked wrongly, 3 UNSAFE: rest could not 
 import argparse
 import functools
 import logging
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-DONE, FAILED, USAGE, UNSAFE = 0, 1, 2, 3
+from app.exits import FAILED, USAGE, UsageError
 
 PROGRAM = "tactor-bench"
-
-
-class UsageError(Exception):
-    """The command was given something it cannot use; the sentence says what and what would do."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -30,12 +27,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         options = _parser().parse_args(arguments)
-        return int(options.command(options))
+        code = int(options.command(options))
     except UsageError as error:
         sys.stderr.write(f"{PROGRAM}: {error}\n")
         return USAGE
     except KeyboardInterrupt:
         return FAILED
+    runfile = sys.modules.get("protocols.runfile")
+    if runfile is not None and runfile.unclosable():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:

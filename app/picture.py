@@ -55,10 +55,10 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.text(curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom")
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    words = [
+    found = [
         f"{e.name} {e.value:.4g} ± {e.standard_error:.1g} {e.unit if e.unit != '1' else ''}" for e in run.estimates()
     ]
-    axes.legend(title="\n".join(words) or None, fontsize=9, title_fontsize=9, loc="upper right")
+    axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

@@ -64,9 +64,12 @@ Observer = Callable[[SessionEvent], None]
 class Connected(Protocol):
     """What the composition root hands over."""
 
-    bench: Bench
-    operator: Operator | None
-    """Answers prompts by itself (a simulated operator), or None where a person must."""
+    @property
+    def bench(self) -> Bench: ...
+
+    @property
+    def operator(self) -> Operator | None:
+        """Answers prompts by itself (a simulated operator), or None where a person must."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,7 @@
 """Units in what a person writes: `4 V`, `0.1 mm/V`, `25 Hz, 50 Hz`. Plain numbers are in the quantity's own unit."""
 
-from collections.abc import Mapping
 from functools import cache
-from typing import Any, get_args, get_origin
+from typing import Any, get_origin
 
 from annotated_types import Unit
 from pydantic import BaseModel
@@ -43,30 +42,22 @@ def words_of(model: type[BaseModel], name: str) -> str:
     return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
 
 
-def read_values(model: type[BaseModel], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace texts by numbers where a field has a unit; a list is separated by commas or spaces.
+def read_value(model: type[BaseModel], name: str, value: Any) -> Any:
+    """A field's value with texts replaced by numbers where it has a unit; a list is separated by commas or spaces.
 
     Raises:
-        UnitError: a text does not fit; the sentence names the field.
+        UnitError: a text does not fit.
     """
-    return {name: _read(model, name, value) for name, value in values.items()}
-
-
-def _read(model: type[BaseModel], name: str, value: Any) -> Any:
     field = model.model_fields.get(name)
     unit = unit_of(model, name) if field else None
     if field is None or unit is None:
         return value
-    try:
-        if get_origin(field.annotation) is tuple:
-            items = _split(value) if isinstance(value, str) else value
-            return tuple(to_number(item, unit) if isinstance(item, str) else item for item in items)
-        if isinstance(value, str):
-            number = to_number(value, unit)
-            whole = field.annotation is int or int in get_args(field.annotation)
-            return int(number) if whole and number == int(number) else number
-    except UnitError as error:
-        raise UnitError(f"{name}: {error}") from None
+    if get_origin(field.annotation) is tuple:
+        items = _split(value) if isinstance(value, str) else value
+        return tuple(to_number(item, unit) if isinstance(item, str) else item for item in items)
+    if isinstance(value, str):
+        number = to_number(value, unit)
+        return int(number) if field.annotation is int and number == int(number) else number
     return value
 
 

@@ -28,7 +28,7 @@ def point_line(point: Any) -> str:
     """One point of a sine dwell in a line."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
     return (
-        f"{point.frequency:8.3f} Hz   max-min {1e6 * point.peak_to_peak:7.1f} µm   "
-        f"2 x fundamental {2e6 * point.fundamental:7.1f} ± {2e6 * point.fundamental_errors:.2g} µm   "
-        f"phase {point.phase * 57.29578:7.1f}°" + (f"   {flags.words}" if flags else "")
+        f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
+        f"2 x fund. {2e6 * point.fundamental:6.1f} ± {2e6 * point.fundamental_errors:.2g} µm  "
+        f"{point.phase * 57.29578:6.1f}°" + (f"  {flags.words}" if flags else "")
     )

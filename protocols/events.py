@@ -1,6 +1,6 @@
 """What happens in a run, as values: stored first, then told to every observer, in this order."""
 
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -160,10 +160,9 @@ Event = (
 )
 
 
-def event_record(event: Event) -> dict[str, Any]:
-    """An event's fields as plain values, for the file and for `--json`."""
-    values = {name: getattr(event, name) for name in event.__dataclass_fields__}
-    return {name: _plain(value) for name, value in values.items()}
+def event_record(event: Any) -> dict[str, Any]:
+    """The fields of an event (any frozen dataclass) as plain values, for the file and for `--json`."""
+    return {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
 
 
 def _plain(value: Any) -> Any:

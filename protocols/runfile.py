@@ -8,6 +8,7 @@ running. Status and results go in when the run ends.
 import json
 import os
 import platform
+import shutil
 import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,6 +40,9 @@ from protocols.values import Estimate
 
 RAW_CHUNK = 16_384
 TABLE_CHUNK = 64
+
+RESERVE_BYTES = 32_000_000
+"""A disk with less than this left counts as full: HDF5 cannot recover from a failed write, so none may fail."""
 
 
 class StoreError(Exception):
@@ -129,6 +133,12 @@ class RunFile:
     def block(self, block: Block, time_s: float) -> int:
         """Append a block and flush it; the row of its first scan."""
         row = self.rows
+        free = shutil.disk_usage(self.path.parent).free
+        if free < RESERVE_BYTES:
+            raise StoreError(
+                f"the disk of {self.path.parent} is full: {free / 1e6:.0f} MB are left and {RESERVE_BYTES / 1e6:.0f} MB are "
+                "kept to close the run in order; free some space or choose another folder. Everything before is in the file"
+            )
         with self._storing():
             stop = row + block.raw.shape[1]
             for name, channel in zip(CHANNELS, (DRIVE, DISPLACEMENT), strict=True):
@@ -271,6 +281,14 @@ class RunFile:
 
     def _storing(self) -> "_Storing":
         return _Storing(self.path)
+
+
+def unclosable() -> bool:
+    """Whether HDF5 holds a file it cannot close (its disk vanished or filled up against all care).
+
+    The library then crashes when the interpreter tears it down; a program in that state leaves without tearing down.
+    """
+    return bool(h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_ALL))
 
 
 def append_estimates(path: Path, estimates: Sequence[Estimate]) -> None:

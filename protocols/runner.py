@@ -315,8 +315,11 @@ class Runner:
         """Say how it ended: in the file while it can be written, to the observers in any case."""
         rest = self._armed.rest if self._armed is not None else None
         if rest is not None:
-            with contextlib.suppress(StoreError):
-                self._publish(AtRest(rest.confirmed, rest.measured_v, rest.words))
+            event = AtRest(rest.confirmed, rest.measured_v, rest.words)
+            try:
+                self._publish(event)
+            except StoreError:
+                self._tell(event)  # whether it is safe must be heard, full disk or not
         estimates: tuple[Estimate, ...] = ()
         try:
             estimates = self._protocol.estimates(self._points)

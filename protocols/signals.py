@@ -71,7 +71,7 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
         frequency_hz=frequency_hz,
         components=sines + 1j * cosines,
         offset=float(solution[0]),
-        drift_per_s=float(solution[1]) * 2 * rate_hz / n,
+        drift_per_s=float(solution[1]) * 2 * rate_hz / (n - 1),  # basis 1 runs from -1 to 1 over n - 1 steps
         noise=noise,
         standard_error=noise * float(np.sqrt(2 / n)),
     )

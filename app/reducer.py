@@ -1,0 +1,150 @@
+"""From what happens to what the window shows: `reduce` makes the next view from the last and an event. Pure."""
+
+from dataclasses import replace
+
+from app.sentences import Level, Message, sentence, title_of
+from app.session import BenchFailed, BenchOpened, Refused
+from app.view import (
+    Acknowledged,
+    BenchState,
+    ConnectAsked,
+    Heard,
+    Instrument,
+    Lamp,
+    Progress,
+    RunAsked,
+    StopAsked,
+    View,
+    ViewEvent,
+)
+from protocols.events import (
+    Answered,
+    Armed,
+    Asked,
+    AtRest,
+    GoingToRest,
+    Playing,
+    PointMeasured,
+    Progressed,
+    RunEnded,
+    RunStarted,
+    Status,
+)
+from protocols.operator import ENABLE_HIGH_VOLTAGE
+
+LOG_LINES = 500
+
+
+def reduce(view: View, heard: Heard) -> View:
+    """The view after an event."""
+    event = heard.event
+    after = _next(view, event, heard.streamed_s)
+    if isinstance(event, RunAsked | StopAsked | Acknowledged | ConnectAsked):
+        said = _asked_words(event) if after is not view else None
+    else:
+        said = sentence(event)
+    if said is None:
+        return after
+    messages = (*after.messages, Message(heard.at, *said))[-LOG_LINES:]
+    return replace(after, messages=messages, told=after.told + 1)
+
+
+def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
+    match event:
+        case BenchOpened(name, simulated, identities):
+            there = tuple(Instrument(role, identity, Lamp.READY) for role, identity in identities.items())
+            return replace(view, bench=name, simulated=simulated, instruments=there, state=_resting(view), trouble="")
+        case BenchFailed(words):
+            gone = _lamps(view, Lamp.ABSENT)
+            state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
+            return replace(view, state=state, busy=False, instruments=gone, trouble=words, prompt=None)
+        case ConnectAsked():
+            return replace(view, state=BenchState.CONNECTING, instruments=_lamps(view, Lamp.WAITING), trouble="")
+        case RunAsked(title):
+            progress = Progress(title, 0, 0.0)
+            return replace(view, busy=True, progress=progress, outcome=None, trouble="", points=(), prompt=None)
+        case Refused(words):
+            outcome = RunEnded(Status.FAILED, words, "")
+            return replace(view, busy=False, progress=None, trouble=words, state=_resting(view), outcome=outcome)
+        case RunStarted():
+            progress = Progress(title_of(event.protocol), event.entries, event.expected_s, left_s=event.expected_s)
+            state = view.state if view.state is BenchState.GOING_TO_REST else BenchState.ARMING
+            return replace(
+                view, busy=True, state=state, progress=progress, rest=None, drive=None, simulated=event.simulated
+            )
+        case Asked(_, prompt):
+            # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
+            live = prompt.action == ENABLE_HIGH_VOLTAGE.action and view.state is BenchState.ARMING
+            return replace(view, prompt=event, state=BenchState.LIVE if live else view.state)
+        case Answered(ask_id, _):
+            return replace(view, prompt=None) if view.prompt and view.prompt.ask_id == ask_id else view
+        case Armed():
+            return _live(replace(view, rest_lost=False, instruments=_lamps(view, Lamp.READY)))
+        case Playing(drive):
+            return _live(replace(view, drive=drive))
+        case Progressed(done, entries, left_s, label) if view.progress is not None:
+            progress = replace(view.progress, done=done, entries=entries, left_s=left_s, label=label, at_s=streamed_s)
+            return replace(view, progress=progress)
+        case PointMeasured(_, point):
+            return replace(view, points=(*view.points, point))
+        case StopAsked() if view.busy and view.state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
+            return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
+        case GoingToRest():
+            return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
+        case AtRest(confirmed):
+            state = BenchState.AT_REST if confirmed else BenchState.UNSAFE
+            return replace(view, state=state, rest=event, rest_lost=not confirmed, drive=None)
+        case RunEnded():
+            return _ended(view, event)
+        case Acknowledged() if view.unsafe or view.trouble:
+            return replace(view, unsafe="", trouble="")
+        case _:
+            return view
+
+
+def _live(view: View) -> View:
+    # A run that was asked to stop may still tell what it did before it heard.
+    return view if view.state is BenchState.GOING_TO_REST else replace(view, state=BenchState.LIVE)
+
+
+def _resting(view: View) -> BenchState:
+    """What is known between runs: unsafe stays unsafe until rest is measured."""
+    if view.rest_lost:
+        return BenchState.UNSAFE
+    return BenchState.AT_REST if view.rest is not None else BenchState.IDLE
+
+
+def _ended(view: View, event: RunEnded) -> View:
+    unsafe = event.status is Status.UNSAFE
+    failed = event.status is Status.FAILED
+    instruments = view.instruments
+    if failed or unsafe:
+        named = event.reason.casefold()
+        instruments = tuple(replace(i, lamp=Lamp.DOUBTED) if i.role in named else i for i in instruments)
+    return replace(
+        view,
+        state=BenchState.UNSAFE if unsafe else _resting(view),
+        rest_lost=unsafe or view.rest_lost,
+        busy=False,
+        drive=None,
+        prompt=None,
+        outcome=event,
+        instruments=instruments,
+        unsafe=event.reason if unsafe else view.unsafe,
+        trouble=event.reason if failed else view.trouble,
+    )
+
+
+def _lamps(view: View, lamp: Lamp) -> tuple[Instrument, ...]:
+    return tuple(replace(instrument, lamp=lamp) for instrument in view.instruments)
+
+
+def _asked_words(event: RunAsked | StopAsked | Acknowledged | ConnectAsked) -> tuple[Level, str] | None:
+    match event:
+        case StopAsked():
+            return Level.ATTENTION, "Stop was asked; the bench goes to rest"
+        case ConnectAsked():
+            return Level.PLAIN, "Connecting again"
+        case Acknowledged():
+            return Level.PLAIN, "The message was acknowledged"
+    return None

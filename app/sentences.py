@@ -1,0 +1,105 @@
+"""What happened, as a sentence a person reads in the log; one per event that is worth a line, nothing for the rest."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from pathlib import PurePath
+from typing import Any
+
+from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
+from app.words import duration
+from protocols.events import (
+    Answered,
+    Armed,
+    Asked,
+    AtRest,
+    GoingToRest,
+    Noted,
+    PointMeasured,
+    RunEnded,
+    RunStarted,
+    SettleEnded,
+    Status,
+    StreamStarted,
+)
+from protocols.quality import Quality
+from protocols.registry import PROTOCOLS
+
+
+class Level(StrEnum):
+    """How much a sentence matters."""
+
+    PLAIN = "plain"
+    GOOD = "good"
+    ATTENTION = "attention"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One line of the log."""
+
+    at: datetime
+    level: Level
+    words: str
+
+
+def sentence(event: SessionEvent) -> tuple[Level, str] | None:
+    """The event in words and how much they matter; None where a person need not read it."""
+    match event:
+        case BenchOpened(name, simulated, identities):
+            have = ", ".join(f"{role} {identity}" for role, identity in identities.items())
+            return Level.GOOD, f"{name} is open{' (SIMULATED)' if simulated else ''}: {have}"
+        case BenchFailed(words) | Refused(words):
+            return Level.BAD, words
+        case RunStarted():
+            points = "1 point" if event.entries == 1 else f"{event.entries} points"
+            begun = f"{title_of(event.protocol)}: {points}, about {duration(event.expected_s)}"
+            return Level.PLAIN, f"{begun}, into {PurePath(event.path).name}"
+        case StreamStarted():
+            return Level.PLAIN, f"The card runs at {event.rate_hz:g} scans per second"
+        case Armed():
+            return Level.ATTENTION, "Armed: rest is measured and high voltage is on"
+        case SettleEnded(settled=False, after_s=after_s):
+            return Level.ATTENTION, f"The response did not settle within {after_s:.1f} s; it is recorded and flagged"
+        case PointMeasured(_, point):
+            usable = Quality(point.quality).usable
+            return (Level.PLAIN if usable else Level.ATTENTION), point_words(point)
+        case Noted(text):
+            return Level.PLAIN, text
+        case Asked(_, prompt):
+            return Level.ATTENTION, f"Asked: {prompt.text}"
+        case Answered(_, words):
+            return Level.PLAIN, f"Answered: {words}"
+        case GoingToRest():
+            return Level.PLAIN, "Going to rest"
+        case AtRest(confirmed, _, words):
+            return (Level.GOOD, f"At rest: {words}") if confirmed else (Level.BAD, f"NOT AT REST: {words}")
+        case RunEnded():
+            return _ended(event)
+    return None
+
+
+def point_words(point: Any) -> str:
+    """One point with its value, its uncertainty and what is wrong with it."""
+    flags = Quality(point.quality) & ~Quality.SIMULATED
+    said = (
+        f"{point.frequency:.4g} Hz: max − min {1e6 * point.peak_to_peak:.1f} ± {1e6 * point.peak_to_peak_errors:.1g} µm, "
+        f"2 × fundamental {2e6 * point.fundamental:.1f} ± {2e6 * point.fundamental_errors:.1g} µm"
+    )
+    return f"{said}; not usable: {flags.words}" if flags else said
+
+
+def title_of(protocol: str) -> str:
+    """The title of a protocol by its name; the name itself where it is not known."""
+    kind = PROTOCOLS.get(protocol)
+    return kind.title if kind else protocol
+
+
+def _ended(event: RunEnded) -> tuple[Level, str]:
+    level = {Status.COMPLETED: Level.GOOD, Status.STOPPED: Level.ATTENTION}.get(event.status, Level.BAD)
+    found = "".join(
+        f"; {e.name} = {e.value:.5g} ± {e.standard_error:.2g}{'' if e.unit == '1' else ' ' + e.unit}"
+        for e in event.estimates
+    )
+    return level, f"{event.status.capitalize()}: {event.reason}{found}"

@@ -1,0 +1,117 @@
+"""Set Tactor Bench up on a fresh machine and run it: nothing but Python 3.11 or newer, pip and this folder are needed.
+
+    python3 start.py              sets up, then the main job: the window with the simulated bench running a sine dwell;
+                                  where there is no screen the same job with a progress bar, leaving a file and a picture
+    python3 start.py test         sets up, then every check and test
+    python3 start.py ARGUMENTS    sets up, then the command `tactor-bench ARGUMENTS`
+
+Everything goes into the folder .venv beside this file; delete it to undo.
+"""
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+VENV = HERE / ".venv"
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+
+CHECKS = (
+    ("ruff", "check", "."),
+    ("ruff", "format", "--check", "."),
+    ("mypy",),
+    ("lint-imports",),
+    ("pytest",),
+)
+
+
+def main(arguments: list[str]) -> int:
+    if sys.version_info < (3, 11):
+        return fail(
+            f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; install it and run this again with it"
+        )
+    testing = arguments[:1] == ["test"]
+    try:
+        set_up("test" if testing else "")
+    except (subprocess.CalledProcessError, OSError) as error:
+        return fail(f"the set-up failed: {error}; the lines above say why. Mend that and run this again")
+    if testing:
+        provide_system_libraries(always=True)
+        return run_checks(arguments[1:])
+    if not arguments:
+        provide_system_libraries(always=False)
+    return subprocess.call([BIN / "tactor-bench", *(arguments or ["demo"])])
+
+
+def set_up(extra: str) -> None:
+    """Create .venv and install what is pinned; does nothing where that was done before."""
+    wanted = hashlib.sha256(
+        b"".join((HERE / name).read_bytes() for name in ("pyproject.toml", "constraints.txt")) + sys.version.encode()
+    ).hexdigest()
+    stamp = VENV / f"ready{'-' + extra if extra else ''}"
+    if PYTHON.exists() and stamp.exists() and stamp.read_text() == wanted:
+        return
+    say("Setting up in .venv: this takes a minute or two, once.")
+    pip = make_environment()
+    package = f"{HERE}[{extra}]" if extra else str(HERE)
+    install = [*pip, "install", "--quiet", "--disable-pip-version-check", "--constraint", HERE / "constraints.txt"]
+    subprocess.run([*install, "--editable", package], check=True)
+    stamp.write_text(wanted)
+
+
+def make_environment() -> list[str | Path]:
+    """A virtual environment, and the pip command that installs into it."""
+    # Debian and Ubuntu split ensurepip off into a package of its own; their pip can then serve from outside.
+    own_pip = importlib.util.find_spec("ensurepip") is not None
+    if not PYTHON.exists():
+        subprocess.run([sys.executable, "-m", "venv", *([] if own_pip else ["--without-pip"]), VENV], check=True)
+    if own_pip or subprocess.call([PYTHON, "-c", "import pip"], stderr=subprocess.DEVNULL) == 0:
+        return [PYTHON, "-m", "pip"]
+    if importlib.util.find_spec("pip") is None:
+        raise OSError("there is no pip; install it ('sudo apt-get install python3-pip' on Debian and Ubuntu)")
+    return [sys.executable, "-m", "pip", "--python", PYTHON]
+
+
+def provide_system_libraries(*, always: bool) -> None:
+    """Install what Qt needs from the system where we may, else name it. Without a screen only the tests need it."""
+    code = "from app.screen import has_screen, missing_libraries; print(has_screen(), *missing_libraries())"
+    told = subprocess.run([PYTHON, "-c", code], cwd=HERE, capture_output=True, text=True, check=False).stdout.split()
+    if not told or (told[0] != "True" and not always) or not told[1:]:
+        return
+    packages = told[1:]
+    apt = shutil.which("apt-get")
+    if apt and hasattr(os, "geteuid") and os.geteuid() == 0:
+        say(f"Qt needs system libraries; installing {' '.join(packages)}.")
+        subprocess.call([apt, "update", "-qq"])
+        subprocess.call([apt, "install", "-y", "-qq", "--no-install-recommends", *packages], stdout=subprocess.DEVNULL)
+    else:
+        say(f"Qt needs system libraries that are missing here: sudo apt-get install {' '.join(packages)}")
+
+
+def run_checks(arguments: list[str]) -> int:
+    """All checks, in order, stopping at the first that fails; `arguments` go to pytest."""
+    for tool, *options in CHECKS:
+        say(f"--- {tool} {' '.join(options)}".rstrip())
+        extra = arguments if tool == "pytest" else []
+        code = subprocess.call([BIN / tool, *options, *extra], cwd=HERE)
+        if code:
+            return code
+    return 0
+
+
+def say(text: str) -> None:
+    print(text, flush=True)
+
+
+def fail(text: str) -> int:
+    sys.stderr.write(f"start.py: {text}\n")
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

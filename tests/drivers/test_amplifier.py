@@ -1,0 +1,120 @@
+"""The guard: refuses with value, limit and remedy; sends nothing when it refuses; never clips."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.amplifier import DriveLimits, HvAmplifier
+from drivers.clock import WallClock
+from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.errors import DriveRefused
+from drivers.ports import Identity
+from model.amplifier import AmplifierMap
+
+
+class ScriptedSource:
+    """Remembers what it was told; idles where it was moved."""
+
+    identity = Identity("test", "source")
+
+    def __init__(self) -> None:
+        self.level, self.told = 2.5, []
+
+    def play(self, drive: Drive) -> None:
+        self.told.append(drive)
+
+    def stop(self) -> None:
+        self.told.append("stop")
+
+    def move(self, level_v: float, duration_s: float) -> None:
+        self.told.append(Ramp(self.level, level_v, duration_s))
+        self.level = level_v
+
+    def idle_v(self) -> float:
+        return self.level
+
+
+def guard() -> tuple[HvAmplifier, ScriptedSource]:
+    source = ScriptedSource()
+    return HvAmplifier(source, AmplifierMap(), DriveLimits(), WallClock()), source
+
+
+@pytest.mark.parametrize(
+    ("drive", "says"),
+    [
+        (
+            Sine(100, 2.6, 2.5, 5),
+            "reaches -0.1 V at the amplifier's input .-500 V on the specimen is the limit, at 0 V",
+        ),
+        (Hold(5.1, 1), "reaches 5.1 V at the amplifier's input .1500 V on the specimen is the limit, at 5 V"),
+        (Sine(100, 2.6, 2.5, 5), "lower its amplitude"),
+        (Hold(-0.1, 1), "-500 V on the specimen"),
+        (Sine(700, 2.5, 2.5, 5), r"slope of 1.1e\+04 V/s .* exceeds the limit of 1e\+04 V/s; lower its frequency"),
+        (Sine(100, 1, 2.0, 5), "starts at 2 V, but rest is 2.5 V"),
+        (Ramp(2.5, 4, 1), "ends at 4 V, but rest is 2.5 V"),
+        (LinearSweep(25, 525, 4.001, 2.5, 2.5), "ends at"),
+        (Steps((2.5, 5, 0), 1, 0.1), "ends at 0 V"),
+        (Steps((2.5, 5.5, 2.5), 1, 0.1), "reaches 5.5 V"),
+    ],
+)
+def test_refuses_with_value_limit_and_remedy_and_sends_nothing(drive: Drive, says: str) -> None:
+    amplifier, source = guard()
+    with pytest.raises(DriveRefused, match=says):
+        amplifier.play(drive)
+    assert source.told == []
+
+
+@given(
+    st.one_of(
+        st.builds(Sine, st.floats(1, 2000), st.floats(0.01, 4), st.floats(0, 5), st.integers(1, 5)),
+        st.builds(Hold, st.floats(-3, 8), st.floats(0.1, 1)),
+        st.builds(
+            Steps, st.lists(st.floats(-1, 6), min_size=1, max_size=5).map(tuple), st.floats(0.01, 1), st.floats(1e-4, 1)
+        ),
+    )
+)
+def test_whatever_is_admitted_is_harmless_and_is_played_unchanged(drive: Drive) -> None:
+    amplifier, source = guard()
+    try:
+        amplifier.play(drive)
+    except DriveRefused:
+        return
+    assert source.told[-1] == drive
+    v = drive.volts(np.linspace(0, drive.duration_s, 2001))
+    assert v.min() >= -1e-6
+    assert v.max() <= 5 + 1e-6
+
+
+def test_a_held_level_is_reached_and_left_by_a_ramp() -> None:
+    amplifier, source = guard()
+    amplifier.play(Hold(4.0, 1.0))
+    assert source.told == [Ramp(2.5, 4.0, 0.3), Hold(4.0, 1.0)]
+    amplifier.to_rest()
+    assert source.told[2:] == ["stop", Ramp(4.0, 2.5, 0.3)]
+    assert source.level == 2.5
+
+
+def test_a_second_drive_starts_from_rest() -> None:
+    amplifier, source = guard()
+    amplifier.play(Sine(100, 1, 2.5, 1000))
+    amplifier.play(Sine(50, 1, 2.5, 1000))
+    assert source.told == [Sine(100, 1, 2.5, 1000), "stop", Sine(50, 1, 2.5, 1000)]
+
+
+def test_nobody_can_switch_anything_off() -> None:
+    amplifier, _ = guard()
+    assert not {"off", "zero", "reset", "output_off", "disable"} & set(dir(amplifier))
+
+
+@given(st.floats(0, 5))
+def test_the_map_and_its_inverse_agree(volts: float) -> None:
+    amplifier = AmplifierMap()
+    assert amplifier.input_v(amplifier.specimen_v(volts)) == pytest.approx(volts, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("volts", "specimen"), [(0, -500), (2.5, 0), (5, 1500), (1.5, -200), (3.5, 600), (-1, -500), (9, 1500)]
+)
+def test_the_map_has_two_slopes_and_clips_where_the_amplifier_does(volts: float, specimen: float) -> None:
+    assert AmplifierMap().specimen_v(volts) == pytest.approx(specimen)

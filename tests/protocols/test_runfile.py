@@ -1,0 +1,276 @@
+"""The run file: readable at every moment, nothing raw lost, faults in sentences."""
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import h5py
+import numpy as np
+import pytest
+from annotated_types import Unit
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from drivers.drive import Sine
+from drivers.ports import Block, Scale
+from drivers.sensor import LaserSensor
+from protocols.events import Noted, Status
+from protocols.quality import Quality
+from protocols.runfile import Header, RunFile, StoreError, append_estimates
+from protocols.runreader import Run, RunError
+from protocols.sine_dwell import SineDwell, SinePoint
+from protocols.values import Estimate
+from tests.support import laboratory, run
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A small point."""
+
+    frequency: Annotated[float, Unit("Hz"), "frequency"]
+    height: Annotated[float, Unit("m"), "height"]
+
+
+SENSOR = LaserSensor("laser", 1e-4, 0.5, -10, 10, 1e-4, 0.01, "S1", "2026-01-01")
+SCALE = Scale((1e-4, 3.2e-4, 2e-14, -3e-19))
+HEADER = Header(
+    "sine-dwell", "Sine dwell", {"x": 1}, Spot, ("frequency", "height"), SENSOR, {"name": "b"}, True, "T 1/µ"
+)
+
+
+def new(folder: Path) -> RunFile:
+    file = RunFile.new(folder, HEADER)
+    file.begin(5000.0, (SCALE, SCALE))
+    return file
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("runs")
+
+
+@given(
+    raw=hnp.arrays(np.int16, st.tuples(st.just(2), st.integers(1, 400))),
+    text=st.text(max_size=1500),
+    quality=st.integers(0, 63),
+)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, quality: int) -> None:
+    drive = Sine(123.456, 1.5, 2.5, 77)
+    file = new(folder)
+    file.block(Block(0, raw), 0.1)
+    file.block(Block(raw.shape[1], raw[:, ::-1]), 0.2)
+    file.event(Noted(text), 0.3)
+    file.recording((1, raw.shape[1]), quality, drive)
+    file.point(Spot(1.5, 2.5e-6))
+    file.finish(Status.COMPLETED, "fine", [Estimate("c0", 159.0, 0.5, "kg/(m s)", "here")])
+    with Run(file.path) as run:
+        both = np.concatenate([raw, raw[:, ::-1]], axis=1)
+        assert np.array_equal(run.raw("drive"), both[0])
+        assert np.array_equal(run.raw("displacement"), both[1])
+        assert run.displacement_m() == pytest.approx((SCALE.volts(both[1]) - 0.5) * 1e-4)
+        (event,) = run.events()
+        assert (event.time_s, event.kind, event.fields) == (0.3, "Noted", {"text": text})
+        (recording,) = run.recordings()
+        assert (recording.drive, recording.quality, recording.sensor_delay_s) == (drive, Quality(quality), 1e-4)
+        assert run.points()["height"].tolist() == [2.5e-6]
+        assert run.units() == {"frequency": "Hz", "height": "m"}
+        assert run.estimates() == (Estimate("c0", 159.0, 0.5, "kg/(m s)", "here"),)
+        assert run.sensor == SENSOR
+        assert run.specimen == "T 1/µ"
+    file.path.unlink()
+
+
+def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
+    file = new(tmp_path)
+    try:
+        for k in range(2):
+            file.block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
+            file.point(Spot(k, k))
+            code = "import sys; from pathlib import Path; from protocols.runreader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.samples, len(r.points()['height']))"
+            seen = subprocess.run(
+                [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
+            )
+            assert seen.stdout.split() == ["running", str(100 * (k + 1)), str(k + 1)]
+    finally:
+        file.finish(Status.STOPPED, "")
+
+
+WRITER = """
+import sys, numpy as np
+from pathlib import Path
+from dataclasses import dataclass
+from typing import Annotated
+from annotated_types import Unit
+from drivers.ports import Block, Scale
+from drivers.sensor import LaserSensor
+from protocols.runfile import Header, RunFile
+@dataclass
+class Spot:
+    frequency: Annotated[float, Unit("Hz"), "f"]
+    height: Annotated[float, Unit("m"), "h"]
+sensor, scale = LaserSensor("laser", 1e-4), Scale((0.0, 3e-4))
+file = RunFile.new(Path(sys.argv[1]), Header("p", "P", {}, Spot, ("frequency", "height"), sensor, {}, True, "T"))
+file.begin(5000.0, (scale, scale))
+print(file.path, flush=True)
+for k in range(100000):
+    file.block(Block(500 * k, np.full((2, 500), k % 1000, np.int16)), 0.1 * k)
+    if k % 7 == 0:
+        file.point(Spot(k, k))
+    print(500 * (k + 1), flush=True)
+"""
+
+
+def test_a_killed_program_leaves_everything_it_had_acknowledged(tmp_path: Path) -> None:
+    """`kill -9` at five different moments: every acknowledged sample is there and right, the state says crashed."""
+    for moment in range(5):
+        writer = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+        assert writer.stdout is not None
+        path = Path(writer.stdout.readline().strip())
+        for _ in range(3 + 41 * moment):
+            acknowledged = int(writer.stdout.readline())
+        writer.kill()
+        rest = writer.stdout.read().split()
+        acknowledged = int(rest[-1]) if rest and rest[-1].isdigit() else acknowledged
+        writer.wait()
+        writer.stdout.close()
+        with Run(path) as run:
+            assert run.state == "crashed"
+            assert run.status == Status.RUNNING
+            assert run.samples >= acknowledged - 500  # the last number printed may be cut
+            raw = run.raw("displacement")
+            assert np.array_equal(raw, (np.arange(len(raw)) // 500 % 1000).astype(np.int16))
+        path.unlink()
+
+
+LIMITED = """
+import resource, signal, sys
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+from app.main import main
+sys.exit(main(["run", "sine-dwell", "--speed", "max", "--json", "--out", sys.argv[1]]))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file size limits are a POSIX thing")
+def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_written(tmp_path: Path) -> None:
+    """The operating system refuses a write, the worst a disk can do to HDF5."""
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1, done.stderr
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    assert events[-1]["event"] == "RunEnded"
+    assert events[-1]["status"] == "failed"
+    assert "cannot be written: File too large" in events[-1]["reason"]
+    assert events[-2]["event"] == "AtRest"
+    assert events[-2]["confirmed"]
+    with Run(Path(events[-1]["path"])) as file:
+        assert file.samples > 5_000
+        assert file.state == "crashed"
+        assert file.drive_v().max() == pytest.approx(5, abs=0.01)
+
+
+def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Path, monkeypatch: Any) -> None:
+    free = [300e6]
+
+    def usage(folder: Path) -> Any:
+        free[0] -= 4e6
+        return shutil._ntuple_diskusage(1e9, 1e9 - free[0], free[0])  # type: ignore[attr-defined]
+
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    with laboratory() as lab:
+        ran = run(SineDwell(), tmp_path, lab)
+    assert ran.status == Status.FAILED
+    assert "is full: 28 MB are left" in ran.reason
+    with Run(ran.path) as file:
+        assert file.status == Status.FAILED
+        assert len(file.points()["frequency"]) == len(ran.points) > 0
+
+
+@pytest.mark.skipif(
+    os.name == "nt" or (os.geteuid() == 0 and not Path("/proc").exists()), reason="needs a folder nobody may write"
+)
+def test_a_folder_that_cannot_be_written_is_a_sentence() -> None:
+    with pytest.raises(StoreError, match=r"cannot be created: .*; choose another folder"):
+        RunFile.new(Path("/proc/nowhere"), HEADER)
+
+
+def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
+    text, other, newer = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.h5"
+    text.write_text("hello")
+    with h5py.File(other, "w") as file:
+        file["x"] = 1
+    with h5py.File(newer, "w") as file:
+        file.attrs.update({"format": "tactor-bench-run", "format_version": 99})
+    for path, says in (
+        (tmp_path / "none.h5", "there is no file"),
+        (text, "cannot be read as a run file"),
+        (other, "not a run of this program"),
+        (newer, "run format 99; this program reads up to 1: install a newer version"),
+    ):
+        with pytest.raises(RunError, match=says):
+            Run(path)
+
+
+def test_two_runs_of_one_second_get_two_files(tmp_path: Path) -> None:
+    files = [new(tmp_path) for _ in range(3)]
+    assert len({file.path for file in files}) == 3
+    assert all("T-1-" in file.path.name for file in files)
+    for file in files:
+        file.finish(Status.COMPLETED, "")
+
+
+def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100,)), tmp_path, lab)
+    with Run(ran.path) as file:
+        before = file.raw("displacement").tobytes()
+    append_estimates(ran.path, [Estimate("quality factor", 2.4, 0.1, "1", "by hand")])
+    with Run(ran.path) as file:
+        assert file.raw("displacement").tobytes() == before
+        assert [e.name for e in file.estimates()] == ["quality factor"]
+
+
+def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100, 150)), tmp_path, lab)
+    with h5py.File(ran.path, "r") as file:
+        entry = file[file.attrs["default"]]
+        assert entry.attrs["NX_class"] == "NXentry"
+        data = entry[entry.attrs["default"]]
+        assert data.attrs["NX_class"] == "NXdata"
+        signal_name, (axis,) = data.attrs["signal"], data.attrs["axes"]
+        assert data[signal_name].shape == data[axis].shape == data[f"{signal_name}_errors"].shape == (2,)
+        assert data[signal_name].attrs["units"] == "m"
+        trace = entry["trace"]
+        scaled = trace["displacement"][:] * trace["displacement_scaling_factor"][()] + trace["displacement_offset"][()]
+        unitless = []
+        numbers = (entry["points"], entry["trace"], entry["instrument/displacement_sensor"])
+        for group in numbers:
+            unitless += [d.name for d in group.values() if d.dtype.kind in "fi" and "units" not in d.attrs]
+    assert unitless == []
+    with Run(ran.path) as run_:
+        assert scaled == pytest.approx(run_.displacement_m(), abs=1e-9)
+        assert set(run_.points()) == set(SinePoint.__slots__)
+
+
+def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:
+    """No object and no attribute is created while samples come in: that is what a kill damages."""
+    with contextlib.closing(h5py.File(new(tmp_path).path, "r", swmr=True)) as file:
+        names: list[Any] = []
+        file.visit(names.append)
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100,)), tmp_path / "b", lab)
+    with h5py.File(ran.path, "r") as file:
+        after: list[Any] = []
+        file.visit(after.append)
+        kept = json.loads(file["entry/configuration"].asstr()[()])
+    assert kept["amplifier"]["rest_v"] == 2.5
+    top = {name for name in after if name.count("/") < 2} - {name for name in names if name.count("/") < 2}
+    assert top <= {"entry/estimates"}

@@ -1,0 +1,151 @@
+"""The sine dwell on a simulated bench whose truth is known: what it measures is what is there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from app.session import header
+from model.parameters import Tactor
+from model.response import amplifier_response
+from protocols.protocol import rehearse
+from protocols.quality import Quality
+from protocols.runreader import Run
+from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell
+from tests.support import laboratory, run, simulated
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory):
+    with laboratory(simulated(seed=7)) as lab:
+        yield run(SineDwell(), tmp_path_factory.mktemp("runs"), lab)
+
+
+def test_all_eighteen_fundamentals_agree_with_the_model_within_three_standard_uncertainties(ran) -> None:
+    model = amplifier_response(Tactor(), np.array([p.frequency for p in ran.points]), 2.5)
+    assert [round(p.frequency) for p in ran.points] == list(PAPER_FREQUENCIES_HZ)
+    for point, truth in zip(ran.points, np.abs(model.fundamental), strict=True):
+        assert abs(point.fundamental - truth) < 3 * point.fundamental_errors, point.frequency
+
+
+def test_uncertainties_are_neither_too_small_nor_too_large(ran) -> None:
+    """18 normalised deviations: their rms is 1, give or take a third (three sigma of 1/sqrt(36) twice)."""
+    model = amplifier_response(Tactor(), np.array([p.frequency for p in ran.points]), 2.5)
+    z = [(p.fundamental - abs(m)) / p.fundamental_errors for p, m in zip(ran.points, model.fundamental, strict=True)]
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_phase_is_that_of_the_model_with_the_sensors_delay_removed(ran) -> None:
+    model = amplifier_response(Tactor(), np.array([p.frequency for p in ran.points]), 2.5)
+    for point, truth in zip(ran.points, np.angle(model.fundamental), strict=True):
+        assert abs(np.angle(np.exp(1j * (point.phase - truth)))) < 4 * point.phase_errors, point.frequency
+
+
+def test_peak_to_peak_shows_the_amplifiers_harmonics_near_half_the_resonance(ran) -> None:
+    """The table of the physics page: at 75 Hz max - min is 18 % above twice the fundamental, at 160 Hz they agree."""
+    ratio = {round(p.frequency): p.peak_to_peak / (2 * p.fundamental) for p in ran.points}
+    assert ratio[75] == pytest.approx(702.7 / 594.2, abs=0.01)
+    assert ratio[160] == pytest.approx(1115.7 / 1115.4, abs=0.01)
+    by_frequency = {round(p.frequency): p.peak_to_peak for p in ran.points}
+    for f, table_um in {25: 491.0, 50: 537.4, 75: 702.7, 100: 760.1, 150: 1154.2, 200: 596.8, 250: 291.8}.items():
+        noise_um = 1e6 * 3 * next(p.peak_to_peak_errors for p in ran.points if round(p.frequency) == f)
+        assert -0.5 < 1e6 * by_frequency[f] - table_um < noise_um + 0.5, f
+
+
+def test_every_point_records_drive_and_flags(ran) -> None:
+    for p in ran.points:
+        assert p.drive_amplitude == pytest.approx(2.5, abs=1e-3)
+        assert p.drive_offset == pytest.approx(2.5, abs=1e-3)
+        assert Quality(p.quality) is Quality.SIMULATED
+        assert p.cycles == pytest.approx(round(p.cycles), abs=0.1)
+        assert p.harmonics[1] / p.harmonics[0] == pytest.approx(p.thd, rel=0.2)
+
+
+def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
+    with Run(ran.path) as file:
+        found = {e.name: e for e in file.estimates()}
+    assert found["resonance frequency"].value == pytest.approx(158.31, abs=0.1)
+    assert found["damping ratio"].value == pytest.approx(0.2110, abs=0.001)
+
+
+def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
+    protocol = SineDwell()
+    with Run(ran.path) as file:
+        again = [protocol.point(recording, file.simulated) for recording in file.recordings()]
+        columns = file.points()
+    assert again == ran.points
+    assert columns["fundamental"].tolist() == [p.fundamental for p in ran.points]
+    assert columns["harmonics"].shape == (18, 8)
+
+
+def test_the_same_seed_gives_the_same_bytes_of_samples_and_another_does_not(tmp_path: Path) -> None:
+    raws = []
+    for seed in (3, 3, 4):
+        with laboratory(simulated(seed=seed)) as lab:
+            ran = run(SineDwell(frequencies_hz=(160,)), tmp_path, lab)
+        with Run(ran.path) as file:
+            raws.append(file.raw("displacement"))
+    assert np.array_equal(raws[0], raws[1])
+    assert not np.array_equal(raws[0], raws[2])
+
+
+def test_a_sensor_out_of_range_is_a_flag_and_never_counts(tmp_path: Path) -> None:
+    with laboratory(simulated(sensor={"range_m": 4.2e-4})) as lab:
+        ran = run(SineDwell(frequencies_hz=(25, 150)), tmp_path, lab)
+    quiet, loud = (Quality(p.quality) for p in ran.points)
+    assert quiet.usable
+    assert Quality.OUT_OF_RANGE in loud
+    assert not loud.usable
+
+
+def test_a_clipped_converter_is_a_flag(tmp_path: Path) -> None:
+    with laboratory(simulated(sensor={"gain_m_per_v": 2e-5, "range_m": 1e-3, "invalid_v": 12.0})) as lab:
+        ran = run(SineDwell(frequencies_hz=(150,)), tmp_path, lab)
+    assert Quality.CLIPPED in Quality(ran.points[0].quality)
+
+
+def test_what_does_not_settle_is_recorded_and_flagged(tmp_path: Path) -> None:
+    """Almost undamped, the tactor rings for seconds: half a second of patience is not enough."""
+    with laboratory(simulated(tactor={"c0": 1.0})) as lab:
+        protocol = SineDwell(frequencies_hz=(120,), settle_limit_s=0.5, record_s=0.2)
+        ran = run(protocol, tmp_path, lab)
+    assert Quality.UNSETTLED in Quality(ran.points[0].quality)
+    assert ran.status == "completed"
+
+
+def test_rehearsal_tells_what_the_run_then_needs(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        told = rehearse(SineDwell(), lab.bench.amplifier)
+        begin = lab.bench.clock.now()
+        ran = run(SineDwell(), tmp_path, lab)
+        took = lab.bench.clock.now() - begin
+    assert told.duration_s == pytest.approx(took, rel=0.25)
+    assert told.file_bytes == pytest.approx(ran.path.stat().st_size, rel=0.35)
+    assert (told.lowest_specimen_v, told.highest_specimen_v) == (-500, 1500)
+    assert told.entries == 18
+    assert "250 Hz" in told.worst
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"frequencies_hz": (100, 3000)}, "less than or equal to 2000"),
+        ({"frequencies_hz": ()}, "at least 1"),
+        ({"frequencies_hz": (1500,)}, "too low for a sine of 1500 Hz; at least 6000 Hz is needed"),
+        ({"peak_to_peak_v": 5.1}, "less than or equal to 5"),
+        ({"record_s": float("nan")}, "finite"),
+        ({"voltage": 3}, "Extra inputs are not permitted"),
+    ],
+)
+def test_parameters_outside_their_range_are_refused(settings: dict, says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        SineDwell(**settings)
+
+
+def test_the_header_names_everything_a_reader_needs() -> None:
+    with laboratory() as lab:
+        told = header(SineDwell(), lab.bench, "T9")
+    assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
+    assert told.bench["identities"]["generator"].startswith("Keysight")
+    assert told.simulated

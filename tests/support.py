@@ -1,0 +1,100 @@
+"""A simulated bench for tests, and a run on it whose volts are looked at afterwards, whatever the test was about."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from app.build import Laboratory, connect
+from app.config import BenchConfig, load_bench
+from app.session import header
+from protocols.events import Event, PointMeasured, Status
+from protocols.protocol import Protocol
+from protocols.runfile import RunFile
+from protocols.runner import Runner
+from sim_hardware.history_report import HistoryReport
+
+STEP_V = 0.05
+"""Largest jump the guard's limits allow; what is measured on the plant's grid may exceed it by rounding only."""
+
+
+@dataclass
+class Ran:
+    """What became of a run."""
+
+    status: Status
+    reason: str
+    path: Path
+    events: list[Event]
+    report: HistoryReport
+    laboratory: Laboratory
+
+    @property
+    def points(self) -> list[Any]:
+        return [event.point for event in self.events if isinstance(event, PointMeasured)]
+
+    def kinds(self) -> list[str]:
+        return [type(event).__name__ for event in self.events]
+
+
+def simulated(**truth: Any) -> BenchConfig:
+    """The bench file that comes with the program, with parts of its truth replaced: `sensor={"noise_m": 0.0}`."""
+    config = load_bench("sim")
+    record = dict(config.simulation or {})
+    for name, value in truth.items():
+        record[name] = {**record.get(name, {}), **value} if isinstance(value, dict) else value
+    return config.model_copy(update={"simulation": record})
+
+
+def volts_are_safe(report: HistoryReport) -> None:
+    """What every run owes the specimen, read from the volts that left the simulated generator."""
+    assert report.lowest_v >= -1e-9, report
+    assert report.highest_v <= 5 + 1e-9, report
+    assert report.largest_jump_v <= STEP_V + 1e-6, report
+    assert report.steepest_v_per_s <= 10_000, report
+    assert report.switched_at_rest, report
+    assert report.ends_at_rest, report
+
+
+@contextmanager
+def laboratory(config: BenchConfig | None = None) -> Iterator[Laboratory]:
+    with connect(config or simulated(), None) as lab:
+        yield lab
+
+
+@dataclass
+class Trigger:
+    """An observer that acts once, when `when` is true of an event."""
+
+    when: Callable[[Event], bool]
+    act: Callable[[], Any]
+    done: bool = field(default=False)
+
+    def __call__(self, event: Event) -> None:
+        if not self.done and self.when(event):
+            self.done = True
+            self.act()
+
+
+def run(
+    protocol: Protocol,
+    folder: Path,
+    lab: Laboratory,
+    *observers: Callable[[Event], None],
+    cancel: threading.Event | None = None,
+    safe: bool = True,
+    operator: Any = None,
+) -> Ran:
+    """Run a protocol on a virtual bench; unless the test says otherwise, the volts must have been safe."""
+    events: list[Event] = []
+    store = RunFile.new(folder, header(protocol, lab.bench, "T1"))
+    runner = Runner(
+        protocol, lab.bench, store, operator or lab.operator, [events.append, *observers], cancel or threading.Event()
+    )
+    status, reason = runner.run()
+    report = lab.control.report()
+    if safe:
+        volts_are_safe(report)
+    return Ran(status, reason, store.path, events, report, lab)
