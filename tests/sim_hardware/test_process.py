@@ -1,0 +1,116 @@
+"""The simulated bench in a process of its own: it starts, obeys, and never outlives its parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from drivers.clock import WallClock
+from drivers.drive import Sine
+from drivers.errors import BenchError
+from drivers.keysight_33500 import Keysight33500
+from drivers.nidaq import NiDigitizer
+from drivers.visa import VisaLink
+from sim_hardware.history_report import HistoryReport
+from sim_hardware.process import BenchProcess
+from sim_hardware.truth import BenchTruth
+
+ROOT = Path(__file__).parents[2]
+
+
+def gone(pid: int) -> bool:
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_both_wires_share_one_plant():
+    with BenchProcess(BenchTruth(), speed=10.0) as bench:
+        clock = WallClock(10.0)
+        link = VisaLink(bench.resource, timeout_s=2.0)
+        source = Keysight33500(link, clock)
+        source.prepare(2.5, 0.0, 5.0)
+        clock.sleep(0.2)
+        bench.enable_hv()
+        card = NiDigitizer("Dev1", ("ai0", "ai1"), clock, server=bench.server)
+        with card.stream(5e3, 500) as stream:
+            source.play(Sine(150.0, 2.5, 2.5, 300))
+            blocks = [stream.read() for _ in range(8)]
+        volts = stream.scales[0].volts(blocks[-1].raw[0])
+        metres = stream.scales[1].volts(blocks[-1].raw[1]) * 1e-4
+        assert volts.max() - volts.min() == pytest.approx(5.0, rel=0.01)
+        assert metres.max() - metres.min() == pytest.approx(1154e-6, rel=0.02)
+        clock.sleep(2.0)
+        report = bench.report()
+        assert isinstance(report, HistoryReport)
+        assert report.ends_at_rest
+        assert report.largest_jump_v < 1e-6
+        bench.disable_hv()
+        card.close()
+        link.close()
+        pid = bench.pid
+    assert gone(pid)
+
+
+def test_faults_by_name_and_refusals_as_errors():
+    with BenchProcess() as bench:
+        bench.inject("scpi-silent")
+        assert bench.control("faults") == ["scpi-silent"]
+        bench.clear()
+        assert bench.control("faults") == []
+        assert bench.control("now") > 0
+        with pytest.raises(BenchError, match="choose from"):
+            bench.inject("coffee")
+        with pytest.raises(BenchError, match="no verb"):
+            bench.control("explode")
+        with pytest.raises(BenchError, match="inject"):
+            bench.control("inject", colour="red")
+        os.kill(bench.pid, signal.SIGINT)  # Ctrl-C is not for the bench: the program needs it to come to rest
+        assert bench.control("now") > 0
+        os.kill(bench.pid, signal.SIGKILL)
+        with pytest.raises(BenchError, match="ended with code"):
+            bench.control("now")
+    with pytest.raises(BenchError, match="closed"):
+        bench.control("now")
+
+
+def test_it_dies_with_a_parent_that_was_killed():
+    script = (
+        "from sim_hardware.process import BenchProcess\nimport time\n"
+        "bench = BenchProcess()\nprint(bench.pid, flush=True)\ntime.sleep(60)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        assert psutil.pid_exists(pid)
+        parent.kill()
+    assert gone(pid)
+
+
+def test_a_wrong_configuration_is_refused_in_words():
+    request = '{"truth": {"sensor": {"gain": 1}}}\n'
+    answer = subprocess.run(
+        [sys.executable, "-m", "sim_hardware.serve"],
+        input=request,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=20,
+    )
+    assert answer.returncode == 2
+    assert "unknown gain" in answer.stdout
+
+
+def test_a_bench_that_cannot_start_says_why(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(BenchError, match="ended with code 1"):
+        BenchProcess()

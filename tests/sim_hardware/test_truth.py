@@ -1,0 +1,38 @@
+"""The truth of a bench goes through JSON unharmed, and nonsense is refused by name."""
+
+import json
+
+import pytest
+
+from model.skin import Skin
+from sim_hardware.truth import BenchTruth, CardTruth, GeneratorTruth
+
+
+def test_truth_survives_json():
+    truth = BenchTruth(
+        skin=Skin(1e4, 300.0), seed=7, generator=GeneratorTruth(clock_ppm=50.0), card=CardTruth(noise_v=0)
+    )
+    assert BenchTruth.from_record(json.loads(json.dumps(truth.as_record()))) == truth
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"sensor": {"gain": 1.0}}, r"truth\.sensor: unknown gain"),
+        ({"seed": 1.5}, "seed: expected a whole number"),
+        ({"amplifier": {"slew_v_per_s": "fast"}}, "slew_v_per_s: expected a finite number"),
+        ({"amplifier": {"slew_v_per_s": 0}}, "slew_v_per_s must be positive"),
+        ({"amplifier": {"enabled": 1}}, "enabled: expected true or false"),
+        ({"amplifier": {"map": {"rest_v": 9.0}}}, "rest 9.0 V"),
+        ({"tactor": {"L": -1}}, "half length"),
+        ({"card": {"coefficients": [1.0]}}, "coefficients"),
+        ({"card": {"coefficients": 3}}, "expected a list"),
+        ({"sensor": 3}, "expected a table"),
+        ({"speed": 0}, "speed must be positive"),
+        ({"sensor": {"gain_m_per_v": 0}}, "gain_m_per_v must not be 0"),
+        ({"sensor": {"delay_s": -1}}, "must not be negative"),
+    ],
+)
+def test_nonsense_is_refused_by_name(record, words):
+    with pytest.raises(ValueError, match=words):
+        BenchTruth.from_record(record)

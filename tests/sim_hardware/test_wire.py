@@ -1,0 +1,117 @@
+"""The generator on a socket, spoken to by real pyvisa."""
+
+import contextlib
+import socket
+import time
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.drive import Sine
+from drivers.errors import InstrumentError, LinkError
+from drivers.keysight_33500 import Keysight33500
+from drivers.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.truth import BenchTruth
+from sim_hardware.wire import ScpiServer
+
+
+@pytest.fixture
+def bench():
+    return VirtualBench(BenchTruth(speed=20.0))
+
+
+@pytest.fixture
+def server(bench):
+    with ScpiServer(bench.port, bench.truth.speed) as server:
+        bench.on_fault(server.poke)
+        yield server
+
+
+@pytest.fixture
+def link(server):
+    with contextlib.closing(VisaLink(server.resource, timeout_s=0.25)) as link:
+        yield link
+
+
+def ask(link: VisaLink, query: str) -> str:
+    link.write(query)
+    return link.read()
+
+
+def test_the_real_driver_plays_over_a_real_socket(bench, link):
+    source = Keysight33500(link, WallClock(20.0))
+    source.prepare(2.5, 0.0, 5.0)
+    time.sleep(0.02)  # the relays of the preparation settle: 0.4 bench seconds
+    bench.enable_hv()
+    source.play(Sine(100.0, 2.5, 2.5, 100))
+    bench.clock.sleep(1.5)
+    source.stop()
+    assert source.at_rest(2.5)
+    report = bench.report()
+    assert report.ends_at_rest
+    assert report.switched_at_rest
+    assert report.highest_v == pytest.approx(5.0, abs=1e-3)
+    assert report.largest_jump_v < 0.06
+
+
+def test_queries_are_quick(link):
+    begin = time.perf_counter()
+    for _ in range(50):
+        ask(link, "VOLT 1;:SYST:ERR?")
+    assert (time.perf_counter() - begin) / 50 < 0.01
+
+
+def test_one_connection_after_the_other(server):
+    for _ in range(5):
+        with contextlib.closing(VisaLink(server.resource, timeout_s=0.5)) as link:
+            assert ask(link, "*IDN?").startswith("Keysight")
+
+
+def test_lines_may_come_in_pieces_and_several_at_once(server):
+    with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
+        sock.sendall(b"FRE")
+        time.sleep(0.02)
+        sock.sendall(b"Q 50\nFREQ?\n*ID")
+        sock.sendall(b"N?\n")
+        with sock.makefile() as lines:
+            assert float(lines.readline()) == 50.0
+            assert lines.readline().startswith("Keysight")
+
+
+@pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-half", "scpi-garbled"])
+def test_faults_reach_the_driver_as_its_own_errors_and_mend(bench, link, fault):
+    source = Keysight33500(link, WallClock(20.0))
+    bench.inject(fault)
+    with pytest.raises(InstrumentError):
+        source.idle_v()
+    bench.clear(fault)
+    source.reconnect()
+    assert source.idle_v() == 0.0
+
+
+def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(bench, server, link):
+    bench.inject("scpi-dropped")
+    with pytest.raises(LinkError):
+        ask(link, "*IDN?")
+    deadline = time.monotonic() + 2.0
+    while time.monotonic() < deadline:
+        try:
+            socket.create_connection(("127.0.0.1", server.port), timeout=0.2).close()
+        except OSError:
+            break
+    else:
+        pytest.fail("the port still takes calls")
+    bench.clear("scpi-dropped")
+    time.sleep(0.02)
+    link.reopen()
+    assert ask(link, "*IDN?").startswith("Keysight")
+
+
+def test_closing_drops_the_callers(bench):
+    server = ScpiServer(bench.port)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
+        sock.sendall(b"*IDN?\n")
+        assert sock.recv(100)
+        server.close()
+        assert sock.recv(100) == b""
