@@ -163,7 +163,7 @@ def _run_headless(
         session = Session(lambda: connect(config, speed), [observer], ConsoleOperator())
         with _stop_on_signal(session):
             session.start()
-            session.run(protocol, options.out, options.specimen)
+            session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed")
             # In slices, because a wait without end would keep Python from seeing the signal.
             while not session.finished.wait(0.1):
                 pass

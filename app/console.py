@@ -3,8 +3,6 @@
 import json
 import sys
 import threading
-from collections.abc import Callable
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
@@ -95,9 +93,6 @@ class ConsoleObserver:
 class JsonObserver:
     """Every event but the blocks as one JSON object a line, in SI units."""
 
-    def __init__(self, write: Callable[[str], Any] = sys.stdout.write) -> None:
-        self._write = write
-
     def __enter__(self) -> "JsonObserver":
         return self
 
@@ -107,7 +102,7 @@ class JsonObserver:
         if isinstance(event, BlockTaken):
             return
         line = {"event": type(event).__name__, **event_record(event)}
-        self._write(json.dumps(line, default=str) + "\n")
+        sys.stdout.write(json.dumps(line, default=str) + "\n")
         sys.stdout.flush()
 
 

@@ -27,18 +27,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         options = _parser().parse_args(arguments)
-        code = int(options.command(options))
+        return int(options.command(options))
     except UsageError as error:
         sys.stderr.write(f"{PROGRAM}: {error}\n")
         return USAGE
     except KeyboardInterrupt:
         return FAILED
+
+
+def entry() -> NoReturn:
+    """The console script: `main`, and out."""
+    code = main()
     runfile = sys.modules.get("protocols.runfile")
     if runfile is not None and runfile.unclosable():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-    return code
+    sys.exit(code)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -60,8 +65,8 @@ def _parser() -> argparse.ArgumentParser:
         bench="sim",
         speed=None,
         seed=None,
-        out=Path("runs"),
-        specimen="unnamed",
+        out=None,
+        specimen=None,
     )
     known = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_Parser)
 
@@ -121,8 +126,8 @@ def _bench_options(parser: argparse.ArgumentParser) -> None:
     add("--bench", metavar="FILE|sim", help="bench file, or 'sim' (default) for the simulated bench")
     add("--speed", metavar="N|max", help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)")
     add("--seed", type=int, help="simulated bench only: seed of its noise")
-    add("--out", type=Path, help="folder for run files (default: runs)")
-    add("--specimen", help="name of the specimen (default: unnamed)")
+    add("--out", type=Path, help="folder for run files (default: runs; the window: the one used last)")
+    add("--specimen", help="name of the specimen (default: unnamed; the window: the one used last)")
 
 
 def _setting_option(parser: argparse.ArgumentParser) -> None:
@@ -137,4 +142,4 @@ def _setting_option(parser: argparse.ArgumentParser) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    entry()

@@ -156,7 +156,7 @@ class Bench:
                 if armed.energised:
                     armed.rest, lost = self._make_safe(armed)
                     if not armed.rest.confirmed:
-                        raise UnsafeError(f"{BY_HAND}. {armed.rest.words}") from failure
+                        raise UnsafeError(f"{BY_HAND}. What was measured: {armed.rest.words}") from failure
                 if failure is None and lost is not None:
                     raise lost
 

@@ -154,8 +154,9 @@ LIMITED = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-from app.main import main
-sys.exit(main(["run", "sine-dwell", "--speed", "max", "--json", "--out", sys.argv[1]]))
+from app.main import entry
+sys.argv = ["tactor-bench", "run", "sine-dwell", "--speed", "max", "--json", "--out", sys.argv[1]]
+entry()
 """
 
 

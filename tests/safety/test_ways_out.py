@@ -86,7 +86,7 @@ def program(folder: Path, *settings: str) -> Iterator[tuple[Program, ServedBench
             f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
             f'[sensor]\ndelay_s = "100 us"\n'
         )
-        command = [sys.executable, "-c", "import sys; from app.main import main; sys.exit(main())"]
+        command = [sys.executable, "-c", "from app.main import entry; entry()"]
         options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
         chosen = [part for setting in settings for part in ("--set", setting)]
         process = subprocess.Popen(

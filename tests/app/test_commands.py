@@ -1,0 +1,108 @@
+"""The command line: what it is asked, what it answers, and its exit code. In process, on the virtual clock."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.exits import DONE, FAILED, USAGE
+from app.main import main
+from protocols.runreader import Run
+
+SHORT = ["--set", "frequencies_hz=100, 160", "--set", "record_s=100 ms", "--set", "min_cycles=10"]
+
+
+def sim(folder: Path, *more: str) -> list[str]:
+    return ["run", "sine-dwell", "--speed", "max", "--out", str(folder), *SHORT, *more]
+
+
+def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(sim(tmp_path, "--specimen", "T9", "--seed", "5")) == DONE
+    told = capsys.readouterr().err
+    assert "SIMULATED" in told
+    assert "at rest: the card sees 2.500 V" in told
+    (file,) = tmp_path.glob("*_T9_sine-dwell.h5")
+    assert main(["show", str(file)]) == DONE
+    shown = capsys.readouterr().out
+    assert "Sine dwell of T9   SIMULATED" in shown
+    assert "completed: all points measured" in shown
+    assert "160.000" in shown
+    with Run(file) as run:
+        assert run.configuration["simulation"]["seed"] == 5
+
+
+def test_json_is_one_object_a_line_in_si_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(sim(tmp_path, "--json")) == DONE
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    point = next(e["point"] for e in events if e["event"] == "PointMeasured")
+    assert point["frequency"] == pytest.approx(100, abs=0.01)
+    assert point["fundamental"] == pytest.approx(362e-6, rel=0.01)
+    assert events[-1]["event"] == "RunEnded"
+    assert events[-1]["status"] == "completed"
+    assert main(["show", events[-1]["path"], "--json"]) == DONE
+    record = json.loads(capsys.readouterr().out)
+    assert record["points"]["fundamental"][0] == point["fundamental"]
+    assert record["units"]["fundamental"] == "m"
+
+
+def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--no-window", "--speed", "max", "--out", str(tmp_path)]) == DONE
+    (file,), (picture,) = tmp_path.glob("*.h5"), tmp_path.glob("*.png")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size > 20_000
+    assert file.stem == picture.stem
+    assert "No window: --no-window was given" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run", "cheese"], "there is no protocol 'cheese'; known are: sine-dwell"),
+        (["run", "sine-dwell", "--set", "volts=3"], "has no parameter 'volts'; it has:"),
+        (["run", "sine-dwell", "--set", "volts"], "write NAME=VALUE"),
+        (["run", "sine-dwell", "--set", "peak_to_peak_v=7 V"], "peak_to_peak_v: must be at most 5, not 7.0"),
+        (["run", "sine-dwell", "--set", "record_s=3 kg"], "record_s: '3 kg' is no quantity in s"),
+        (["run", "sine-dwell", "--speed", "99"], "--speed 99: give a number from 1 to 20, or 'max'"),
+        (["run", "sine-dwell", "--bench", "/nowhere.toml"], "cannot be read: No such file"),
+        (["--bench", "/nowhere.toml", "run", "sine-dwell"], "cannot be read: No such file"),
+        (["show", "/nowhere.h5"], "there is no file /nowhere.h5"),
+        (["dance"], "invalid choice: 'dance'"),
+        (["run", "sine-dwell", "--seed", "x"], "invalid int value: 'x'"),
+    ],
+)
+def test_bad_input_gets_one_clear_sentence_and_exit_code_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == USAGE
+    told = capsys.readouterr().err
+    assert says in told
+    assert "Traceback" not in told
+
+
+def test_speed_on_a_real_bench_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "bench.toml"
+    file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
+    assert main(["run", "sine-dwell", "--bench", str(file), "--speed", "2"]) == USAGE
+    assert "are for a simulated bench" in capsys.readouterr().err
+
+
+def test_a_missing_ni_driver_says_what_to_install(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "bench.toml"
+    file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
+    assert main(["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path)]) == FAILED
+    told = " ".join(capsys.readouterr().err.split())
+    assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in told
+    assert "--bench sim" in told
+
+
+def test_a_run_that_cannot_be_stored_fails_with_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(sim(Path("/proc/nowhere"))) == FAILED
+    assert "cannot be created" in " ".join(capsys.readouterr().err.split())
+
+
+def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("run", "window", "demo", "show"):
+        with pytest.raises(SystemExit) as left:
+            main([command, "--help"])
+        assert left.value.code == 0
+        assert "example: tactor-bench" in capsys.readouterr().out

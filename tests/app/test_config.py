@@ -1,0 +1,118 @@
+"""The bench file: units understood, every fault told at once with its line, nothing unknown accepted."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from app.config import BenchConfig, ConfigError, load_bench
+from app.units import UnitError, to_number
+from drivers.sensor import LaserSensor
+from sim_hardware.truth import BenchTruth
+
+
+def load(folder: Path, text: str) -> BenchConfig:
+    file = folder / "bench.toml"
+    file.write_text(text)
+    return load_bench(str(file))
+
+
+def test_the_bench_that_comes_with_the_program_names_its_whole_truth() -> None:
+    config = load_bench("sim")
+    assert config.simulated
+    assert set(config.simulation["tactor"]) == set(BenchTruth().tactor.__dataclass_fields__)
+    sensor = config.sensor.sensor
+    assert sensor.delay_s == pytest.approx(1e-4)
+    expected = LaserSensor(
+        "simulated laser displacement sensor", 1e-4, 0.0, -10, 10, sensor.delay_s, 0.002, "SIM-1", ""
+    )
+    assert sensor == expected
+
+
+def test_units_are_understood(tmp_path: Path) -> None:
+    config = load(tmp_path, '[generator]\nresource = "x"\ntimeout_s = "500 ms"\n[sensor]\ngain_m_per_v = "0.1 mm/V"\n')
+    assert config.generator.timeout_s == 0.5
+    assert config.sensor.gain_m_per_v == pytest.approx(1e-4)
+
+
+def test_every_fault_is_told_at_once_with_its_line(tmp_path: Path) -> None:
+    text = """name = "b"
+[generator]
+resorce = "x"
+timeout_s = "3 kg"
+[card]
+range_v = 30
+[sensor]
+gain_m_per_v = 0
+"""
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    told = str(caught.value)
+    for part in (
+        "line 3: generator.resorce: unknown key; remove it or correct its spelling",
+        "line 4: generator.timeout_s: '3 kg' is no quantity in s",
+        "line 6: card.range_v: must be at most 10, not 30",
+        "line 7: sensor: gain_m_per_v must not be 0",
+    ):
+        assert part in told
+    assert "Traceback" not in told
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[generator\n", "is not valid TOML"),
+        ("[generator]\n", "generator.resource is missing; give the VISA resource"),
+        (
+            '[generator]\nresource="x"\n[amplifier]\nrest_v = 7\n',
+            "rest 7.0 V must lie inside the input range 0.0..5.0 V",
+        ),
+        ('[generator]\nresource="x"\n[amplifier]\nslope_above = -1\n', "must be greater than 0, not -1"),
+        ("[simulation]\nsede = 3\n", "truth: unknown sede"),
+        ("[simulation.tactor]\nk2 = -1\n", "k2"),
+        ('[generator]\nresource="x"\n[sensor]\nvalid_low_v = 5\nvalid_high_v = 1\n', "must lie below valid_high_v"),
+        ('[generator]\nresource="x"\ndriver="hp"\n', "keysight-33500"),
+        ('[generator]\nresource="x"\ntimeout_s = nan\n', "timeout_s"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_a_sentence(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    assert says in str(caught.value)
+
+
+def test_a_missing_file_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read: No such file or directory; give a bench file or 'sim'"):
+        load_bench(str(tmp_path / "none.toml"))
+
+
+def test_no_configuration_type_accepts_an_unknown_key() -> None:
+    seen = [BenchConfig]
+    for model in seen:
+        assert model.model_config["extra"] == "forbid", model
+        for field in model.model_fields.values():
+            kind = field.annotation
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                seen.append(kind)
+    assert len(seen) == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "number"),
+    [
+        ("4", "V", 4),
+        ("4 V", "V", 4),
+        ("400 mV", "V", 0.4),
+        ("1.5 kHz", "Hz", 1500),
+        ("2 %", "1", 0.02),
+        ("1e-3", "s", 1e-3),
+    ],
+)
+def test_numbers_with_units(text: str, unit: str, number: float) -> None:
+    assert to_number(text, unit) == pytest.approx(number)
+
+
+@pytest.mark.parametrize("text", ["4 kg", "four", "", "4 V V V!", "1/0", "__import__('os')"])
+def test_what_is_no_quantity_is_a_sentence(text: str) -> None:
+    with pytest.raises(UnitError, match=r"'.*' is no (quantity|number)"):
+        to_number(text, "V")

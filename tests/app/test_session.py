@@ -1,0 +1,102 @@
+"""A session: one bench, runs one after the other, every end told, the thread gone afterwards."""
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+
+from app.build import connect
+from app.session import BenchFailed, BenchOpened, Refused, Session, State
+from drivers.errors import InstrumentError
+from protocols.events import PointMeasured, RunEnded, Status
+from protocols.sine_dwell import SineDwell
+from tests.support import Trigger, simulated, volts_are_safe
+
+SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
+
+
+class Nobody:
+    def show(self, ask_id: int, prompt: object) -> None:
+        raise AssertionError("the simulated operator answers")
+
+    def answer(self, ask_id: int) -> str | None:
+        return None
+
+
+def session(events: list, *observers: Callable) -> tuple[Session, list]:
+    laboratories: list = []
+
+    @contextmanager
+    def opened():
+        with connect(simulated(), None) as lab:
+            laboratories.append(lab)
+            yield lab
+
+    return Session(opened, [events.append, *observers], Nobody()), laboratories
+
+
+def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
+    events: list = []
+    one, laboratories = session(events)
+    one.start()
+    for _ in range(2):
+        one.run(SHORT, tmp_path, "T1")
+        assert one.finished.wait(30)
+        assert one.outcome == (Status.COMPLETED, "all points measured")
+        assert one.state is State.IDLE
+    assert one.close(10)
+    assert one.state is State.CLOSED
+    assert isinstance(events[0], BenchOpened)
+    assert len([e for e in events if isinstance(e, RunEnded)]) == 2
+    assert len(list(tmp_path.glob("*.h5"))) == 2
+    volts_are_safe(laboratories[0].control.report())
+
+
+def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
+    events: list = []
+    one, laboratories = session(events)
+    hit = Trigger(lambda e: isinstance(e, PointMeasured), lambda: None)
+    one = Session(one._connect, [events.append, hit], Nobody())
+    one.start()
+    one.run(SineDwell(), tmp_path, "T1")
+    deadline = time.monotonic() + 20
+    while not hit.done and time.monotonic() < deadline:
+        pass
+    assert one.close(20)
+    assert one.outcome is not None
+    assert one.outcome[0] == Status.STOPPED
+    volts_are_safe(laboratories[0].control.report())
+
+
+def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) -> None:
+    @contextmanager
+    def absent():
+        raise InstrumentError("the generator is not there; switch it on")
+        yield
+
+    events: list = []
+    one = Session(absent, [events.append], Nobody())
+    one.start()
+    one.run(SHORT, tmp_path, "T1")
+    assert one.finished.wait(10)
+    assert one.outcome is None
+    assert one.state is State.NO_BENCH
+    assert events == [BenchFailed("the generator is not there; switch it on")]
+    assert one.close(10)
+    one.run(SHORT, tmp_path, "T1")
+    assert one.finished.is_set()
+
+
+def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path: Path) -> None:
+    events: list = []
+    one, _ = session(events)
+    one.start()
+    one.run(SHORT, Path("/proc/nowhere"), "T1")
+    assert one.finished.wait(20)
+    assert isinstance(events[-1], Refused)
+    assert one.outcome is not None
+    assert "cannot be created" in one.outcome[1]
+    one.run(SHORT, tmp_path, "T1")
+    assert one.finished.wait(30)
+    assert one.outcome[0] == Status.COMPLETED
+    assert one.close(10)
