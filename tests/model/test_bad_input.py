@@ -45,8 +45,8 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: skin(M, -0.01), ("delta", "-0.01", "at least 0")),
     (lambda: skin(M, 0.01, contact_length=0.0), ("contact_length", "0 m", "greater than 0")),
     (lambda: skin(Membrane(c_s_delta=-5e4), 0.01), ("c_s", "-335", "at least 0")),
-    (lambda: poles(T, n=2), ("n (", "is 2", "from 3 to 60")),
-    (lambda: poles(T, n=61), ("is 61", "from 3 to 60")),
+    (lambda: poles(T, n=2), ("n (", "is 2", "from 3 to 300")),
+    (lambda: poles(T, n=301), ("is 301", "from 3 to 300")),
     (lambda: poles(T, n=7.5), ("7.5", "whole number")),  # type: ignore[arg-type]
     (lambda: poles(T, n=True), ("True", "whole number")),
     (lambda: convergence(T, n=(2, 7)), ("is 2", "from 3")),

@@ -9,7 +9,7 @@ from model.drive import sampled_series, series
 from model.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.parameters import Membrane, Tactor
 from model.poles import modal_form, receptance
-from model.response import amplifier_response, frequency_response, modal, periodic_response, poles, system
+from model.response import amplifier_response, frequency_response, modal, peak_to_peak, periodic_response, poles, system
 from model.skin import Skin, skin
 from model.time import march
 
@@ -70,7 +70,7 @@ def test_mode_shapes_are_orthonormal_in_mass() -> None:
         phi = mode_shapes(t, (a + b) / 2 + (b - a) / 2 * x, n=14)
         total = total + rho * (phi * w * (b - a) / 2) @ phi.T
     assert total == pytest.approx(np.eye(3), abs=1e-9)
-    assert (mode_shapes(t, t.L) > 0).all()
+    assert all((mode_shapes(t, t.L, n=n) > 0).all() for n in range(3, 20))
 
 
 @pytest.mark.parametrize(
@@ -110,6 +110,13 @@ def test_periodic_response_is_what_time_stepping_settles_to(waveform: str) -> No
         abs(r.harmonics[0, 1:]) * np.sin(np.outer(one, k) + np.angle(r.harmonics[0, 1:]))
     ).sum(1)
     assert rebuilt == pytest.approx(w, abs=5e-3 * np.ptp(w))
+
+
+def test_peak_to_peak_finds_the_peak_between_its_samples() -> None:
+    phases = np.linspace(0, 1, 7)
+    W = np.zeros((7, 33), complex)
+    W[:, 0], W[:, 1] = 5.0, np.exp(1j * phases)
+    assert peak_to_peak(W) == pytest.approx(2, rel=1e-10)
 
 
 def test_any_periodic_drive_from_its_samples() -> None:

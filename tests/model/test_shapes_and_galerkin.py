@@ -116,6 +116,12 @@ def test_convergence_to_forty_shapes(on: Skin | None) -> None:
     assert c.worst[-1] < 2e-5
 
 
+def test_convergence_does_not_end_at_forty() -> None:
+    c = convergence(Tactor(), None, np.arange(1.0, 501, 25), n=(40, 80, 150, 300))
+    assert (np.diff(c.worst) < 0).all()
+    assert c.worst[-1] < 1e-7
+
+
 def test_every_further_shape_lowers_the_first_frequency() -> None:
     """Rayleigh-Ritz, n by n, down to the eleventh digit."""
     f = np.array([natural_frequencies(Tactor(), n=n)[0] for n in range(3, 61)])

@@ -5,7 +5,7 @@ import pytest
 
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
-from model.skin import point_stiffness, skin
+from model.skin import _g, point_stiffness, skin
 
 M = Membrane()
 
@@ -82,3 +82,10 @@ def test_pre_stretch_carries_the_weight() -> None:
     taut = sag(M, delta=0.03)
     assert taut.centre_m == pytest.approx(taut.linear_m, rel=1e-3)
     assert taut.centre_m < 0.05 * sag(M).centre_m
+
+
+def test_series_meets_the_closed_form() -> None:
+    """Both sides of u = 0.1 against tanh itself, to the digits that tanh leaves."""
+    for u2 in (4e-3, 9.9e-3, 1.01e-2, 3e-2):
+        u = np.sqrt(np.longdouble(u2))
+        assert float(_g(np.asarray(u2))) == pytest.approx(float(3 * (1 - np.tanh(u) / u) / u**2), rel=3e-12)

@@ -55,6 +55,18 @@ def test_sweep_through_the_amplifier() -> None:
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
 
 
+def test_sweep_around_an_offset_begins_at_its_deflection() -> None:
+    T, rate, hold = 0.2, 100_000, 20_000
+    t = np.arange(int(T * rate) + 1) / rate
+    u = 3.2 + 1.5 * np.sin(2 * np.pi * (50 * t + 250 * t**2 / (2 * T)))
+    sampled = sampled_response(Tactor(), AmplifierMap().specimen_v(np.concatenate((np.full(hold, 3.2), u))), rate)[
+        hold:
+    ]
+    w = sweep_response(Tactor(), t[::7], 50.0, 300.0, T, amplitude_v=1.5, offset_v=3.2, orders=32)
+    assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
+    assert w[0] == pytest.approx(600 * 0.7 * voltage_gain(Tactor()), rel=1e-2)
+
+
 def test_the_papers_slow_sweep_is_a_steady_state_at_every_moment() -> None:
     """300 s from 25 to 525 Hz: around 250 s the amplitude is that of the frequency response."""
     at = 270.0 + np.linspace(0, 0.01, 400)

@@ -58,6 +58,8 @@ def test_a_late_answer_is_taken_for_the_next_one_unless_the_link_is_cleared(benc
     bench.clock.sleep(5.0)
     link.write("*IDN?")
     assert link.read().startswith("+1.0000")  # the answer to FREQ?
+    link.write("VOLT?")
+    assert link.read().startswith("Keysight")  # and so on, one behind
     link.clear()
     link.write("*IDN?")
     assert link.read().startswith("Keysight")
@@ -81,6 +83,7 @@ def test_power_loss_and_a_pulled_cable_drop_the_amplifiers_input(bench, source):
     bench.inject("drive-cable-off")
     bench.clock.sleep(0.5)
     source.move(3.0, 0.1)  # the generator does not notice
+    assert bench.report().end_v == 0.0
     bench.clear("drive-cable-off")
     bench.clock.sleep(0.1)
     assert float(bench.history.volts([bench.clock.now()])[0]) == 3.0
