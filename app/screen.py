@@ -5,24 +5,32 @@ import importlib.util
 import os
 import sys
 
-# What PySide6-Essentials loads on Linux, and the Debian and Ubuntu package that holds it.
+# What PySide6-Essentials 6.11 needs of the system on Linux (its libraries' NEEDED entries, without what pip brings), and
+# the Debian and Ubuntu package that holds it.
 LIBRARIES = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
+    "libX11.so.6": "libx11-6",
     "libxkbcommon.so.0": "libxkbcommon0",
     "libdbus-1.so.3": "libdbus-1-3",
     "libfontconfig.so.1": "libfontconfig1",
+    "libfreetype.so.6": "libfreetype6",
     "libglib-2.0.so.0": "libglib2.0-0",
 }
 ON_X11 = {
+    "libX11-xcb.so.1": "libx11-xcb1",
     "libxcb-cursor.so.0": "libxcb-cursor0",
     "libxcb-icccm.so.4": "libxcb-icccm4",
-    "libxcb-keysyms.so.1": "libxcb-keysyms1",
-    "libxcb-shape.so.0": "libxcb-shape0",
-    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
     "libxcb-image.so.0": "libxcb-image0",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-randr.so.0": "libxcb-randr0",
     "libxcb-render-util.so.0": "libxcb-render-util0",
-    "libxcb-xinerama.so.0": "libxcb-xinerama0",
+    "libxcb-shape.so.0": "libxcb-shape0",
+    "libxcb-sync.so.1": "libxcb-sync1",
+    "libxcb-util.so.1": "libxcb-util1",
+    "libxcb-xfixes.so.0": "libxcb-xfixes0",
+    "libxcb-xkb.so.1": "libxcb-xkb1",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
 }
 
 
@@ -37,7 +45,8 @@ def missing_libraries() -> list[str]:
     """Debian packages without which Qt would not load here; empty where all is well."""
     if not sys.platform.startswith("linux"):
         return []
-    wanted = LIBRARIES | (ON_X11 if os.environ.get("DISPLAY") else {})
+    on_x11 = os.environ.get("DISPLAY") and os.environ.get("QT_QPA_PLATFORM", "xcb") == "xcb"
+    wanted = LIBRARIES | (ON_X11 if on_x11 else {})
     return [package for library, package in wanted.items() if not _loads(library)]
 
 

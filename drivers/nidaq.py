@@ -35,7 +35,7 @@ REMEDIES = {
     -88705: "the card is not connected; check its USB cable and power",
     -201003: "the card was disconnected; check its USB cable and power",
     -50103: "the card is in use by another task or program; close that first",
-    -200077: "the card cannot do this setting; correct range or channel in the bench file",
+    -200077: "the card cannot do this setting; correct rate, range or channel",
     -200081: "the card cannot sample that fast; lower the rate",
     -200332: "the card cannot sample that fast; lower the rate",
     -200170: "no such channel on this card; correct it in the bench file",

@@ -4,6 +4,7 @@ Sign and phase: a component of order k is `|F_k| sin(2 pi k f t + arg F_k)` with
 """
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,9 @@ Array = NDArray[np.float64]
 
 NYQUIST_SHARE = 0.45
 """Harmonics above this share of the sample rate are not fitted: they cannot be told from aliases."""
+
+PIECE = 1 << 16
+"""Samples of a basis held in memory at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +65,17 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
     n = len(samples)
     if n <= unknowns:
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
-    basis = _basis(n, rate_hz, frequency_hz, orders)
     # The basis is nearly orthogonal over whole cycles, so the normal equations lose nothing.
-    solution = np.linalg.solve(basis @ basis.T, basis @ samples)
-    residual = samples - solution @ basis
-    noise = float(np.sqrt(residual @ residual / (n - unknowns)))
+    gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    for part, basis in _pieces(n, rate_hz, frequency_hz, orders):
+        gram += basis @ basis.T
+        moment += basis @ samples[part]
+    solution = np.linalg.solve(gram, moment)
+    left = 0.0
+    for part, basis in _pieces(n, rate_hz, frequency_hz, orders):
+        residual = samples[part] - solution @ basis
+        left += float(residual @ residual)
+    noise = float(np.sqrt(left / (n - unknowns)))
     sines, cosines = solution[2::2], solution[3::2]
     return SineFit(
         frequency_hz=frequency_hz,
@@ -82,31 +92,42 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
 
     The source and the card have clocks of their own, up to 50 ppm apart.
     """
-    centred = (np.arange(len(samples)) - 0.5 * (len(samples) - 1)) / rate_hz
+    n = len(samples)
     for _ in range(4):
-        basis = _basis(len(samples), rate_hz, frequency_hz, 1)
-        s, c = np.linalg.solve(basis @ basis.T, basis @ samples)[2:]
-        slope = centred * (s * basis[3] - c * basis[2]) * 2 * np.pi
-        extended = np.vstack([basis, slope])
-        step = float(np.linalg.solve(extended @ extended.T, extended @ samples)[4])
+        amplitude = fit_sine(samples, rate_hz, frequency_hz).fundamental
+        s, c = amplitude.real, amplitude.imag
+        gram, moment = np.zeros((5, 5)), np.zeros(5)
+        for part, basis in _pieces(n, rate_hz, frequency_hz, 1):
+            centred = (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
+            slope = 2 * np.pi * centred * (s * basis[3] - c * basis[2])
+            extended = np.vstack([basis, slope])
+            gram += extended @ extended.T
+            moment += extended @ samples[part]
+        step = float(np.linalg.solve(gram, moment)[4])
         frequency_hz += step
         if abs(step) < 1e-9 * frequency_hz:
             break
     return frequency_hz
 
 
-def _basis(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Array:
-    """Rows: 1, t scaled to -1..1, then sin and cos of each order; (2 + 2 orders, n)."""
-    basis = np.empty((2 + 2 * orders, n))
-    basis[0] = 1.0
-    basis[1] = np.linspace(-1.0, 1.0, n)
-    turn = np.exp(2j * np.pi * frequency_hz / rate_hz * np.arange(n))
-    power = np.ones(n, complex)
-    for k in range(orders):
-        power = power * turn
-        basis[2 + 2 * k] = power.imag
-        basis[3 + 2 * k] = power.real
-    return basis
+def _pieces(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Iterator[tuple[slice, Array]]:
+    """The fit's basis in pieces, so that a long record at a high rate costs no memory.
+
+    Rows of a piece: 1, t scaled to -1..1 over the whole record, then sin and cos of each order.
+    """
+    for start in range(0, n, PIECE):
+        part = slice(start, min(start + PIECE, n))
+        k = np.arange(part.start, part.stop)
+        basis = np.empty((2 + 2 * orders, len(k)))
+        basis[0] = 1.0
+        basis[1] = 2 * k / (n - 1) - 1
+        turn = np.exp(2j * np.pi * frequency_hz / rate_hz * k)
+        power = np.ones(len(k), complex)
+        for order in range(orders):
+            power = power * turn
+            basis[2 + 2 * order] = power.imag
+            basis[3 + 2 * order] = power.real
+        yield part, basis
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,8 +17,11 @@ from drivers.errors import BenchError
 from drivers.keysight_33500 import Keysight33500
 from drivers.nidaq import NiDigitizer
 from drivers.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.faults import FAULTS
 from sim_hardware.history_report import HistoryReport
 from sim_hardware.process import BenchProcess
+from sim_hardware.served import ServedBench
 from sim_hardware.truth import BenchTruth
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +84,18 @@ def test_faults_by_name_and_refusals_as_errors():
             bench.control("now")
     with pytest.raises(BenchError, match="closed"):
         bench.control("now")
+
+
+def test_a_closed_service_does_not_come_back_with_the_next_fault():
+    bench = VirtualBench()
+    with ServedBench(bench) as served:
+        assert served.control("report")["live_s"] == 0.0
+    for fault in FAULTS:
+        bench.inject(fault)
+    bench.clear()
+    for port in (served.scpi.port, served.card.port):
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), timeout=0.5)
 
 
 def test_it_dies_with_a_parent_that_was_killed():

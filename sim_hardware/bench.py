@@ -1,0 +1,124 @@
+"""The simulated bench: one clock, one history, one plant, and the instruments that share them."""
+
+from collections.abc import Callable
+
+from drivers.clock import Clock, WallClock
+from sim_hardware.card import Card
+from sim_hardware.digitizer import SimDigitizer
+from sim_hardware.direct import DirectLink
+from sim_hardware.faults import Faults
+from sim_hardware.generator import Generator, Make
+from sim_hardware.history import History
+from sim_hardware.history_report import HistoryReport, report_on
+from sim_hardware.keysight_33500 import Keysight33500
+from sim_hardware.plant import Plant
+from sim_hardware.port import Port
+from sim_hardware.scpi import Engine
+from sim_hardware.segments import Open, Segment
+from sim_hardware.truth import BenchTruth
+
+
+class _Cable:
+    """From the generator to the amplifier's input. Off, the input is pulled; the generator does not notice."""
+
+    def __init__(self, history: History, clock: Clock, pulled_v: float) -> None:
+        self._history = history
+        self._clock = clock
+        self._open = Open(pulled_v)
+        self._from_generator: Segment = self._open
+        self._plugged = True
+
+    def carry(self, make: Make) -> None:
+        """Put the generator's next segment on the line."""
+        with self._history.instant(self._clock) as t:
+            self._from_generator = make(t)
+            self._history.append(t, self._from_generator if self._plugged else self._open)
+
+    def plug(self, plugged: bool) -> None:
+        """Pull the plug or put it back."""
+        with self._history.instant(self._clock) as t:
+            self._plugged = plugged
+            self._history.append(t, self._from_generator if plugged else self._open)
+
+
+class VirtualBench:
+    """A bench that is not there.
+
+    Args:
+        truth: what it is made of.
+        clock: whose time it lives in; default is the wall clock at the truth's speed.
+    """
+
+    def __init__(self, truth: BenchTruth | None = None, clock: Clock | None = None) -> None:
+        self.truth = truth = truth or BenchTruth()
+        self.clock: Clock = clock or WallClock(truth.speed)
+        self.faults = Faults()
+        self.history = History(truth.amplifier.open_v)
+        self.plant = Plant(truth, self.history)
+        self.card = Card(truth, self.history, self.plant, self.faults)
+        self._cable = _Cable(self.history, self.clock, truth.amplifier.open_v)
+        g = truth.generator
+        self.generator = Generator(self._cable.carry, truth.seed, g.clock_ppm, g.relay_s, truth.amplifier.open_v)
+        self.generator.reset()
+        model = Keysight33500(
+            self.generator, self.clock.now, f"Keysight Technologies,{g.model},{g.serial},{g.firmware}"
+        )
+        engine = Engine(model)
+        model.report = engine.report
+        self.port = Port(engine, self.faults)
+        self._listeners: list[Callable[[], None]] = []
+        if truth.amplifier.enabled:
+            self.enable_hv()
+
+    def link(self, timeout_s: float = 2.0) -> DirectLink:
+        """A link to the generator in this process."""
+        g = self.truth.generator
+        return DirectLink(self.port, self.clock, f"{g.model} (simulated)", g.command_s, timeout_s)
+
+    def digitizer(self, buffer_s: float = 10.0) -> SimDigitizer:
+        """The card in this process."""
+        return SimDigitizer(self.card, self.clock, self.faults, buffer_s)
+
+    def enable_hv(self) -> None:
+        """The operator turns high voltage on."""
+        with self.history.instant(self.clock) as t:
+            self.history.switch(t, hv=True)
+
+    def disable_hv(self) -> None:
+        """The operator turns high voltage off."""
+        with self.history.instant(self.clock) as t:
+            self.history.switch(t, hv=False)
+
+    def on_fault(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after every break or repair."""
+        self._listeners.append(listener)
+
+    def inject(self, fault: str) -> None:
+        """Break something (`sim_hardware.faults.FAULTS`). Raises ValueError for an unknown name."""
+        if self.faults.active(fault):
+            return
+        self.faults.inject(fault, self.clock.now())
+        if fault == "generator-power-off":
+            self.generator.power(on=False)
+        elif fault == "drive-cable-off":
+            self._cable.plug(plugged=False)
+        for listener in self._listeners:
+            listener()
+
+    def clear(self, fault: str | None = None) -> None:
+        """Repair one fault, or all. A generator that gets its power back is in its factory state."""
+        for name in self.faults.all_active() if fault is None else (fault,):
+            if not self.faults.active(name):
+                continue
+            self.faults.clear(name, self.clock.now())
+            if name == "generator-power-off":
+                self.generator.power(on=True)
+            elif name == "drive-cable-off":
+                self._cable.plug(plugged=True)
+        for listener in self._listeners:
+            listener()
+
+    def report(self, tolerance_v: float = 0.02) -> HistoryReport:
+        """What the amplifier's input really saw until now."""
+        rest_v = self.truth.amplifier.map.rest_v
+        return report_on(self.history.pieces(), self.clock.now(), self.truth.plant_rate_hz, rest_v, tolerance_v)

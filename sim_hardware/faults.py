@@ -1,0 +1,69 @@
+"""What can be broken on a simulated bench, by name; each break and repair is stamped with bench time."""
+
+import math
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+FAULTS = {
+    "scpi-silent": "the generator neither obeys nor answers, its output goes on",
+    "scpi-late": "the generator obeys, but answers after the driver has given up",
+    "scpi-garbled": "the generator obeys, its answers arrive as rubbish",
+    "scpi-half": "the generator obeys, half of each answer arrives and no end of line",
+    "scpi-dropped": "the generator's connection is closed and no new one accepted",
+    "generator-power-off": "the generator loses mains: its output drops to the level the amplifier's input is pulled to",
+    "drive-cable-off": "the cable between generator and amplifier is off: the input is pulled down, the generator goes on",
+    "card-unplugged": "the card's USB cable is off",
+    "card-overrun": "the card's buffer was overwritten before it was read",
+    "sensor-out-of-range": "the laser sees no target and shows its out-of-range voltage",
+    "grpc-gone": "the server of the card has died",
+}
+"""Name and words of every fault."""
+
+
+class Faults:
+    """The faults of one bench and when each was present."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._spans: dict[str, list[list[float]]] = {}
+
+    def inject(self, name: str, t: float) -> None:
+        """Break `name` from bench time `t` on; nothing if it is broken already.
+
+        Raises:
+            ValueError: there is no such fault.
+        """
+        if name not in FAULTS:
+            raise ValueError(f"there is no fault {name!r}: choose from {', '.join(FAULTS)}")
+        with self._lock:
+            spans = self._spans.setdefault(name, [])
+            if not spans or spans[-1][1] < math.inf:
+                spans.append([t, math.inf])
+
+    def clear(self, name: str, t: float) -> None:
+        """Repair `name` at bench time `t`; nothing if it is not broken."""
+        with self._lock:
+            spans = self._spans.get(name, [])
+            if spans and math.isinf(spans[-1][1]):
+                spans[-1][1] = t
+
+    def active(self, name: str) -> bool:
+        """Whether `name` is broken now."""
+        with self._lock:
+            spans = self._spans.get(name, [])
+            return len(spans) > 0 and math.isinf(spans[-1][1])
+
+    def all_active(self) -> tuple[str, ...]:
+        """Everything that is broken now, in the order of `FAULTS`."""
+        return tuple(name for name in FAULTS if self.active(name))
+
+    def during(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether `name` was broken at bench times `t`, same shape."""
+        with self._lock:
+            spans = [tuple(span) for span in self._spans.get(name, [])]
+        broken = np.zeros(t.shape, bool)
+        for begin, end in spans:
+            broken |= (t >= begin) & (t < end)
+        return broken

@@ -1,0 +1,187 @@
+"""What a generator's output does between two changes: each segment knows its volts at any time, exactly.
+
+Times are absolute bench seconds. A segment carries its own origin, so that a burst keeps its phase when only its
+amplitude is changed, and a finite burst comes to its idle level without anybody telling it.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Segment(Protocol):
+    """One stretch of output."""
+
+    @property
+    def still_from_s(self) -> float:
+        """From this time on the output is constant; infinity if it never is."""
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        """Times at which the output may jump or change its formula."""
+
+    def volts(self, t: Array) -> Array:
+        """Volts at bench times `t`, shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A constant voltage."""
+
+    level_v: float
+
+    @property
+    def still_from_s(self) -> float:
+        return -math.inf
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return ()
+
+    def volts(self, t: Array) -> Array:
+        return np.full(np.shape(t), self.level_v)
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """The output relay is open or the box is dead: the amplifier's input is pulled to `pulled_v`."""
+
+    pulled_v: float = 0.0
+
+    @property
+    def still_from_s(self) -> float:
+        return -math.inf
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return ()
+
+    def volts(self, t: Array) -> Array:
+        return np.full(np.shape(t), self.pulled_v)
+
+
+@dataclass(frozen=True, slots=True)
+class Tone:
+    """A sine from `origin_s`, where its phase is `phase_rad`; after `cycles` it rests at `idle_v`.
+
+    `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once.
+    """
+
+    origin_s: float
+    frequency_hz: float
+    amplitude_v: float
+    offset_v: float
+    phase_rad: float
+    idle_v: float
+    cycles: float = math.inf
+    period_s: float = math.inf
+
+    @property
+    def end_s(self) -> float:
+        """When the (first) burst ends."""
+        return self.origin_s + self.cycles / self.frequency_hz
+
+    @property
+    def still_from_s(self) -> float:
+        return self.end_s if math.isinf(self.period_s) else math.inf
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return (self.end_s,) if math.isfinite(self.cycles) and math.isinf(self.period_s) else ()
+
+    def phase_at(self, t: float) -> float:
+        """Phase in radians at time `t` of the running sine."""
+        return math.remainder(self.phase_rad + 2 * math.pi * self.frequency_hz * (t - self.origin_s), 2 * math.pi)
+
+    def volts(self, t: Array) -> Array:
+        since = np.asarray(t, float) - self.origin_s
+        if math.isfinite(self.period_s):
+            since = np.mod(since, self.period_s)
+        wave = np.sin(2 * np.pi * self.frequency_hz * since + self.phase_rad) * self.amplitude_v + self.offset_v
+        if math.isfinite(self.cycles):
+            wave[since >= self.cycles / self.frequency_hz] = self.idle_v
+        return wave
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """A sine swept linearly from `start_hz` to `stop_hz` in `duration_s`; then it stays at the start frequency.
+
+    This is what a box does that was told to sweep once for each trigger: the sweep ends, the sine does not.
+    """
+
+    origin_s: float
+    start_hz: float
+    stop_hz: float
+    duration_s: float
+    amplitude_v: float
+    offset_v: float
+    phase_rad: float
+
+    @property
+    def still_from_s(self) -> float:
+        return math.inf
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return (self.origin_s + self.duration_s,)
+
+    def _turns(self, since: Array) -> Array:
+        swept = np.clip(since, 0.0, self.duration_s)
+        rate = (self.stop_hz - self.start_hz) / self.duration_s
+        return self.start_hz * swept + 0.5 * rate * swept**2 + self.start_hz * (since - swept)
+
+    def phase_at(self, t: float) -> float:
+        """Phase in radians at time `t`."""
+        turns = float(self._turns(np.asarray(t - self.origin_s)))
+        return math.remainder(self.phase_rad + 2 * math.pi * turns, 2 * math.pi)
+
+    def volts(self, t: Array) -> Array:
+        turns = self._turns(np.asarray(t, float) - self.origin_s)
+        return self.offset_v + self.amplitude_v * np.sin(2 * np.pi * turns + self.phase_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """A straight line from `start_v` at `origin_s` to `stop_v`, then held: a slow supply, a ramp by waveform."""
+
+    origin_s: float
+    start_v: float
+    stop_v: float
+    duration_s: float
+
+    @property
+    def still_from_s(self) -> float:
+        return self.origin_s + self.duration_s
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return (self.still_from_s,)
+
+    def volts(self, t: Array) -> Array:
+        return np.interp(t, [self.origin_s, self.still_from_s], [self.start_v, self.stop_v])
+
+
+@dataclass(frozen=True, slots=True)
+class Glitch:
+    """The output relay switches: `during_v` until `until_s`, and only then what was asked for."""
+
+    until_s: float
+    during_v: float
+    then: Segment
+
+    @property
+    def still_from_s(self) -> float:
+        return max(self.until_s, self.then.still_from_s)
+
+    @property
+    def knots_s(self) -> tuple[float, ...]:
+        return (self.until_s, *self.then.knots_s)
+
+    def volts(self, t: Array) -> Array:
+        return np.where(np.asarray(t, float) < self.until_s, self.during_v, self.then.volts(t))
