@@ -13,19 +13,6 @@ class Amplified(Protocol):
     def disable_hv(self) -> None: ...
 
 
-class SimOperator:
-    """Turns the simulated amplifier's high voltage on and off (drivers.bench.HighVoltageSwitch)."""
-
-    def __init__(self, bench: Amplified) -> None:
-        self._bench = bench
-
-    def disable(self) -> None:
-        self._bench.disable_hv()
-
-    def enable(self) -> None:
-        self._bench.enable_hv()
-
-
 class SimulatedOperator:
     """Answers a run's prompts (protocols.operator.Operator) by doing what `prompt.action` says."""
 

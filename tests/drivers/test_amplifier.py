@@ -34,6 +34,9 @@ class ScriptedSource:
     def idle_v(self) -> float:
         return self.level
 
+    def reconnect(self) -> None:
+        self.told.append("reconnect")
+
 
 def guard() -> tuple[HvAmplifier, ScriptedSource]:
     source = ScriptedSource()
@@ -100,6 +103,13 @@ def test_a_second_drive_starts_from_rest() -> None:
     amplifier.play(Sine(100, 1, 2.5, 1000))
     amplifier.play(Sine(50, 1, 2.5, 1000))
     assert source.told == [Sine(100, 1, 2.5, 1000), "stop", Sine(50, 1, 2.5, 1000)]
+
+
+def test_after_a_failed_wire_it_is_opened_anew_before_anything_is_told() -> None:
+    amplifier, source = guard()
+    source.level = 3.0  # whatever it was left at
+    amplifier.recover()
+    assert source.told == ["reconnect", "stop", Ramp(3.0, 2.5, 0.1)]
 
 
 def test_nobody_can_switch_anything_off() -> None:

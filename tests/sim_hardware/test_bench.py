@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from drivers.bench import HighVoltageSwitch
 from drivers.errors import InstrumentError, LinkError
 from drivers.keysight_33500 import Keysight33500
 from drivers.scpi import Link
+from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
+from protocols.steps import Prompt
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.faults import FAULTS
-from sim_hardware.operator import SimOperator
+from sim_hardware.operator import SimulatedOperator
 from sim_hardware.truth import AmplifierTruth, BenchTruth
 
 
@@ -111,14 +112,21 @@ def test_high_voltage_off_leaves_the_tactor_still(bench, source):
     assert bench.report().outside_rest_s == 0.0
 
 
-def test_the_simulated_operator_is_a_high_voltage_switch(bench):
-    switch: HighVoltageSwitch = SimOperator(bench)
+def test_the_simulated_operator_does_what_a_prompt_asks_and_leaves_what_it_does_not_understand(bench):
+    operator: Operator = SimulatedOperator(bench)
     bench.clock.sleep(1.0)
-    switch.enable()
+    operator.show(1, ENABLE_HIGH_VOLTAGE)
     bench.clock.sleep(1.0)
-    switch.disable()
+    operator.show(2, DISABLE_HIGH_VOLTAGE)
     bench.clock.sleep(1.0)
     assert bench.report().live_s == 1.0
+    assert [operator.answer(k) for k in (1, 1, 2)] == [
+        "done by the simulated operator",
+        None,
+        "done by the simulated operator",
+    ]
+    operator.show(3, Prompt("juggle", "Juggle."))
+    assert operator.answer(3) is None
 
 
 def test_the_direct_link_is_a_drivers_link(bench):
