@@ -43,6 +43,7 @@ class ConsoleObserver:
             expand=True,
         )
         self._task: TaskID | None = None
+        self._simulated = True
 
     def __enter__(self) -> "ConsoleObserver":
         self._progress.start()
@@ -55,6 +56,7 @@ class ConsoleObserver:
         say = self._progress.console.print
         match event:
             case BenchOpened(name, simulated, identities):
+                self._simulated = simulated
                 say(f"[bold]{name}[/]" + ("  [bold red]SIMULATED[/]" if simulated else ""))
                 for role, identity in identities.items():
                     say(f"  {role}: {identity}", highlight=False)
@@ -85,6 +87,10 @@ class ConsoleObserver:
                 )
                 if self._task is not None:
                     self._progress.update(self._task, description=str(event.status), left="")
+                if not self._simulated:
+                    say(
+                        "[bold yellow]High voltage may still be on: switch it off at the amplifier before you touch anything.[/]"
+                    )
                 say(f"[{colour}]{event.status}[/]: {event.reason}", highlight=False, soft_wrap=True)
             case BenchFailed(words) | Refused(words):
                 say(f"[bold red]error[/]: {words}", highlight=False, soft_wrap=True)

@@ -109,6 +109,8 @@ class Bench:
     record: Mapping[str, Any] = field(default_factory=dict)
     meters: Mapping[str, Meter] = field(default_factory=dict)
     name: str = "bench"
+    _switched_on: bool = field(default=False, init=False)
+    """Whether somebody has switched high voltage on since this bench was opened."""
 
     def close(self) -> None:
         """Let go of all instruments; the source's output stays at rest, on."""
@@ -174,9 +176,11 @@ class Bench:
                 f"not armed, high voltage stays disabled: {rest.words}. Check the cable from the generator to the amplifier "
                 "and to the card's drive channel"
             )
-        if not says_rest:
+        if not (says_rest and self._switched_on):
+            # Also where the source rests from an earlier session: nobody may be surprised by the first drive of a day.
             armed.energised = True
             switch.enable()
+            self._switched_on = True
             rest = self._watch(armed.read, armed.stream, PATIENCE_S)
             if not rest.confirmed:
                 raise BenchError(f"after high voltage was enabled, {rest.words}")

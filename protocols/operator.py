@@ -20,5 +20,5 @@ DISABLE_HIGH_VOLTAGE = Prompt(
 )
 ENABLE_HIGH_VOLTAGE = Prompt(
     "enable-high-voltage",
-    "Rest is measured at the amplifier's input. Hands off the specimen; switch the amplifier's high voltage ON.",
+    "Rest is measured at the amplifier's input. Hands off the specimen; the amplifier's high voltage must be ON now.",
 )

@@ -4,8 +4,14 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+from sim_hardware.bench import VirtualBench
+from sim_hardware.history_report import HistoryReport
+from sim_hardware.process import BenchProcess
+from tests.support import volts_are_safe
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter
 
@@ -22,3 +28,33 @@ def no_thread_left_behind() -> Iterator[None]:
             return
         left[0].join(0.05)
     raise AssertionError(f"the test left threads running: {[t.name for t in left]}")
+
+
+@pytest.fixture(autouse=True)
+def the_volts_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Whatever a test of the program was about: the volts that reached the simulated amplifier are looked at afterwards.
+
+    A test that takes the drive away on purpose says so with the marker `breaks_the_drive`.
+    """
+    if request.path.relative_to(Path(__file__).parent).parts[0] not in ("app", "protocols", "safety"):
+        yield
+        return
+    benches: list[VirtualBench] = []
+    reports: list[HistoryReport] = []
+    make, close = VirtualBench.__init__, BenchProcess.close
+
+    def made(self: VirtualBench, *arguments: object, **named: object) -> None:
+        make(self, *arguments, **named)  # type: ignore[arg-type]
+        benches.append(self)
+
+    def closed(self: BenchProcess) -> None:
+        if self._child.poll() is None and hasattr(self, "scpi_port"):
+            reports.append(self.report())
+        close(self)
+
+    monkeypatch.setattr(VirtualBench, "__init__", made)
+    monkeypatch.setattr(BenchProcess, "close", closed)
+    yield
+    if request.node.get_closest_marker("breaks_the_drive") is None:
+        for report in [*reports, *(bench.report() for bench in benches)]:
+            volts_are_safe(report)

@@ -106,6 +106,15 @@ def test_the_bench_is_silent_until_rest_was_measured_and_high_voltage_enabled(tm
     assert any(isinstance(e, Armed) for e in ran.events[:first_play])
 
 
+def test_a_bench_opened_anew_asks_before_its_first_drive_even_if_the_source_rests(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        run(SHORT, tmp_path, lab)
+        lab.bench._switched_on = False  # what a program that was started again knows
+        ran = run(SHORT, tmp_path, lab)
+    prompts = [event.prompt.action for event in ran.events if isinstance(event, Asked)]
+    assert prompts == ["enable-high-voltage"]
+
+
 def test_a_second_run_on_the_same_bench_needs_no_prompt(tmp_path: Path) -> None:
     with laboratory() as lab:
         run(SHORT, tmp_path, lab)
@@ -244,6 +253,7 @@ def test_what_the_bench_cannot_do_is_a_sentence(script: tuple, says: str, tmp_pa
     assert re.search(says, ran.reason)
 
 
+@pytest.mark.breaks_the_drive
 def test_no_drive_on_the_cards_channel_is_noticed(tmp_path: Path) -> None:
     with laboratory() as lab:
         pull = Trigger(lambda e: isinstance(e, Armed), lambda: lab.control.inject("drive-cable-off"))
