@@ -61,6 +61,7 @@ def test_captions_of_figures_4_to_8() -> None:
     assert printed / right == pytest.approx(7.6, abs=0.05)
     assert right < 0.77e-3 < printed
     assert np.interp(7.73e-3, ALL["fig5"].curves[0].x, curves("fig5")[0]) == pytest.approx(158.15, abs=0.05)
+    assert np.interp(7.73e-3, ALL["fig5"].curves[1].x, curves("fig5")[1]) == pytest.approx(113.7, abs=0.1)
     w = curves("fig6")[0]
     assert w[[0, 25, 50]] == pytest.approx([-500 * 2.37886e-7, 0, 1500 * 2.37886e-7], rel=1e-5, abs=1e-12)
     assert curves("fig8")[0, [0, -1]] == pytest.approx([165, 2211.9], rel=1e-4)

@@ -25,6 +25,23 @@ def test_sum_over_poles_is_the_plain_solve() -> None:
         assert frequency_response(Tactor(), f, on) == pytest.approx(np.array(plain), rel=1e-10)
 
 
+def test_any_mixture_of_real_and_complex_poles() -> None:
+    """Random symmetric systems from almost undamped to overdamped, one by one and as a stack."""
+    rng = np.random.default_rng(3)
+    G = rng.standard_normal((3, 300, 4, 6))
+    M, C, K = (g @ np.swapaxes(g, -1, -2) + 0.1 * np.eye(4) for g in G)
+    C = C * np.logspace(-3, 1, 300)[:, None, None]
+    B, c, w = rng.standard_normal((300, 4)), rng.standard_normal((300, 4)), np.array([0.0, 0.3, 1.0, 4.0])
+    stack = modal_form(M, C, K, B, c)
+    reals = (stack.poles.imag == 0).sum(-1)
+    assert {0, 2, 4} <= set(reals.tolist())
+    H = receptance(stack, w)
+    for i in range(300):
+        exact = [c[i] @ np.linalg.solve(K[i] + 1j * x * C[i] - x * x * M[i], B[i]) for x in w]
+        assert H[i] == pytest.approx(np.array(exact), rel=1e-7)
+        assert receptance(modal_form(M[i], C[i], K[i], B[i], c[i]), w) == pytest.approx(H[i], rel=1e-7)
+
+
 def test_critical_damping_keeps_its_digits() -> None:
     """Two poles that meet have residues that cancel; what is left must still be the response."""
     M, K, B = np.eye(3), np.diag([1.0, 4.0, 9.0]), np.ones(3)

@@ -116,6 +116,14 @@ def test_convergence_to_forty_shapes(on: Skin | None) -> None:
     assert c.worst[-1] < 2e-5
 
 
+def test_the_table_of_the_theory_page() -> None:
+    c = convergence(Tactor(), n=(3, 5, 7, 8, 10, 14, 20, 28, 40))
+    complex_error = [0.18, 0.010, 4.9e-3, 2.3e-3, 1.3e-3, 4.1e-4, 1.4e-4, 4.4e-5, 1.6e-5]
+    amplitude = [0.15, 8.2e-3, 3.6e-3, 1.9e-3, 9.7e-4, 3.3e-4, 1.1e-4, 3.6e-5, 1.3e-5]
+    assert c.worst == pytest.approx(complex_error, rel=0.05)
+    assert c.worst_amplitude == pytest.approx(amplitude, rel=0.05)
+
+
 def test_convergence_does_not_end_at_forty() -> None:
     c = convergence(Tactor(), None, np.arange(1.0, 501, 25), n=(40, 80, 150, 300))
     assert (np.diff(c.worst) < 0).all()

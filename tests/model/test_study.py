@@ -61,6 +61,14 @@ def test_any_variable_alone(name: str) -> None:
     assert abs(got[1] / got[0] - 1).max() > 1e-4
 
 
+def test_membrane_is_spread_over_the_contact_of_the_varied_tactor() -> None:
+    on = Specimen(membrane=Membrane(), delta=0.03)
+    got = Study({"L2": (1.2e-2, 1.7e-2)}, F, on, "receptance").run().values
+    for row, L2 in zip(got, (1.2e-2, 1.7e-2), strict=True):
+        t = Tactor(L2=L2)
+        assert row == pytest.approx(frequency_response(t, F, skin(Membrane(), 0.03, tactor=t)), rel=1e-9)
+
+
 def test_chunks_change_nothing() -> None:
     small = replace(GRID, memory_mb=1e-3)
     assert small.chunk < GRID.chunk
@@ -177,6 +185,14 @@ def test_sensitivity_finds_the_linear_truth() -> None:
     assert got.outputs == ("peak [m]", "frequency of peak [Hz]", "amplitude at 0.5 Hz [m]")
     assert got.first_order[2] == pytest.approx([1, 0], abs=0.02)
     assert got.total_order[2] == pytest.approx([1, 0], abs=0.02)
+
+
+def test_sensitivity_of_the_peak_is_to_damping() -> None:
+    """At the resonance c0 matters, far below it only mu does."""
+    got = sobol(Study({}, (1.0, 150.0)), {"mu": (-1.34e-5, -1.32e-5), "c0": (140.0, 180.0)}, samples=128)
+    assert got.first_order[0, 1] > 0.9
+    assert got.first_order[2, 0] > 0.9
+    assert got.first_order[3, 1] > 0.9
 
 
 def test_sensitivity_on_an_executor_is_the_same() -> None:

@@ -1,0 +1,83 @@
+"""Sag of the membrane under its own weight: bending, with the tension its own deflection makes (von Karman).
+
+Clamped at both ends, E I w'''' - T w'' = q with T = E A (delta + integral of w'^2 / (2 L)). Linear theory predicts a sag of
+thirteen thicknesses, far outside its own validity; stretching carries most of the weight.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from model.parameters import Membrane
+from model.quantity import Quantity
+from model.skin import PRE_STRETCH, point_stiffness
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.80665
+RUBBER_KG_M3 = 1000.0
+LOAD = Quantity("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
+
+
+@dataclass(frozen=True, slots=True)
+class Sag:
+    """Deflection of the membrane's centre."""
+
+    centre_m: float
+    linear_m: float
+    """What linear theory, without the tension of the deflection itself, would say."""
+    tension_n: float
+    stretch: float
+    """Pre-stretch and the stretch of the deflection together."""
+
+
+def weight(membrane: Membrane, density_kg_m3: float = RUBBER_KG_M3) -> float:
+    """Weight per length, N/m."""
+    return density_kg_m3 * GRAVITY * membrane.b_m * membrane.h_m
+
+
+def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.0) -> Sag:
+    """Sag under `load_n_per_m` (default: its own weight) at pre-stretch `delta`.
+
+    Raises:
+        ParameterError: a load or pre-stretch < 0 or not finite.
+    """
+    from scipy.optimize import brentq
+
+    q = float(LOAD.check(weight(membrane) if load_n_per_m is None else load_n_per_m))
+    delta = float(PRE_STRETCH.check(delta))
+
+    def excess(total: float) -> float:
+        return total - delta - _stretch(membrane, q, total)
+
+    most = delta + _stretch(membrane, q, delta)
+    total = most if q == 0 else float(brentq(excess, delta, most, xtol=1e-15, rtol=1e-13))
+    tension = membrane.E_m * membrane.b_m * membrane.h_m * total
+    return Sag(_centre(membrane, q, total), _centre(membrane, q, delta), tension, total)
+
+
+def _centre(m: Membrane, q: float, total: float) -> float:
+    """A uniform load deflects the centre as half of it would there: w = q L / (2 k_point), for any tension."""
+    return float(q * m.L_m / 2 / point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, total))
+
+
+def _stretch(m: Membrane, q: float, total: float) -> float:
+    """Mean of w'^2 / 2 of the beam whose total stretch is `total`.
+
+    With a = (L / 2) sqrt(T / E I) and s from the centre (-1..1), w' = q L^3 / (8 E I) [s - sinh(a s) / sinh a] / a^2.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    a2 = 3 * m.L_m**2 * total / m.h_m**2
+    slope = q * m.L_m**3 / (8 * m.E_m * m.b_m * m.h_m**3 / 12) * _slope(a2, nodes)
+    return float(weights @ slope**2 / 4)
+
+
+def _slope(a2: float, s: Array) -> Array:
+    if a2 < 1e-3:
+        # to a^4 in numerator and denominator; at a = 0 it is the cubic (s - s^3) / 6
+        return np.asarray(s * ((1 - s**2) / 6 + a2 * (1 - s**4) / 120) / (1 + a2 / 6 + a2**2 / 120))
+    a = np.sqrt(a2)
+    ratio = (np.exp(a * (s - 1)) - np.exp(-a * (s + 1))) / (1 - np.exp(-2 * a))
+    return np.asarray((s - ratio) / a2)

@@ -1,0 +1,138 @@
+"""The paper's Table I as validated values, and the letters of Eqs. (1)-(6) that follow from them.
+
+`Tactor` and `Membrane` are the scalar face: one specimen, checked when made. `Beam` carries the same letters as floats or
+as arrays of one shape; the numerics underneath take a `Beam`, so that a study of ten thousand specimens is one call.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import sqrt
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from annotated_types import Interval, Unit
+from numpy.typing import ArrayLike
+
+from model.quantity import ParameterError, quantities, validate
+
+Real = Any
+"""A float, or an array of floats: the formulas of this module do not care."""
+
+
+class Beam(NamedTuple):
+    """The letters of Eqs. (1)-(6), SI: floats, or arrays that broadcast to one shape."""
+
+    L: Real
+    L1: Real
+    L2: Real
+    rho1: Real
+    rho2: Real
+    eta: Real
+    c0: Real
+    k1: Real
+    k2: Real
+    mu: Real
+
+
+@dataclass(frozen=True, slots=True)
+class Tactor:
+    """One tactor, modelled as half a stepped beam from the clamp (x = 0) to the centre (x = L). Defaults: Table I.
+
+    Raises:
+        ParameterError: a value is not physical, or the order 0 < L1 < L2 < L is broken.
+    """
+
+    L: Annotated[float, Unit("m"), Interval(gt=0), "half length, clamp to centre"] = 2.2e-2
+    L1: Annotated[float, Unit("m"), Interval(gt=0), "end of the bare plate, where the MFC begins"] = 0.8e-2
+    L2: Annotated[float, Unit("m"), Interval(gt=0), "start of the cylinder's contact"] = 1.5e-2
+    b_Al: Annotated[float, Unit("m"), Interval(gt=0), "width of the aluminium plate"] = 2.0e-2
+    h_Al: Annotated[float, Unit("m"), Interval(gt=0), "thickness of the aluminium plate"] = 2.0e-4
+    rho1: Annotated[float, Unit("kg/m"), Interval(gt=0), "linear density of the bare plate"] = 1.13e-2
+    rho2: Annotated[float, Unit("kg/m"), Interval(gt=0), "linear density of plate and MFC"] = 2.50e-2
+    E_Al: Annotated[float, Unit("Pa"), Interval(gt=0), "Young modulus of aluminium"] = 69e9
+    k2: Annotated[float, Unit("N m^2"), Interval(gt=0), "bending stiffness of plate and MFC"] = 7.0e-3
+    mu: Annotated[float, Unit("N m/V"), Interval(), "piezoelectric moment per volt"] = -1.33e-5
+    c0: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "structural damping per length"] = 159.0
+    m_add: Annotated[float, Unit("kg"), Interval(ge=0), "mass added in the cylinder"] = 7.73e-3
+
+    def __post_init__(self) -> None:
+        validate(self)
+        check_order(self.L, self.L1, self.L2)
+
+    @property
+    def I_Al(self) -> float:
+        """Second moment of area of the plate's section, m^4."""
+        return self.b_Al * self.h_Al**3 / 12
+
+    @property
+    def k1(self) -> float:
+        """Bending stiffness of the bare plate, N m^2."""
+        return self.E_Al * self.I_Al
+
+    @property
+    def eta(self) -> float:
+        """Added mass per length of the third segment, kg/m; the cylinder sits on both halves of the beam."""
+        return self.m_add / (2 * (self.L - self.L2))
+
+    @property
+    def tau(self) -> float:
+        """Characteristic time sqrt(rho1 L^4 / k1), s; the paper prints it inverted (Sec. V-B)."""
+        return self.L**2 * sqrt(self.rho1 / self.k1)
+
+    @property
+    def c_bar(self) -> float:
+        """Characteristic damping k1 tau / L^4, kg/(m s) (Sec. V-B)."""
+        return self.k1 * self.tau / self.L**4
+
+    @property
+    def beam(self) -> Beam:
+        """The letters of Eqs. (1)-(6)."""
+        return Beam(self.L, self.L1, self.L2, self.rho1, self.rho2, self.eta, self.c0, self.k1, self.k2, self.mu)
+
+
+@dataclass(frozen=True, slots=True)
+class Membrane:
+    """The rubber membrane that stands for skin (Table I). Its pre-stretch is an argument where it is used.
+
+    Raises:
+        ParameterError: a value is not physical.
+    """
+
+    L_m: Annotated[float, Unit("m"), Interval(gt=0), "free length of the membrane"] = 1.7e-1
+    b_m: Annotated[float, Unit("m"), Interval(gt=0), "width of the membrane"] = 6.6e-2
+    h_m: Annotated[float, Unit("m"), Interval(gt=0), "thickness of the membrane"] = 1.4e-3
+    E_m: Annotated[float, Unit("Pa"), Interval(gt=0), "Young modulus of the membrane"] = 6.95e6
+    c_s_delta: Annotated[float, Unit("kg/(m s)"), Interval(), "skin damping gained per unit pre-stretch"] = 5.48e4
+    c_s_0: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "skin damping without pre-stretch"] = 165.0
+
+    def __post_init__(self) -> None:
+        validate(self)
+
+
+def check_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
+    """Raise ParameterError unless 0 < L1 < L2 < L everywhere (floats or arrays of one shape)."""
+    for (small, a), (large, b) in ((("L1", L1), ("L2", L2)), (("L2", L2), ("L", L))):
+        low, high = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
+        wrong = ~(low < high)
+        if wrong.any():
+            raise ParameterError(
+                f"{small} is {low[wrong].flat[0]:g} m but must be less than {large} = {high[wrong].flat[0]:g} m: "
+                f"the segments need 0 < L1 < L2 < L, so correct {small} or {large}"
+            )
+
+
+def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
+    """The letters for many tactors: `tactor` with the named fields replaced by arrays that broadcast together.
+
+    Raises:
+        ParameterError: a name is unknown, a value is not physical, or an order of lengths is broken.
+    """
+    known = {q.name: q for q in quantities(Tactor)}
+    for name in values:
+        if name not in known:
+            raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(known)}")
+    v = asdict(tactor) | {name: known[name].check(value) for name, value in values.items()}
+    check_order(v["L"], v["L1"], v["L2"])
+    k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
+    eta = v["m_add"] / (2 * (v["L"] - v["L2"]))
+    return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])

@@ -1,0 +1,103 @@
+"""Reads unit, limits and meaning of a parameter from its annotation, so that nobody writes a range twice.
+
+A field is `Annotated[float, Unit("m"), Interval(gt=0), "what it is"]`. Validation, forms, command-line options and file
+attributes all ask here.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any, get_type_hints
+
+import numpy as np
+from annotated_types import Interval, Unit
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class ParameterError(ValueError):
+    """A value that is not physical; the message names the parameter, the value, the limit and what to do."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Quantity:
+    """One parameter: its name, SI unit, limits, meaning and default (None where there is none)."""
+
+    name: str
+    unit: str
+    interval: Interval
+    words: str
+    default: float | None
+
+    @property
+    def limits(self) -> str:
+        """The limits as words, e.g. "greater than 0 m"; every quantity is finite besides."""
+        bounds = (
+            ("greater than", self.interval.gt),
+            ("at least", self.interval.ge),
+            ("less than", self.interval.lt),
+            ("at most", self.interval.le),
+        )
+        parts = [f"{word} {bound:g} {self.unit}".strip() for word, bound in bounds if isinstance(bound, int | float)]
+        return " and ".join(parts) or "finite"
+
+    def admits(self, values: ArrayLike) -> NDArray[np.bool_]:
+        """Where `values` (any shape) are finite and within the limits."""
+        v = np.asarray(values, float)
+        inside = np.asarray(np.isfinite(v))
+        limits: Any = self.interval
+        if limits.gt is not None:
+            inside &= v > limits.gt
+        if limits.ge is not None:
+            inside &= v >= limits.ge
+        if limits.lt is not None:
+            inside &= v < limits.lt
+        if limits.le is not None:
+            inside &= v <= limits.le
+        return inside
+
+    def check(self, values: object) -> Array:
+        """`values` as floats; raises ParameterError naming the first one that is no number, not finite or outside."""
+        try:
+            v = np.asarray(values)
+            if v.dtype.kind not in "iuf":
+                raise TypeError
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"{self.name} ({self.words}) is {values!r}: give a real number in {self.unit}"
+            ) from None
+        v = v.astype(float, copy=False)
+        inside = self.admits(v)
+        if not inside.all():
+            worst = float(v[~inside].flat[0])
+            raise ParameterError(
+                f"{self.name} ({self.words}) is {worst:g} {self.unit}: it must be {self.limits}; give a value in that range"
+            )
+        return v
+
+
+@cache
+def quantities(cls: type[Any]) -> tuple[Quantity, ...]:
+    """The annotated fields of dataclass `cls`, in order; fields without a Unit are left out."""
+    hints = get_type_hints(cls, include_extras=True)
+    return tuple(_read(cls, hints))
+
+
+def _read(cls: type[Any], hints: Mapping[str, Any]) -> Iterator[Quantity]:
+    for field in dataclasses.fields(cls):
+        marks = getattr(hints[field.name], "__metadata__", ())
+        unit = next((m.unit for m in marks if isinstance(m, Unit)), None)
+        if unit is None:
+            continue
+        interval = next((m for m in marks if isinstance(m, Interval)), Interval())
+        words = next((m for m in marks if isinstance(m, str)), field.name)
+        default = None if field.default is dataclasses.MISSING else field.default
+        yield Quantity(field.name, unit, interval, words, default)
+
+
+def validate(obj: object) -> None:
+    """Check every annotated field of the dataclass instance `obj`; raises ParameterError for the first that fails."""
+    cls: Any = type(obj)
+    for quantity in quantities(cls):
+        quantity.check(getattr(obj, quantity.name))

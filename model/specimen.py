@@ -1,0 +1,107 @@
+"""A tactor, free or on a membrane, and every number of it that a study, an estimate or a command line may change."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.parameters import Beam, Membrane, Tactor, beams
+from model.quantity import ParameterError, Quantity, quantities
+from model.skin import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
+
+Array = NDArray[np.float64]
+
+K_S = quantities(Skin)[0]
+C_S = quantities(Skin)[1]
+SKIN = (PRE_STRETCH, CONTACT_LENGTH, K_S, C_S)
+
+
+class Letters(NamedTuple):
+    """The letters of Eqs. (1)-(6) with the skin's, floats or arrays that broadcast to one shape."""
+
+    beam: Beam
+    k_s: Array
+    c_s: Array
+
+
+def variables() -> dict[str, Quantity]:
+    """Everything that can be varied, by name: fields of Tactor and Membrane, delta, contact_length, k_s and c_s."""
+    return {q.name: q for q in (*quantities(Tactor), *quantities(Membrane), *SKIN)}
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """A tactor on `membrane` at pre-stretch `delta`, or free if there is none.
+
+    `k_s` and `c_s`, where given, take the place of what the membrane would give; None is as described in `model.skin`.
+
+    Raises:
+        ParameterError: a value is not physical.
+    """
+
+    tactor: Tactor = field(default_factory=Tactor)
+    membrane: Membrane | None = None
+    delta: float = 0.0
+    contact_length: float | None = None
+    k_s: float | None = None
+    c_s: float | None = None
+
+    def __post_init__(self) -> None:
+        self.letters({})
+
+    @property
+    def skin(self) -> Skin:
+        """The skin under the cylinder."""
+        _, k_s, c_s = self.letters({})
+        return Skin(float(k_s), float(c_s))
+
+    def value(self, name: str) -> float:
+        """The present value of a variable; raises ParameterError for one this specimen does not have."""
+        if name in {q.name for q in quantities(Tactor)}:
+            return float(getattr(self.tactor, name))
+        if self.membrane is not None and name in {q.name for q in quantities(Membrane)}:
+            return float(getattr(self.membrane, name))
+        match name:
+            case "delta":
+                return self.delta
+            case "k_s" | "c_s":
+                return float(getattr(self.skin, name))
+            case "contact_length":
+                return self.contact_length or self.tactor.L - self.tactor.L2
+        raise ParameterError(f"{name} is not a variable of this specimen: choose from {', '.join(variables())}")
+
+    def letters(self, values: Mapping[str, ArrayLike]) -> Letters:
+        """The letters with the named variables replaced by floats or arrays that broadcast together.
+
+        Raises:
+            ParameterError: an unknown name, a value that is not physical, or a membrane's variable without a membrane.
+        """
+        known = variables()
+        for name in values:
+            if name not in known:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
+        v = {name: known[name].check(value) for name, value in values.items()}
+        of_tactor = {q.name for q in quantities(Tactor)}
+        beam = beams(self.tactor, {name: a for name, a in v.items() if name in of_tactor})
+        k_s, c_s = self._of_membrane(v, beam)
+        for quantity, given in ((K_S, self.k_s), (C_S, self.c_s)):
+            if given is not None:
+                quantity.check(given)
+        k_s = v.get("k_s", k_s if self.k_s is None else np.asarray(self.k_s))
+        c_s = v.get("c_s", c_s if self.c_s is None else np.asarray(self.c_s))
+        return Letters(beam, K_S.check(k_s), C_S.check(c_s))
+
+    def _of_membrane(self, v: Mapping[str, Array], beam: Beam) -> tuple[Array, Array]:
+        names = [q.name for q in quantities(Membrane)]
+        if self.membrane is None:
+            lost = next((name for name in (*names, "delta", "contact_length") if name in v), None)
+            if lost is not None:
+                raise ParameterError(f"{lost} has no effect on a free tactor: give the specimen a membrane")
+            return np.zeros(()), np.zeros(())
+        m = {name: v.get(name, np.asarray(getattr(self.membrane, name))) for name in names}
+        delta = v.get("delta", PRE_STRETCH.check(self.delta))
+        length = v.get("contact_length", beam.L - beam.L2 if self.contact_length is None else self.contact_length)
+        k_point = point_stiffness(m["L_m"], m["b_m"], m["h_m"], m["E_m"], delta)
+        return k_point / CONTACT_LENGTH.check(length), m["c_s_delta"] * delta + m["c_s_0"]
