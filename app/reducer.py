@@ -53,13 +53,16 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
     match event:
         case BenchOpened(name, simulated, identities):
             there = tuple(Instrument(role, identity, Lamp.READY) for role, identity in identities.items())
-            return replace(view, bench=name, simulated=simulated, instruments=there, state=_resting(view), trouble="")
+            view = replace(view, bench=name, simulated=simulated, instruments=there, connected=True, trouble="")
+            return replace(view, state=_resting(view))
         case BenchFailed(words):
             gone = _lamps(view, Lamp.ABSENT)
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
-            return replace(view, state=state, busy=False, instruments=gone, trouble=words, prompt=None)
+            view = replace(view, state=state, connected=False, instruments=gone)
+            return replace(view, busy=False, trouble=words, prompt=None)
         case ConnectAsked():
-            return replace(view, state=BenchState.CONNECTING, instruments=_lamps(view, Lamp.WAITING), trouble="")
+            state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
+            return replace(view, state=state, instruments=_lamps(view, Lamp.WAITING), trouble="")
         case RunAsked(title):
             progress = Progress(title, 0, 0.0)
             return replace(view, busy=True, progress=progress, outcome=None, trouble="", points=(), prompt=None)
@@ -118,7 +121,7 @@ def _ended(view: View, event: RunEnded) -> View:
     unsafe = event.status is Status.UNSAFE
     failed = event.status is Status.FAILED
     instruments = view.instruments
-    if failed or unsafe:
+    if failed:
         named = event.reason.casefold()
         instruments = tuple(replace(i, lamp=Lamp.DOUBTED) if i.role in named else i for i in instruments)
     return replace(

@@ -24,6 +24,7 @@ from protocols.events import (
 )
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
+from protocols.values import Estimate
 
 
 class Level(StrEnum):
@@ -90,6 +91,12 @@ def point_words(point: Any) -> str:
     return f"{said}; not usable: {flags.words}" if flags else said
 
 
+def estimate_words(estimate: Estimate) -> str:
+    """`resonance frequency 158.35 ± 0.0072 Hz`."""
+    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+    return f"{estimate.name} {estimate.value:.5g} ± {estimate.standard_error:.2g}{unit}"
+
+
 def title_of(protocol: str) -> str:
     """The title of a protocol by its name; the name itself where it is not known."""
     kind = PROTOCOLS.get(protocol)
@@ -98,8 +105,7 @@ def title_of(protocol: str) -> str:
 
 def _ended(event: RunEnded) -> tuple[Level, str]:
     level = {Status.COMPLETED: Level.GOOD, Status.STOPPED: Level.ATTENTION}.get(event.status, Level.BAD)
-    found = "".join(
-        f"; {e.name} = {e.value:.5g} ± {e.standard_error:.2g}{'' if e.unit == '1' else ' ' + e.unit}"
-        for e in event.estimates
-    )
-    return level, f"{event.status.capitalize()}: {event.reason}{found}"
+    found = "".join(f"; {estimate_words(estimate)}" for estimate in event.estimates)
+    reason, status = event.reason, str(event.status)
+    told = reason.casefold().startswith(status)
+    return level, (f"{reason[:1].upper()}{reason[1:]}" if told else f"{status.capitalize()}: {reason}") + found

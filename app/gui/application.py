@@ -1,0 +1,84 @@
+"""Opens the window and stays until it is closed; a signal from outside takes the same way out as closing."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtWidgets import QApplication
+
+from app.config import BenchConfig
+from app.gui.link import Connect, Link, MakeSession
+from app.gui.window import MainWindow
+from app.session import Session
+from app.view import UNSAFE_EXIT
+from protocols.protocol import Protocol
+
+
+def application() -> QApplication:
+    """The one Qt application of this process, dressed alike on every system."""
+    present = QApplication.instance()
+    if isinstance(present, QApplication):
+        return present
+    made = QApplication(sys.argv[:1])
+    made.setOrganizationName("Tactor Bench")
+    made.setApplicationName("Tactor Bench")
+    made.setStyle("Fusion")
+    return made
+
+
+def open_window(
+    connect: Connect,
+    config: BenchConfig,
+    protocol: Protocol,
+    folder: Path | None = None,
+    specimen: str | None = None,
+    autostart: bool = False,
+    settings: QSettings | None = None,
+    make_session: MakeSession = Session,
+) -> int:
+    """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
+
+    Args:
+        connect: opens the bench.
+        config: the bench file, for names and the amplifier's map.
+        protocol: fills the form.
+        folder: for run files; None for the one used last.
+        specimen: its name; None for the one used last.
+        autostart: begin a run as soon as the bench is there.
+        settings: where window, folder and specimen are remembered; None is the user's own place.
+        make_session: tests give one that needs no bench.
+    """
+    app = application()
+    window = MainWindow(
+        Link(connect, make_session), config, protocol, folder, specimen, settings or QSettings(), autostart
+    )
+    window.show()
+    with _leave_on_signal(window):
+        app.exec()
+    view = window.view
+    window.deleteLater()
+    QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)
+    if view.exit_code == UNSAFE_EXIT and view.outcome is not None:
+        sys.stderr.write(f"{view.outcome.reason}\n")
+    return view.exit_code
+
+
+@contextmanager
+def _leave_on_signal(window: MainWindow) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP go to rest and close. The window's timer lets Python see them."""
+
+    def leave(_number: int, _frame: FrameType | None) -> None:
+        window.leave(at_once=True)
+
+    numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if os.name == "posix" else [])
+    before = {number: signal.signal(number, leave) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

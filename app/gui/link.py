@@ -1,0 +1,75 @@
+"""The window's wire to the session: events come through a queue, samples through the feed, wishes go out. No Qt."""
+
+import queue
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime
+from pathlib import Path
+from typing import Protocol
+
+from app.gui.feed import LiveFeed
+from app.gui.mailbox import MailboxOperator
+from app.session import Connected, Observer, Session, SessionEvent
+from app.view import Heard
+from drivers.bench import Bench
+from protocols.events import BlockTaken, RunEnded, StreamStarted
+from protocols.operator import Operator
+from protocols.protocol import Protocol as Measurement
+
+Connect = Callable[[], AbstractContextManager[Connected]]
+
+
+class SessionLike(Protocol):
+    """What the window needs of a session."""
+
+    bench: Bench | None
+
+    def start(self) -> None: ...
+
+    def run(self, protocol: Measurement, folder: Path, specimen: str) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def close(self, timeout_s: float | None = None) -> bool: ...
+
+
+MakeSession = Callable[[Connect, Sequence[Observer], Operator], SessionLike]
+
+
+class Link:
+    """One session at a time; a bench that could not be opened may be opened again."""
+
+    def __init__(self, connect: Connect, make_session: MakeSession = Session) -> None:
+        self.mailbox, self.feed = MailboxOperator(), LiveFeed()
+        self._connect, self._make_session = connect, make_session
+        self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+        self.session = self._begin()
+
+    def reconnect(self) -> bool:
+        """Open the bench again; whether the last session had let go of it."""
+        if not self.session.close(0.0):
+            return False
+        self.session = self._begin()
+        return True
+
+    def heard(self) -> Iterator[Heard]:
+        """What happened since this was last asked; never waits."""
+        while True:
+            try:
+                yield self._heard.get_nowait()
+            except queue.Empty:
+                return
+
+    def observe(self, event: SessionEvent) -> None:
+        """Called in the bench thread: blocks go to the feed, everything else into the queue."""
+        if isinstance(event, BlockTaken):
+            self.feed.take(event.block)
+            return
+        if isinstance(event, StreamStarted) and self.session.bench is not None:
+            self.feed.begin(event.rate_hz, event.scales, self.session.bench.sensor)
+        elif isinstance(event, RunEnded):
+            self.mailbox.forget()
+        self._heard.put(Heard(event, datetime.now().astimezone(), self.feed.streamed_s))
+
+    def _begin(self) -> SessionLike:
+        return self._make_session(self._connect, [self.observe], self.mailbox)

@@ -1,0 +1,107 @@
+"""The measuring page: what to run on the left; the response, the live traces and the log on the right."""
+
+import math
+from typing import Any
+
+from PySide6.QtCore import QByteArray, QSettings, Qt
+from PySide6.QtWidgets import QSplitter, QWidget
+
+from app.gui.feed import LiveFeed
+from app.gui.log_pane import LogPane
+from app.gui.response_plot import ResponsePlot
+from app.gui.run_panel import GetAmplifier, RunPanel
+from app.gui.theme import Theme
+from app.gui.time_plot import TimePlot
+from app.overlay import Overlay, Question
+from app.view import View
+from model.amplifier import AmplifierMap
+from model.quantity import ParameterError
+from protocols.protocol import Protocol
+
+
+class MeasurePage(QSplitter):
+    """One page of the window."""
+
+    title = "Measure"
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        feed: LiveFeed,
+        overlay: Overlay,
+        map_: AmplifierMap,
+        amplifier: GetAmplifier,
+        theme: Theme,
+        parent: QWidget | None = None,
+    ) -> None:
+        super().__init__(Qt.Orientation.Horizontal, parent)
+        self._overlay = overlay
+        self.panel = RunPanel(protocol, amplifier)
+        self.response = ResponsePlot(theme)
+        self.traces = TimePlot(feed, map_, theme)
+        self.log = LogPane(theme)
+        self.right = QSplitter(Qt.Orientation.Vertical)
+        for widget, share in ((self.response, 5), (self.traces, 4), (self.log, 2)):
+            self.right.addWidget(widget)
+            self.right.setStretchFactor(self.right.count() - 1, share)
+            widget.setMinimumHeight(56)
+        self.right.setChildrenCollapsible(False)
+        self.setChildrenCollapsible(False)
+        self.addWidget(self.panel)
+        self.addWidget(self.right)
+        self.setStretchFactor(0, 0)
+        self.setStretchFactor(1, 1)
+        self.setSizes([350, 900])
+        self.right.setSizes([290, 210, 96])
+        self.panel.setMinimumWidth(300)
+        self.panel.changed.connect(self._ask)
+        self._ask()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        for widget in (self.response, self.traces, self.log):
+            widget.set_theme(theme)
+
+    def show_view(self, view: View) -> None:
+        """Show a view."""
+        self.panel.show_view(view)
+        self.response.show_simulated(view.simulated)
+        self.response.show_points(view.points)
+        self.response.show_found(view.outcome)
+        self.traces.show_simulated(view.simulated)
+        self.log.show_view(view)
+
+    def refresh(self) -> None:
+        """What moves between events: called at every tick."""
+        self.traces.refresh()
+        try:
+            curve = self._overlay.ready()
+        except ParameterError:  # the form admits what the model cannot answer: there is no curve, and nothing else
+            return
+        if curve is not None:
+            self.response.show_curve(curve)
+
+    def _ask(self) -> None:
+        """Want the curve that belongs to the form."""
+        protocol: Any = self.panel.protocol
+        if protocol is None:
+            return
+        frequencies = getattr(protocol, "frequencies_hz", (250.0,))
+        top = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
+        self._overlay.ask(Question(top, getattr(protocol, "peak_to_peak_v", 5.0) / 2))
+
+    def restore(self, settings: QSettings) -> None:
+        """Be as it was when it was last closed."""
+        for key, splitter in (("columns", self), ("rows", self.right)):
+            state = settings.value(f"measure/{key}")
+            if isinstance(state, QByteArray):
+                splitter.restoreState(state)
+        span = settings.value("measure/span")
+        if isinstance(span, int | str) and str(span).isdigit():
+            self.traces.choice.setCurrentIndex(min(int(span), self.traces.choice.count() - 1))
+
+    def save(self, settings: QSettings) -> None:
+        """Remember how it is."""
+        settings.setValue("measure/columns", self.saveState())
+        settings.setValue("measure/rows", self.right.saveState())
+        settings.setValue("measure/span", self.traces.choice.currentIndex())

@@ -1,0 +1,77 @@
+"""A sentence across the window with buttons beside it: a prompt, a question, a failure, the unsafe sentence."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPalette
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
+
+from app.gui.form import mark
+from app.gui.symbols import SYMBOLS
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A button: its words with the key that presses it, and what then happens."""
+
+    words: str
+    do: Callable[[], object]
+    kind: str = ""
+
+
+class Symbol(QWidget):
+    """One of the drawn symbols, in the colour of the writing around it."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.name = "danger"
+        self.setFixedSize(QSize(40, 40))
+
+    def paintEvent(self, _event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        parent = self.parentWidget()
+        label = parent.findChild(QLabel) if parent is not None else None
+        palette = label.palette() if isinstance(label, QLabel) else self.palette()
+        painter.setPen(palette.color(QPalette.ColorRole.WindowText))
+        SYMBOLS[self.name](painter, self.rect().toRectF().adjusted(2, 2, -2, -2))
+        painter.end()
+
+
+class Notice(QFrame):
+    """Hidden until there is something to say. `kind` is `prompt`, `unsafe` or `trouble`: the style sheet's word."""
+
+    def __init__(self, choices: tuple[Choice, ...], kind: str, symbol: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.words = QLabel()
+        self.words.setWordWrap(True)
+        self.words.setTextFormat(Qt.TextFormat.PlainText)
+        self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.words.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.MinimumExpanding)
+        self._symbol = Symbol(self)
+        self._symbol.name = symbol
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(16, 10, 12, 10)
+        layout.setSpacing(14)
+        layout.addWidget(self._symbol)
+        layout.addWidget(self.words, 1)
+        self.buttons = [QPushButton(choice.words) for choice in choices]
+        for button, choice in zip(self.buttons, choices, strict=True):
+            if choice.kind:
+                button.setProperty("kind", choice.kind)
+            button.clicked.connect(choice.do)
+            layout.addWidget(button)
+        mark(self, kind)
+        self.hide()
+
+    def say(self, words: str, kind: str | None = None) -> None:
+        """Show a sentence; nothing hides the notice."""
+        if kind is not None:
+            mark(self, kind)
+            for child in (self.words, *self.buttons):
+                child.style().unpolish(child)
+                child.style().polish(child)
+        if words != self.words.text():
+            self.words.setText(words)
+        self.setVisible(bool(words))

@@ -1,0 +1,148 @@
+"""What must be read or answered, above the pages: unsafe, closing, a prompt, a failure. Enter answers what is asked."""
+
+import time
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from app.gui.notice import Choice, Notice
+from app.view import View
+from protocols.events import Asked
+
+GUARD_S = 0.4
+"""An Enter this soon after a question appeared was meant for something else."""
+
+MID_RUN = "A run is going on. Go to rest first, then close?"
+UNSAFE_STILL = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
+CLOSING = "Closing: the bench goes to rest and lets go of its instruments …"
+
+
+class Notices(QWidget):
+    """Hidden while there is nothing to say."""
+
+    answered = Signal()
+    stop_pressed = Signal()
+    acknowledged = Signal()
+    connect_pressed = Signal()
+    leave_pressed = Signal()
+    stay_pressed = Signal()
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.unsafe = Notice((Choice("Acknowledge   (Ctrl+K)", self.acknowledged.emit),), "unsafe", "danger", self)
+        self.closing = Notice(
+            (
+                Choice("Go to rest and close   (Enter)", self.leave_pressed.emit),
+                Choice("Keep the window   (Ctrl+K)", self.stay_pressed.emit),
+            ),
+            "prompt",
+            "question",
+            self,
+        )
+        self.prompt = Notice(
+            (
+                Choice("Done   (Enter)", self.answered.emit),
+                Choice("Stop   (Esc)", self.stop_pressed.emit, "stop"),
+            ),
+            "prompt",
+            "hand",
+            self,
+        )
+        self.trouble = Notice(
+            (
+                Choice("Connect again   (F6)", self.connect_pressed.emit),
+                Choice("Dismiss   (Ctrl+K)", self.acknowledged.emit),
+            ),
+            "trouble",
+            "cross",
+            self,
+        )
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(10, 0, 10, 0)
+        layout.setSpacing(6)
+        for notice in (self.unsafe, self.closing, self.prompt, self.trouble):
+            layout.addWidget(notice)
+        self._since_s = 0.0
+        self._no_bench = False
+        self._keys: list[QShortcut] = []
+        for keys, do in (
+            ((Qt.Key.Key_Return, Qt.Key.Key_Enter), self._enter),
+            (("Ctrl+K",), self._read),
+            ((Qt.Key.Key_F6,), self._connect),
+        ):
+            for key in keys:
+                shortcut = QShortcut(QKeySequence(key), parent)
+                shortcut.setAutoRepeat(False)
+                shortcut.activated.connect(do)
+                self._keys.append(shortcut)
+        self._arrange()
+
+    def show_view(self, view: View) -> None:
+        """Show what a view has to say."""
+        self._no_bench = not view.connected and bool(view.trouble)
+        self.unsafe.say(view.unsafe)
+        self.trouble.say(view.trouble)
+        self.trouble.buttons[0].setVisible(self._no_bench)
+        self._arrange()
+
+    def show_prompt(self, prompt: Asked | None, waiting: int | None) -> None:
+        """Show a prompt, if it is this window that must answer it and not a simulated operator."""
+        words = prompt.prompt.text if prompt is not None and waiting == prompt.ask_id else ""
+        if words != self.prompt.words.text() or bool(words) == self.prompt.isHidden():
+            self.prompt.say(words)
+            self._since_s = time.monotonic()
+            self._arrange()
+
+    def ask_to_close(self, view: View) -> None:
+        """Ask once whether the window shall close."""
+        if self.closing.isHidden():
+            self.closing.say(MID_RUN if view.busy else UNSAFE_STILL)
+            self.closing.buttons[0].setText("Go to rest and close   (Enter)" if view.busy else "Close   (Enter)")
+            self._since_s = time.monotonic()
+        self._arrange()
+
+    def leaving(self) -> None:
+        """Nothing more is asked: the window closes when the bench is at rest."""
+        self.closing.say(CLOSING)
+        for button in self.closing.buttons:
+            button.hide()
+        self._arrange()
+
+    def stay(self) -> None:
+        """The window is not closed after all."""
+        self.closing.say("")
+        self._arrange()
+
+    def left_unsafe(self) -> None:
+        """The session has ended and rest was not confirmed: the window closes when that has been read."""
+        self.closing.say("")
+        self.unsafe.buttons[0].setText("Acknowledge and close   (Ctrl+K)")
+        self._arrange()
+
+    def _arrange(self) -> None:
+        shown = [n for n in (self.unsafe, self.closing, self.prompt, self.trouble) if not n.isHidden()]
+        self.setVisible(bool(shown))
+        for key in self._keys[:2]:
+            key.setEnabled(self._asks(self.closing) or self._asks(self.prompt))
+
+    def _asks(self, notice: Notice) -> bool:
+        return not notice.isHidden() and not notice.buttons[0].isHidden()
+
+    def _enter(self) -> None:
+        if time.monotonic() - self._since_s < GUARD_S:
+            return
+        if self._asks(self.closing):
+            self.leave_pressed.emit()
+        elif self._asks(self.prompt):
+            self.answered.emit()
+
+    def _read(self) -> None:
+        if self._asks(self.closing):
+            self.stay_pressed.emit()
+        elif not (self.unsafe.isHidden() and self.trouble.isHidden()):
+            self.acknowledged.emit()
+
+    def _connect(self) -> None:
+        if self._no_bench:
+            self.connect_pressed.emit()

@@ -1,0 +1,107 @@
+"""What all plots share: quiet axes in the theme's colours, SIMULATED in the corner, and ranges that do not twitch."""
+
+import math
+from typing import Any
+
+import pyqtgraph as pg
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPen
+from PySide6.QtWidgets import QGraphicsSimpleTextItem
+
+from app.gui.theme import Theme
+
+
+def trace_pen(colour: str) -> QPen:
+    """One pixel wide whatever the scaling: a wider pen costs more than the data (docs/decisions/0006-live-plot.md)."""
+    pen = QPen(QColor(colour))
+    pen.setWidth(1)
+    pen.setCosmetic(True)
+    return pen
+
+
+def quiet(plot: Any, font: QFont) -> None:
+    """Take from a plot item what a reader cannot use, and leave a strip above it for `Corner`s."""
+    plot.setMenuEnabled(False)
+    plot.hideButtons()
+    plot.setMouseEnabled(x=False, y=False)
+    plot.disableAutoRange()
+    strip = QFontMetricsF(font).height() + 2
+    plot.titleLabel.setMaximumHeight(strip)
+    plot.layout.setRowFixedHeight(0, strip)
+    for side in ("left", "bottom"):
+        axis = plot.getAxis(side)
+        axis.enableAutoSIPrefix(False)
+        axis.setStyle(tickFont=font)
+        axis.label.setFont(font)
+
+
+def paint(plot: Any, theme: Theme) -> None:
+    """Give a plot item the theme's colours."""
+    for side in ("left", "bottom"):
+        axis = plot.getAxis(side)
+        axis.setPen(pg.mkPen(theme.line))
+        axis.setTextPen(pg.mkPen(theme.text))
+        axis.label.setDefaultTextColor(QColor(theme.text))
+
+
+class Corner:
+    """A word in the strip above a plot, at its left or right end, where no trace runs through it."""
+
+    def __init__(self, plot: Any, words: str, font: QFont, right: bool) -> None:
+        self._plot, self._right = plot, right
+        self._item = QGraphicsSimpleTextItem(words, plot)
+        self._item.setFont(font)
+        plot.getViewBox().sigResized.connect(self._place)
+        self._place()
+
+    def colour(self, ink: str) -> None:
+        self._item.setBrush(QBrush(QColor(ink)))
+
+    def say(self, words: str) -> None:
+        if words != self._item.text():
+            self._item.setText(words)
+            self._place()
+
+    @property
+    def words(self) -> str:
+        return self._item.text()
+
+    def show(self, visible: bool) -> None:
+        self._item.setVisible(visible)
+
+    @property
+    def visible(self) -> bool:
+        return bool(self._item.isVisible())
+
+    def _place(self, *_: object) -> None:
+        box = self._plot.getViewBox().geometry()
+        left = box.right() - self._item.boundingRect().width() if self._right else box.left()
+        self._item.setPos(max(left, 0), box.top() - self._item.boundingRect().height())
+
+
+def simulated_mark(plot: Any, font: QFont) -> Corner:
+    """SIMULATED in the corner of a plot, so that no picture of it can be taken for a measurement."""
+    bold = QFont(font)
+    bold.setBold(True)
+    return Corner(plot, "SIMULATED", bold, right=True)
+
+
+def calm_range(low: float, high: float, present: tuple[float, float] | None) -> tuple[float, float]:
+    """Limits that hold `low..high`: the present ones while they still fit and are not three times too wide."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return present or (-1.0, 1.0)
+    span = max(high - low, 1e-3)
+    if present is not None and present[0] <= low and high <= present[1] and present[1] - present[0] <= 3 * span:
+        return present
+    step = round_step(span, 10)
+    return math.floor((low - 0.08 * span) / step) * step, math.ceil((high + 0.08 * span) / step) * step
+
+
+def few_ticks(low: float, high: float) -> float:
+    """The spacing of two to four ticks: more would run into each other in a low plot."""
+    return round_step(high - low, 4)
+
+
+def round_step(span: float, most: int) -> float:
+    """The smallest of 1, 2, 5 times a power of ten of which at most `most` fit into `span`."""
+    decade = 10.0 ** math.floor(math.log10(span / most))
+    return next(decade * m for m in (1.0, 2.0, 5.0, 10.0) if span / (decade * m) <= most)

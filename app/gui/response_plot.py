@@ -1,0 +1,212 @@
+"""Amplitude over frequency: points as they arrive, on the model's curve, above the line where skin feels them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, QSize, Qt
+from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from app.gui.form import mark
+from app.gui.plots import Corner, calm_range, paint, quiet, simulated_mark
+from app.gui.theme import Theme
+from app.overlay import Curve
+from app.sentences import estimate_words, point_words
+from protocols.events import RunEnded
+from protocols.quality import Quality
+
+AXIS_WIDTH = 62
+FELT_UM = 50.0
+"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.perception`)."""
+
+
+HINT = "hollow: not usable, point at it for the reason"
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """One way to state the amplitude: its name, its symbol, its line, and its column times a factor."""
+
+    words: str
+    symbol: str
+    line: Qt.PenStyle
+    size_px: int
+    column: str
+    factor: float
+
+
+SERIES = (
+    _Series("max − min", "o", Qt.PenStyle.SolidLine, 11, "peak_to_peak", 1e6),
+    _Series("2 × fundamental", "s", Qt.PenStyle.DashLine, 6, "fundamental", 2e6),
+)
+
+
+class ResponsePlot(QWidget):
+    """Measured points and the model's curve; the points are those of one run."""
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._curve: Curve | None = None
+        self._points: Sequence[Any] = ()
+        self._top_hz = 250.0
+        self._canvas = pg.PlotWidget(enableMenu=False)
+        self._plot = self._canvas.getPlotItem()
+        quiet(self._plot, self.font())
+        self._plot.setContentsMargins(0, 0, 8, 0)
+        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
+        self._plot.setLabel("left", "amplitude (µm)")
+        self._plot.setLabel("bottom", "frequency (Hz)")
+        self._plot.showGrid(x=True, y=True, alpha=0.12)  # drawn once a point, not once a frame
+        beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
+        words = f"{FELT_UM:g} µm: felt on the abdomen"
+        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=beside)
+        self._felt.label.setFont(self.font())
+        self._plot.addItem(self._felt)
+        self._lines = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
+        self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
+        self.scatters = [
+            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=_tip)
+            for s in SERIES
+        ]
+        for item in (*self._lines, *self._bars, *self.scatters):
+            self._plot.addItem(item)
+        self.mark = simulated_mark(self._plot, self.font())
+        self.found = Corner(self._plot, "", self.font(), right=False)
+        self.shown = [QCheckBox(series.words) for series in SERIES]
+        self.hint = QLabel()
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
+        layout.addLayout(self._head())
+        layout.addWidget(self._canvas, 1)
+        self._scale()
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self._theme = theme
+        self._canvas.setBackground(theme.panel)
+        paint(self._plot, theme)
+        self.mark.colour(theme.simulated)
+        self.found.colour(theme.text)
+        self._felt.setPen(pg.mkPen(theme.felt, width=1.5))
+        self._felt.label.setColor(QColor(theme.felt))
+        for at, (box, line, bars) in enumerate(zip(self.shown, self._lines, self._bars, strict=True)):
+            line.setPen(pg.mkPen(theme.model, width=1.5, style=SERIES[at].line))
+            bars.setData(pen=pg.mkPen(self._ink(at)))
+            box.setIcon(self._sample(at))
+            box.setIconSize(QSize(46, 14))
+        self._draw_points()
+
+    def show_simulated(self, simulated: bool) -> None:
+        self.mark.show(simulated)
+
+    def show_curve(self, curve: Curve) -> None:
+        """Draw the model's curve."""
+        if curve is self._curve:
+            return
+        self._curve = curve
+        self._top_hz = curve.question.top_hz
+        for series, line in zip(SERIES, self._lines, strict=True):
+            line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
+        self._scale()
+
+    def show_points(self, points: Sequence[Any]) -> None:
+        """Draw the points of the present run."""
+        if points is self._points:
+            return
+        self._points = points
+        self._draw_points()
+        self._scale()
+
+    def show_found(self, outcome: RunEnded | None) -> None:
+        """Write what was identified from the points."""
+        self.found.say("" if outcome is None else ",   ".join(estimate_words(e) for e in outcome.estimates))
+
+    def _draw_points(self) -> None:
+        x = np.array([p.frequency for p in self._points])
+        usable = [Quality(p.quality).usable for p in self._points]
+        words = [point_words(p) for p in self._points]
+        for at, series in enumerate(SERIES):
+            y = series.factor * np.array([getattr(p, series.column) for p in self._points])
+            errors = series.factor * np.array([getattr(p, f"{series.column}_errors") for p in self._points])
+            ink = QColor(self._ink(at))
+            pen = pg.mkPen(ink, width=2)
+            fills = [pg.mkBrush(ink) if good else pg.mkBrush(self._theme.panel) for good in usable]
+            self.scatters[at].setData(x=x, y=y, symbol=series.symbol, pen=pen, brush=fills, data=words)
+            self._bars[at].setData(x=x, y=y, height=2 * errors)
+
+    def _scale(self) -> None:
+        self._tell_apart()
+        tops = [FELT_UM * 1.5]
+        visible = [series for series, box in zip(SERIES, self.shown, strict=True) if box.isChecked()]
+        for series in visible:
+            tops += [series.factor * getattr(p, series.column) for p in self._points]
+            if self._curve is not None:
+                tops.append(series.factor * float(getattr(self._curve, series.column).max()))
+        right = max([self._top_hz, *(1.03 * p.frequency for p in self._points)])
+        self._plot.setXRange(0, right, padding=0)
+        self._plot.setYRange(0, calm_range(0.0, max(tops), None)[1], padding=0)
+
+    def _tell_apart(self) -> None:
+        """Say it where curve and points do not belong to the same drive: the form was changed after the run."""
+        words, curve_v = HINT, None if self._curve is None else 2 * self._curve.question.amplitude_v
+        if self._points and curve_v is not None:
+            points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
+            if abs(points_v - curve_v) > 0.02 * curve_v:
+                words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
+        self.hint.setText(words)
+        mark(self.hint, "note" if words == HINT else "fault")
+
+    def _head(self) -> QHBoxLayout:
+        head = QHBoxLayout()
+        head.setSpacing(14)
+        caption = QLabel("Response")
+        caption.setProperty("kind", "caption")
+        head.addWidget(caption)
+        for at, box in enumerate(self.shown):
+            box.setChecked(True)
+            box.setToolTip(f"{SERIES[at].words}: measured points and the model's curve")
+            box.toggled.connect(self._toggled)
+            head.addWidget(box)
+        head.addStretch()
+        head.addWidget(self.hint)
+        return head
+
+    def _toggled(self) -> None:
+        for items in zip(self.shown, self._lines, self._bars, self.scatters, strict=True):
+            box, *drawn = items
+            for item in drawn:
+                item.setVisible(box.isChecked())
+        self._scale()
+
+    def _ink(self, at: int) -> str:
+        return (self._theme.measured, self._theme.second)[at]
+
+    def _sample(self, at: int) -> QIcon:
+        """Symbol and line as a legend shows them."""
+        ratio = self.devicePixelRatioF()
+        pixmap = QPixmap(QSize(46, 14) * ratio)
+        pixmap.setDevicePixelRatio(ratio)
+        pixmap.fill(Qt.GlobalColor.transparent)
+        painter = QPainter(pixmap)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(QPen(QColor(self._theme.model), 1.8, SERIES[at].line))
+        painter.drawLine(QPointF(15, 7), QPointF(45, 7))
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(self._ink(at)))
+        if SERIES[at].symbol == "o":
+            painter.drawEllipse(QPointF(6, 7), 4.5, 4.5)
+        else:
+            painter.drawRect(3, 4, 6, 6)
+        painter.end()
+        return QIcon(pixmap)
+
+
+def _tip(x: float, y: float, data: str) -> str:
+    del x, y
+    return data

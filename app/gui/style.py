@@ -1,0 +1,58 @@
+"""The window's style sheet in a theme's colours; sizes follow the system's font, so that scaling reaches everything."""
+
+from app.gui.theme import Theme
+
+
+def sheet(theme: Theme) -> str:
+    """The style sheet."""
+    return f"""
+    QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
+    QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
+    QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
+    QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
+    QLabel[kind="fault"] {{ color: {theme.bad}; font-size: 9pt; }}
+    QLabel[kind="caption"] {{ font-weight: bold; }}
+    QLabel[kind="simulated"] {{
+        color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
+        font-size: 13pt; font-weight: bold; padding: 0 8px;
+    }}
+    QLineEdit, QPlainTextEdit, QComboBox {{
+        background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 5px;
+        selection-background-color: {theme.accent}; selection-color: white;
+    }}
+    QComboBox::drop-down {{ border: none; width: 20px; }}
+    QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {theme.accent}; padding: 2px 4px; }}
+    QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] {{ border: 2px solid {theme.bad}; padding: 2px 4px; }}
+    QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {theme.dim}; background: {theme.window}; }}
+    QPushButton {{
+        background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 5px; padding: 5px 12px;
+    }}
+    QPushButton:hover {{ border-color: {theme.accent}; }}
+    QPushButton:focus {{ border: 2px solid {theme.accent}; padding: 4px 11px; }}
+    QPushButton:disabled {{ color: {theme.dim}; }}
+    QPushButton[kind="go"] {{
+        background: {theme.accent}; color: white; border: none; font-size: 12pt; font-weight: bold; padding: 9px 14px;
+    }}
+    QPushButton[kind="go"]:disabled {{ background: {theme.line}; color: {theme.dim}; }}
+    QPushButton[kind="go"]:focus {{ border: 2px solid {theme.text}; }}
+    QPushButton[kind="stop"] {{
+        background: #c00018; color: white; border: none; font-size: 13pt; font-weight: bold; padding: 0 14px;
+    }}
+    QPushButton[kind="stop"]:disabled {{ background: {theme.panel}; color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QProgressBar {{ background: {theme.field}; border: 1px solid {theme.line}; border-radius: 5px; }}
+    QProgressBar::chunk {{ background: {theme.accent}; border-radius: 4px; }}
+    QSplitter::handle {{ background: {theme.window}; }}
+    QSplitter::handle:hover {{ background: {theme.line}; }}
+    QScrollArea {{ border: none; background: transparent; }}
+    QFrame[kind="panel"] {{ background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 6px; }}
+    QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
+    QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
+    QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.bad}; border-radius: 6px; }}
+    QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
+    QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}
+    QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
+    QFrame[kind="prompt"] QPushButton {{ background: black; color: white; font-size: 13pt; font-weight: bold; padding: 9px 16px; }}
+    QFrame[kind="prompt"] QPushButton[kind="stop"] {{ background: #c00018; }}
+    QFrame[kind="prompt"] QPushButton:disabled {{ color: #a0a0a0; }}
+    QFrame[kind="unsafe"] QPushButton {{ background: white; color: black; font-weight: bold; padding: 9px 16px; }}
+    """

@@ -1,0 +1,241 @@
+"""The main window: bench bar, notices and pages over one session; a timer carries what happened onto the screen."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
+
+from app.config import BenchConfig
+from app.gui.bench_bar import BenchBar
+from app.gui.link import Link
+from app.gui.measure_page import MeasurePage
+from app.gui.notices import Notices
+from app.gui.pages import Pages
+from app.gui.style import sheet
+from app.gui.theme import Theme, system_theme
+from app.overlay import Overlay
+from app.reducer import reduce
+from app.view import Acknowledged, ConnectAsked, Heard, RunAsked, StopAsked, ViewEvent, opening
+from drivers.amplifier import HvAmplifier
+from protocols.protocol import Protocol
+
+FRAME_MS = 16
+
+
+class MainWindow(QMainWindow):
+    """Shows what a session tells and carries the operator's wishes to it.
+
+    Closing goes to rest first: the window stays, alive, until the session has let go of the bench.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        config: BenchConfig,
+        protocol: Protocol,
+        folder: Path | None,
+        specimen: str | None,
+        settings: QSettings,
+        autostart: bool = False,
+    ) -> None:
+        super().__init__()
+        self.link, self._settings, self._autostart = link, settings, autostart
+        self._leaving = self._at_once = self._gone = False
+        self.view = opening(config.amplifier.map, config.name, config.simulated, _names(config))
+        self.theme = system_theme()
+        self.overlay = Overlay(amplifier=config.amplifier.map)
+        self.bar = BenchBar(self.theme)
+        self.notices = Notices(self)
+        self.measure = MeasurePage(protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, self.theme)
+        self.pages = Pages([self.measure])
+        self._build(config.name)
+        self._connect_keys()
+        self._restore(folder, specimen)
+        self.set_theme(self.theme)
+        self._show()
+        QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system)
+        self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self.tick)
+        self._timer.start()
+        link.session.start()
+
+    # -- what the operator wants ---------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Begin a run with what the form says, if it may begin."""
+        protocol = self.measure.panel.protocol
+        if protocol is None or not self.measure.panel.ready or self._leaving:
+            return
+        folder = Path(self.measure.panel.folder.text().strip()).expanduser()
+        self._tell(RunAsked(protocol.title))
+        self.link.session.run(protocol, folder, self.measure.panel.specimen.text().strip() or "unnamed")
+
+    def stop(self) -> None:
+        """Go to rest and end the run. The bench hears it first, then the screen."""
+        self.link.session.stop()
+        self._tell(StopAsked())
+
+    def answer(self) -> None:
+        """The operator has done what the prompt says."""
+        if self.view.prompt is not None and self.link.mailbox.waiting == self.view.prompt.ask_id:
+            self.link.mailbox.reply(self.view.prompt.ask_id)
+
+    def acknowledge(self) -> None:
+        """The operator has read the unsafe sentence, or why something failed."""
+        self._tell(Acknowledged())
+
+    def connect_again(self) -> None:
+        """Open the bench once more."""
+        if self.link.reconnect():
+            self._tell(ConnectAsked())
+            self.link.session.start()
+
+    def leave(self, at_once: bool = False) -> None:
+        """Go to rest, let go of the bench, close. `at_once` closes even over an unsafe sentence nobody has read."""
+        self._leaving = True
+        self._at_once = self._at_once or at_once
+        self._tell(StopAsked())
+        self.link.session.close(0.0)
+        self.notices.leaving()
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Carry what happened since the last tick onto the screen."""
+        view = self.view
+        for heard in self.link.heard():
+            view = reduce(view, heard)
+        if view is not self.view:
+            self.view = view
+            self._show()
+        self.notices.show_prompt(view.prompt, self.link.mailbox.waiting)  # the runner asks after it has told
+        if view.busy:
+            self.bar.show_progress(self.link.feed.streamed_s)
+        self.pages.refresh()
+        if self._autostart and view.can_run:
+            self._autostart = False
+            self.run()
+        if self._leaving and self.link.session.close(0.0):
+            self._leave_if_read()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self.theme = theme
+        QApplication.setPalette(theme.palette())
+        self.setStyleSheet(sheet(theme))
+        self.bar.set_theme(theme)
+        self.pages.set_theme(theme)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        if self._gone:
+            self._timer.stop()
+            self._save()
+            self.overlay.close()
+            event.accept()
+            return
+        event.ignore()
+        if self._leaving:
+            return
+        if self.view.busy or self.view.unsafe:
+            self.notices.ask_to_close(self.view)
+        else:
+            self.leave()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self.bar.set_height(self.height())
+
+    def _leave_if_read(self) -> None:
+        """The session has ended: close, unless a person must first read that the bench is not at rest."""
+        if self.view.unsafe and not self._at_once:
+            self.notices.left_unsafe()
+            return
+        self._gone = True
+        self.close()
+
+    def _tell(self, event: ViewEvent) -> None:
+        self.view = reduce(self.view, Heard(event, datetime.now().astimezone(), self.link.feed.streamed_s))
+        self._show()
+
+    def _show(self) -> None:
+        self.bar.show_view(self.view)
+        self.notices.show_view(self.view)
+        self.notices.show_prompt(self.view.prompt, self.link.mailbox.waiting)
+        self.pages.show_view(self.view)
+
+    def _amplifier(self) -> HvAmplifier | None:
+        bench = self.link.session.bench
+        return bench.amplifier if bench is not None else None
+
+    # -- building ------------------------------------------------------------------------------------------------------
+
+    def _build(self, bench: str) -> None:
+        self.setWindowTitle(f"Tactor Bench – {bench}")
+        centre = QWidget()
+        layout = QVBoxLayout(centre)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(6)
+        layout.addWidget(self.bar)
+        layout.addWidget(self.notices)
+        inner = QVBoxLayout()
+        inner.setContentsMargins(10, 0, 10, 8)
+        inner.addWidget(self.pages)
+        layout.addLayout(inner, 1)
+        self.setCentralWidget(centre)
+        self.bar.stop_pressed.connect(self.stop)
+        self.measure.panel.run_pressed.connect(self.run)
+        for wish, do in (
+            (self.notices.answered, self.answer),
+            (self.notices.stop_pressed, self.stop),
+            (self.notices.acknowledged, self.acknowledge),
+            (self.notices.connect_pressed, self.connect_again),
+            (self.notices.leave_pressed, self.leave),
+            (self.notices.stay_pressed, self.notices.stay),
+        ):
+            wish.connect(do)
+
+    def _connect_keys(self) -> None:
+        keys: tuple[tuple[tuple[Qt.Key | str, ...], Callable[[], None]], ...] = (
+            ((Qt.Key.Key_Escape, Qt.Key.Key_F12), self.stop),
+            ((Qt.Key.Key_F5, "Ctrl+R"), self.run),
+        )
+        for sequences, do in keys:
+            for sequence in sequences:
+                shortcut = QShortcut(QKeySequence(sequence), self)
+                shortcut.setAutoRepeat(False)
+                shortcut.activated.connect(do)
+
+    def _restore(self, folder: Path | None, specimen: str | None) -> None:
+        geometry = self._settings.value("window/geometry")
+        if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
+            self.resize(1280, 720)
+        self.measure.restore(self._settings)
+        kept = self._settings.value("run/folder", "runs")
+        self.measure.panel.folder.setText(str(folder if folder is not None else kept))
+        self.measure.panel.specimen.setText(
+            str(specimen if specimen is not None else self._settings.value("run/specimen", ""))
+        )
+
+    def _save(self) -> None:
+        self._settings.setValue("window/geometry", self.saveGeometry())
+        self._settings.setValue("run/folder", self.measure.panel.folder.text())
+        self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
+        self.measure.save(self._settings)
+        self._settings.sync()
+
+    def _follow_system(self, *_: object) -> None:
+        self.set_theme(system_theme())
+
+
+def _names(config: BenchConfig) -> dict[str, str]:
+    """Instruments by role, as the bench file names them."""
+    generator, card = config.generator, config.card
+    return {
+        "generator": generator.resource or generator.driver,
+        "amplifier": config.amplifier.name,
+        "card": card.device,
+        "sensor": config.sensor.name,
+    }

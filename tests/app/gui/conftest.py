@@ -1,0 +1,77 @@
+"""Windows for tests: opened over a listening session, closed and deleted afterwards."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.config import BenchConfig, load_bench
+from app.gui.application import application
+from app.gui.link import Link
+from app.gui.window import MainWindow
+from protocols.sine_dwell import SineDwell
+from tests.app.gui.stage import ListeningSession, OpenStage, Stage, end
+
+
+@pytest.fixture(scope="session")
+def qt() -> QApplication:
+    return application()
+
+
+@pytest.fixture(scope="session")
+def config() -> BenchConfig:
+    return load_bench("sim")
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> QSettings:
+    return QSettings(str(tmp_path / "settings.ini"), QSettings.Format.IniFormat)
+
+
+@pytest.fixture
+def no_widget_left_behind(qt: QApplication) -> Iterator[None]:
+    yield
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    QCoreApplication.processEvents()
+    left = [w for w in qt.topLevelWidgets() if type(w).__module__.startswith("app.")]
+    assert not left, f"the test left widgets: {left}"
+
+
+@pytest.fixture
+def open_stage(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, no_widget_left_behind: None
+) -> Iterator[OpenStage]:
+    """Makes stages and ends them."""
+    stages: list[Stage] = []
+
+    def make(**options: Any) -> Stage:
+        session = ListeningSession()
+        link = Link(lambda: pytest.fail("nobody connects here"), lambda *_: session)
+        given = {"folder": tmp_path, "specimen": "T7", "settings": settings} | options
+        window = MainWindow(link, config, SineDwell(), **given)
+        window.show()
+        window.activateWindow()
+        assert QTest.qWaitForWindowActive(window, 5000)
+        stages.append(Stage(window, session))
+        return stages[-1]
+
+    yield make
+    for stage in stages:
+        stage.session.lets_go = True
+        if stage.window.isVisible():
+            end(stage.window)
+        else:
+            stage.window.deleteLater()
+
+
+@pytest.fixture
+def stage(open_stage: OpenStage) -> Stage:
+    return open_stage()

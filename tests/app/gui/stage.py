@@ -1,0 +1,78 @@
+"""A real window over a session that only listens: tests tell it what happened and press its keys."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, QEvent, Qt
+from PySide6.QtTest import QTest
+
+from app.gui.window import MainWindow
+from app.session import SessionEvent
+from protocols.protocol import Protocol
+
+PATIENCE_S = 20.0
+
+
+def until(condition: Callable[[], object], words: str = "") -> None:
+    """Let Qt work until something is so."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain {words}"
+        QCoreApplication.processEvents()
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        time.sleep(0.001)
+
+
+@dataclass
+class ListeningSession:
+    """Does nothing but remember what it was asked."""
+
+    bench: Any = None
+    runs: list[tuple[Protocol, Path, str]] = field(default_factory=list)
+    stops: int = 0
+    closed: bool = False
+    lets_go: bool = True
+    """Whether it ends as soon as it is asked to."""
+
+    def start(self) -> None: ...
+
+    def run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
+        self.runs.append((protocol, folder, specimen))
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def close(self, _timeout_s: float | None = None) -> bool:
+        self.closed = True
+        return self.lets_go
+
+
+@dataclass
+class Stage:
+    """A shown window, and hands to act on it."""
+
+    window: MainWindow
+    session: ListeningSession
+
+    def happen(self, *events: SessionEvent) -> None:
+        """Tell events as the bench thread would, and let the window hear them."""
+        for event in events:
+            self.window.link.observe(event)
+        self.window.tick()
+
+    def press(self, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
+        QTest.keyClick(self.window, key, modifier)
+
+
+OpenStage = Callable[..., Stage]
+
+
+def end(window: MainWindow) -> None:
+    """Close a window whatever it shows, and delete it."""
+    window.leave(at_once=True)
+    until(lambda: not window.isVisible(), "for the window to close")
+    window.deleteLater()
+    QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)

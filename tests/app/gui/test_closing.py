@@ -1,0 +1,111 @@
+"""Closing goes to rest first, asks once when something is going on, and never hides that rest was lost."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt, QTimer
+from PySide6.QtWidgets import QApplication
+
+from app.build import connect
+from app.config import BenchConfig
+from app.gui.application import open_window
+from app.gui.notices import GUARD_S
+from app.gui.window import MainWindow
+from app.view import BenchState
+from protocols.sine_dwell import SineDwell
+from tests.app.gui.happenings import LIVE, LOST, OPENED, STOPPED
+from tests.app.gui.stage import Stage, until
+
+
+def running(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+
+
+def test_an_idle_window_closes_without_a_question(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.close()
+    until(lambda: not stage.window.isVisible())
+    assert stage.session.closed
+
+
+def test_mid_run_it_asks_goes_to_rest_and_stays_alive_until_the_session_has_ended(stage: Stage) -> None:
+    stage.session.lets_go = False
+    running(stage)
+    stage.window.close()
+    assert stage.window.isVisible()
+    assert stage.window.notices.closing.isVisible()
+    assert not stage.session.closed
+    assert stage.window.bar.state.words == "LIVE"
+    begin = time.monotonic()
+    until(lambda: time.monotonic() - begin > GUARD_S)
+    stage.press(Qt.Key.Key_Return)
+    assert stage.session.closed
+    assert stage.window.bar.state.words == "GOING TO REST"
+    stage.happen(*STOPPED)
+    assert stage.window.bar.state.words == "AT REST", "the window is alive while it closes"
+    assert stage.window.isVisible()
+    stage.session.lets_go = True
+    until(lambda: not stage.window.isVisible())
+
+
+def test_the_run_goes_on_if_the_window_is_kept(stage: Stage) -> None:
+    running(stage)
+    stage.window.close()
+    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    assert not stage.window.notices.closing.isVisible()
+    assert stage.session.stops == 0
+    assert stage.window.bar.state.words == "LIVE"
+
+
+def test_stop_works_while_the_question_stands(stage: Stage) -> None:
+    running(stage)
+    stage.window.close()
+    stage.press(Qt.Key.Key_Escape)
+    assert stage.session.stops == 1
+    assert stage.window.isVisible()
+
+
+def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: Stage) -> None:
+    stage.session.lets_go = False
+    running(stage)
+    stage.window.leave()
+    stage.happen(*LOST)
+    stage.session.lets_go = True
+    stage.window.tick()
+    assert stage.window.isVisible()
+    assert stage.window.notices.unsafe.isVisible()
+    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    until(lambda: not stage.window.isVisible())
+    assert stage.window.view.exit_code == 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no signals that one process sends another")
+def test_a_signal_takes_the_same_way_out(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, number: signal.Signals
+) -> None:
+    before = signal.getsignal(number)
+    seen: list[BenchState] = []
+
+    def interrupt() -> None:
+        window = next(w for w in qt.topLevelWidgets() if isinstance(w, MainWindow))
+        seen.append(window.view.state)
+        if window.view.state is BenchState.LIVE:
+            os.kill(os.getpid(), number)
+        else:
+            QTimer.singleShot(1, interrupt)
+
+    QTimer.singleShot(0, interrupt)
+    protocol = SineDwell(frequencies_hz=(100.0,) * 200)
+    code = open_window(
+        lambda: connect(config, None), config, protocol, tmp_path, "T7", autostart=True, settings=settings
+    )
+    assert code == 0
+    assert seen[-1] is BenchState.LIVE
+    assert signal.getsignal(number) == before
+    assert not [w for w in qt.topLevelWidgets() if isinstance(w, MainWindow)]

@@ -1,0 +1,93 @@
+"""Plots: samples reach the picture in the right units, ranges are calm, a standing wave stands."""
+
+import numpy as np
+import pytest
+from PySide6.QtWidgets import QApplication
+
+from app.gui.feed import SPANS, LiveFeed
+from app.gui.plots import calm_range, few_ticks
+from app.gui.theme import LIGHT
+from app.gui.time_plot import TimePlot, lined_up
+from drivers.sensor import LaserSensor
+from model.amplifier import AmplifierMap
+from tests.app.gui.happenings import SCALES, sine_block
+
+
+def fed(rate_hz: float = 5000.0, seconds: float = 2.0) -> LiveFeed:
+    feed = LiveFeed()
+    feed.begin(rate_hz, SCALES, LaserSensor("laser", 1e-4))
+    scans = round(0.05 * rate_hz)
+    for i in range(round(seconds / 0.05)):
+        feed.take(sine_block(i * scans, scans, rate_hz))
+    return feed
+
+
+@pytest.mark.parametrize("rate_hz", [5000.0, 500_000.0])
+def test_samples_arrive_as_volts_and_micrometres(rate_hz: float) -> None:
+    feed = fed(rate_hz)
+    assert feed.streamed_s == pytest.approx(2.0)
+    for span in SPANS:
+        drive, moved = (trace.curve()[1] for trace in feed.traces(span))
+        assert (drive.min(), drive.max()) == pytest.approx((0.0, 5.0), abs=0.02)
+        assert (moved.min(), moved.max()) == pytest.approx((-500.0, 500.0), abs=2.0)
+        assert moved.size <= 2 * span.columns
+
+
+def test_a_block_before_the_stream_is_known_is_left_out() -> None:
+    feed = LiveFeed()
+    feed.take(sine_block(0, 100, 5000.0))
+    assert feed.streamed_s == 0.0
+
+
+def test_the_shortest_span_stands_still(qt: QApplication) -> None:
+    feed = fed(seconds=1.0)
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    plot.choice.setCurrentIndex(0)
+    pictures = []
+    for i in range(3):
+        feed.take(sine_block(5000 + 177 * i, 177, 5000.0))
+        plot.refresh()
+        curve = plot.curves[0]
+        time_s, drive_v = curve.getData()
+        at = np.linspace(-0.09, 0.0, 300)
+        pictures.append(np.interp(at, time_s + curve.pos().x(), drive_v))
+    plot.deleteLater()
+    for picture in pictures[1:]:
+        np.testing.assert_allclose(picture, pictures[0], atol=0.25)
+
+
+def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -> None:
+    feed = fed()
+    plot = TimePlot(feed, AmplifierMap(), LIGHT)
+    plot.choice.setCurrentIndex(0)
+    for _ in range(10):
+        plot.refresh()
+    plot.deleteLater()
+    assert plot.frames == 1
+
+
+def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
+    time_s = np.repeat(np.arange(100) / 1000.0, 2)
+    assert lined_up(time_s, np.full(200, 2.5), 2.5, 0.05) == time_s[-1]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "present", "wanted"),
+    [
+        (-500, 500, None, (-600, 600)),
+        (-500, 500, (-600, 600), (-600, 600)),
+        (-450, 480, (-600, 600), (-600, 600)),
+        (-50, 50, (-600, 600), (-60, 60)),
+        (float("nan"), 1.0, (-1.0, 2.0), (-1.0, 2.0)),
+        (float("nan"), 1.0, None, (-1.0, 1.0)),
+    ],
+)
+def test_ranges_change_only_when_they_must(
+    low: float, high: float, present: tuple[float, float] | None, wanted: tuple[float, float]
+) -> None:
+    assert calm_range(low, high, present) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("span", [0.013, 1.0, 7.0, 1200.0, 99_000.0])
+def test_a_low_plot_has_two_to_four_intervals(span: float) -> None:
+    assert 1.5 <= span / few_ticks(0.0, span) <= 4

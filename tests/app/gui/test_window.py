@@ -1,0 +1,302 @@
+"""The window shows what happened and carries the operator's keys to the session."""
+
+import time
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtTest import QTest
+
+from app.gui.notices import GUARD_S
+from app.gui.picture import grab
+from app.gui.theme import DARK, LIGHT
+from app.session import BenchFailed, Refused
+from app.view import BenchState
+from protocols.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
+from protocols.operator import ENABLE_HIGH_VOLTAGE
+from protocols.quality import Quality
+from protocols.sine_dwell import SineDwell
+from protocols.values import Estimate
+from tests.app.gui.happenings import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
+from tests.app.gui.stage import OpenStage, Stage, until
+
+
+def prompted(stage: Stage) -> None:
+    """The runner asks this window."""
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.window.link.mailbox.show(2, ENABLE_HIGH_VOLTAGE)
+    stage.happen(STARTED, Asked(2, ENABLE_HIGH_VOLTAGE))
+
+
+def wait_past_the_guard() -> None:
+    begin = time.monotonic()
+    until(lambda: time.monotonic() - begin > GUARD_S)
+
+
+def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage: Stage) -> None:
+    bar = stage.window.bar
+    assert bar.state.words == "CONNECTING"
+    assert not stage.window.measure.panel.run.isEnabled()
+    stage.happen(OPENED)
+    assert bar.state.words == "NOT ARMED"
+    assert next(lamp.instrument.identity for lamp in bar.lamps) == "Keysight 33511B #1"
+    assert bar.simulated.isVisible()
+    assert stage.window.measure.panel.run.isEnabled()
+
+
+def test_simulated_stands_on_every_plot(stage: Stage) -> None:
+    stage.happen(OPENED)
+    measure = stage.window.measure
+    assert all(mark.visible for mark in (measure.response.mark, *measure.traces.marks))
+
+
+@pytest.mark.parametrize(
+    ("key", "modifier"),
+    [(Qt.Key.Key_F5, Qt.KeyboardModifier.NoModifier), (Qt.Key.Key_R, Qt.KeyboardModifier.ControlModifier)],
+)
+def test_one_key_runs_what_the_form_says(
+    stage: Stage, tmp_path: Path, key: Qt.Key, modifier: Qt.KeyboardModifier
+) -> None:
+    stage.happen(OPENED)
+    stage.window.measure.panel.form.rows["peak_to_peak_v"].set("4000 mV")
+    stage.press(key, modifier)
+    assert stage.session.runs == [(SineDwell(peak_to_peak_v=4.0), tmp_path, "T7")]
+    assert stage.window.view.busy
+    stage.press(key, modifier)
+    assert len(stage.session.runs) == 1
+
+
+def test_a_fault_in_the_form_is_told_beside_the_field_and_keeps_run_away(stage: Stage) -> None:
+    stage.happen(OPENED)
+    panel = stage.window.measure.panel
+    editor = panel.form.rows["peak_to_peak_v"].editor
+    editor.selectAll()
+    QTest.keyClicks(editor, "6 V")
+    assert "6 V is outside the range" in panel.form.rows["peak_to_peak_v"].note.text()
+    assert not panel.run.isEnabled()
+    stage.press(Qt.Key.Key_F5)
+    assert stage.session.runs == []
+    panel.defaults.click()
+    assert panel.run.isEnabled()
+
+
+def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, Progressed(7, 18, 15.0, "160 Hz"))
+    bar = stage.window.bar
+    assert bar.state.words == "LIVE"
+    assert bar.volts.words == "−500 … +1500 V"
+    assert "160 Hz" in bar.task.words
+    assert "7 of 18 points" in bar.task.note
+    assert "15 s left" in bar.task.note
+
+
+@pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
+def test_stop_is_one_key_and_is_shown_at_once(stage: Stage, key: Qt.Key) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    stage.press(key)
+    assert stage.session.stops == 1
+    assert stage.window.bar.state.words == "GOING TO REST"
+
+
+def test_stop_is_answered_within_a_tenth_of_a_second_while_samples_pour_in(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.session.bench = _Sensing(stage)
+    stage.window.run()
+    stage.happen(*LIVE, StreamStarted(500_000.0, stage.session.bench.scales))
+    blocks = [BlockTaken(sine_block(25_000 * i, 25_000, 500_000.0), 25_000 * i) for i in range(4)]
+    for i in range(40):
+        stage.window.link.observe(blocks[i % 4])
+        stage.window.tick()
+    begin = time.perf_counter()
+    QTest.mouseClick(stage.window.bar.stop, Qt.MouseButton.LeftButton)
+    stage.window.bar.repaint()
+    assert time.perf_counter() - begin < 0.1
+    assert stage.session.stops == 1
+    assert stage.window.bar.state.words == "GOING TO REST"
+
+
+def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, point(0, 100.0), point(1, 150.0, Quality.UNSETTLED))
+    spots = stage.window.measure.response.scatters[0].points()
+    assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
+    assert spots[0].pos().y() == pytest.approx(900.0)
+    paper = stage.window.theme.panel
+    assert spots[0].brush().color().name() != paper
+    assert spots[1].brush().color().name() == paper
+    assert "unsettled" in spots[1].data()
+    twice = stage.window.measure.response.scatters[1].points()
+    assert twice[0].pos().y() == pytest.approx(864.0)
+
+
+def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    found = Estimate("resonance frequency", 158.35, 0.0072, "Hz", "this run")
+    stage.happen(*LIVE, AT_REST, RunEnded(Status.COMPLETED, "all points measured", "run.h5", (found,)))
+    assert stage.window.measure.response.found.words == "resonance frequency 158.35 ± 0.0072 Hz"
+
+
+def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
+    response = stage.window.measure.response
+    response.shown[1].click()
+    assert not response.scatters[1].isVisible()
+    assert response.scatters[0].isVisible()
+
+
+def test_curve_and_points_of_different_drives_are_told_apart(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, point(0, 100.0), *STOPPED)
+    until(lambda: stage.window.overlay.ready() is not None)
+    stage.window.tick()
+    assert "hollow" in stage.window.measure.response.hint.text()
+    stage.window.measure.panel.form.rows["peak_to_peak_v"].set(2.0)
+    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure.response.hint.text())
+
+
+def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
+    until(lambda: stage.window.overlay.ready() is not None)
+    stage.window.tick()
+    curve = stage.window.overlay.ready()
+    assert curve is not None
+    assert curve.question.amplitude_v == 2.5
+
+
+def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> None:
+    prompted(stage)
+    assert stage.window.notices.prompt.isVisible()
+    assert stage.window.notices.prompt.words.text() == ENABLE_HIGH_VOLTAGE.text
+    assert stage.window.bar.state.words == "LIVE"
+    stage.press(Qt.Key.Key_Return)
+    assert stage.window.link.mailbox.answer(2) is None, "an Enter meant for something else"
+    wait_past_the_guard()
+    stage.press(Qt.Key.Key_Return)
+    assert stage.window.link.mailbox.answer(2) == "done"
+    stage.happen(Answered(2, "done"))
+    assert not stage.window.notices.isVisible()
+
+
+def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
+    prompted(stage)
+    QTest.mouseClick(stage.window.notices.prompt.buttons[1], Qt.MouseButton.LeftButton)
+    assert stage.session.stops == 1
+    assert not stage.window.notices.prompt.isVisible()
+
+
+def test_a_prompt_for_the_simulated_operator_is_not_put_to_the_person(stage: Stage) -> None:
+    stage.happen(OPENED, STARTED, Asked(2, ENABLE_HIGH_VOLTAGE))
+    assert not stage.window.notices.prompt.isVisible()
+
+
+def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, *LOST)
+    assert stage.window.bar.state.words == "UNSAFE"
+    assert "high voltage OFF by hand" in stage.window.notices.unsafe.words.text()
+    assert stage.window.notices.unsafe.isVisible()
+    stage.press(Qt.Key.Key_F5)
+    assert len(stage.session.runs) == 1
+    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    assert not stage.window.notices.unsafe.isVisible()
+    assert stage.window.bar.state.words == "UNSAFE", "acknowledging measures nothing"
+    stage.press(Qt.Key.Key_F5)
+    assert len(stage.session.runs) == 2
+
+
+def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, AT_REST, RunEnded(Status.FAILED, "the generator was silent for 2 s", "run.h5"))
+    assert "silent for 2 s" in stage.window.notices.trouble.words.text()
+    stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
+    assert not stage.window.notices.isVisible()
+
+
+def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(Refused("the folder cannot be written; choose another"))
+    assert "cannot be written" in stage.window.notices.trouble.words.text()
+    assert stage.window.measure.panel.run.isEnabled()
+
+
+def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
+    stage.happen(BenchFailed("no generator answers; switch it on"))
+    assert stage.window.bar.state.words == "NO BENCH"
+    assert "switch it on" in stage.window.notices.trouble.words.text()
+    stage.press(Qt.Key.Key_F6)
+    assert stage.window.bar.state.words == "CONNECTING"
+    stage.happen(OPENED)
+    assert stage.window.view.state is BenchState.IDLE
+
+
+def test_autostart_begins_as_soon_as_the_bench_is_there(open_stage: OpenStage) -> None:
+    stage = open_stage(autostart=True)
+    assert stage.session.runs == []
+    stage.happen(OPENED)
+    stage.window.tick()
+    assert len(stage.session.runs) == 1
+
+
+def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, point(0, 100.0), *STOPPED)
+    log = stage.window.measure.log.toPlainText()
+    assert "simulated bench is open" in log
+    assert "100 Hz: max − min 900.0" in log
+    assert "Stopped by the operator" in log
+    assert log[2] == log[5] == ":"
+
+
+def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings) -> None:
+    first = open_stage()
+    first.window.resize(1100, 640)
+    first.window.measure.right.setSizes([150, 150, 120])
+    first.window.measure.panel.specimen.setText("T12 left")
+    first.window.measure.traces.choice.setCurrentIndex(2)
+    rows = first.window.measure.right.sizes()
+    first.window.close()
+    until(lambda: not first.window.isVisible())
+    second = open_stage(folder=None, specimen=None)
+    assert second.window.size().height() == 640
+    assert second.window.measure.right.sizes() == rows
+    assert second.window.measure.panel.specimen.text() == "T12 left"
+    assert second.window.measure.traces.choice.currentIndex() == 2
+    assert second.window.measure.panel.folder.text() == first.window.measure.panel.folder.text()
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (2560, 1440)])
+def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path, size: tuple[int, int]) -> None:
+    stage.happen(OPENED)
+    stage.window.resize(*size)
+    brightness = []
+    for theme in (LIGHT, DARK):
+        stage.window.set_theme(theme)
+        grab(stage.window, tmp_path / "window.png")
+        image = stage.window.grab().toImage()
+        assert image.width() == size[0]
+        brightness.append(image.pixelColor(4, image.height() // 2).lightness())
+    assert brightness[0] > 200
+    assert brightness[1] < 60
+
+
+class _Sensing:
+    """As much of a bench as the traces need."""
+
+    amplifier = None
+
+    def __init__(self, stage: Stage) -> None:
+        from drivers.sensor import LaserSensor
+        from tests.app.gui.happenings import SCALES
+
+        self.sensor = LaserSensor("laser", 1e-4)
+        self.scales = SCALES
