@@ -8,8 +8,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration, point_line
+from app.words import duration, point_line, uncertain
 from protocols.events import (
+    Answered,
     Armed,
     Asked,
     AtRest,
@@ -67,6 +68,8 @@ class ConsoleObserver:
                 say("rest is measured at the amplifier's input; high voltage is on")
             case Asked(_, prompt):
                 say(f"[bold yellow]> {prompt.text}[/]")
+            case Answered(_, words):
+                say(f"  {words}")
             case Noted(text):
                 say(text)
             case PointMeasured(_, point):
@@ -80,7 +83,7 @@ class ConsoleObserver:
                 say(("[green]at rest:[/] " if confirmed else "[bold red]NOT AT REST:[/] ") + words, highlight=False)
             case RunEnded():
                 for estimate in event.estimates:
-                    value = f"{estimate.value:.5g} +- {estimate.standard_error:.2g} {estimate.unit}".replace(" 1", "")
+                    value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
                     say(f"{estimate.name}: {value}", highlight=False)
                 colour = (
                     "green" if event.status == "completed" else "bold red" if event.status == "unsafe" else "yellow"

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from app.words import uncertain
 from model.parameters import Tactor
 from model.response import amplifier_response
 from protocols.quality import Quality
@@ -53,11 +54,11 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
                 label="measured, 2 x fundamental" + words,
             )  # fmt: skip
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
-    axes.text(curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom")
+    axes.text(
+        0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
+    )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    found = [
-        f"{e.name} {e.value:.4g} ± {e.standard_error:.1g} {e.unit if e.unit != '1' else ''}" for e in run.estimates()
-    ]
+    found = [f"{e.name} {uncertain(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from app.words import duration, size
+from app.words import duration, size, uncertain
 from protocols.quality import Quality
 from protocols.runreader import Run
 
@@ -60,10 +60,8 @@ def run_text(run: Run) -> str:
     else:
         lines.append("no points")
     for estimate in run.estimates():
-        unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-        lines.append(
-            f"{estimate.name}: {estimate.value:.5g} ± {estimate.standard_error:.2g}{unit}   ({estimate.source})"
-        )
+        value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
+        lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
 
 

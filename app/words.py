@@ -1,5 +1,6 @@
 """Numbers in words a person reads at a glance, alike in window, terminal and picture."""
 
+import math
 from typing import Any
 
 from protocols.quality import Quality
@@ -22,6 +23,16 @@ def size(count: float) -> str:
             return f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} GB"
+
+
+def uncertain(value: float, standard_error: float, unit: str) -> str:
+    """A value to the two figures its standard error has: `158.3460 ± 0.0075 Hz`; the unit `1` is left away."""
+    if not (standard_error > 0 and math.isfinite(standard_error)):
+        text = f"{value:.6g}"
+    else:
+        places = max(1 - math.floor(math.log10(standard_error)), 0)
+        text = f"{value:.{places}f} ± {standard_error:.{places}f}"
+    return text if unit == "1" else f"{text} {unit}"
 
 
 def point_line(point: Any) -> str:

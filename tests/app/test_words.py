@@ -1,0 +1,31 @@
+"""Numbers in words."""
+
+import pytest
+
+from app.words import duration, size, uncertain
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0, "0 s"), (12.4, "12 s"), (59.6, "1 min 00 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")]
+)
+def test_durations(seconds: float, words: str) -> None:
+    assert duration(seconds) == words
+
+
+@pytest.mark.parametrize(("count", "words"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
+def test_sizes(count: float, words: str) -> None:
+    assert size(count) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "unit", "words"),
+    [
+        (158.34604, 0.00752, "Hz", "158.3460 ± 0.0075 Hz"),
+        (0.21096, 4.6e-5, "1", "0.210960 ± 0.000046"),
+        (1234.5, 210.0, "kg", "1234 ± 210 kg"),
+        (3.0, 0.0, "m", "3 m"),
+        (3.0, float("nan"), "1", "3"),
+    ],
+)
+def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, words: str) -> None:
+    assert uncertain(value, error, unit) == words
