@@ -1,5 +1,6 @@
 """From what happens to what the window shows: `reduce` makes the next view from the last and an event. Pure."""
 
+import re
 from dataclasses import replace
 
 from app.sentences import Level, Message, sentence, title_of
@@ -33,6 +34,9 @@ from protocols.events import (
 from protocols.operator import ENABLE_HIGH_VOLTAGE
 
 LOG_LINES = 500
+
+SPOKEN_FOR = r"\b{role} [^:.;,]{{1,40}}:"
+"""A driver's sentence begins with its instrument: `function generator 33511B: no answer ...`."""
 
 
 def reduce(view: View, heard: Heard) -> View:
@@ -121,8 +125,8 @@ def _ended(view: View, event: RunEnded) -> View:
     unsafe = event.status is Status.UNSAFE
     failed = event.status is Status.FAILED
     instruments = view.instruments
-    if failed:
-        named = event.reason.casefold()
+    if failed or unsafe:
+        named = [i.role for i in instruments if re.search(SPOKEN_FOR.format(role=re.escape(i.role)), event.reason)]
         instruments = tuple(replace(i, lamp=Lamp.DOUBTED) if i.role in named else i for i in instruments)
     return replace(
         view,

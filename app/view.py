@@ -11,6 +11,7 @@ from app.session import SessionEvent
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from model.amplifier import AmplifierMap
 from protocols.events import Asked, AtRest, RunEnded, Status
+from protocols.quality import Quality
 
 UNSAFE_EXIT = 3
 
@@ -132,6 +133,11 @@ class View:
     messages: tuple[Message, ...] = ()
     told: int = 0
     """How many messages there ever were."""
+
+    @property
+    def unusable(self) -> int:
+        """How many of the points no fit may use."""
+        return sum(not Quality(point.quality).usable for point in self.points)
 
     @property
     def can_run(self) -> bool:

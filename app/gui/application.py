@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from app.config import BenchConfig
 from app.gui.link import Connect, Link, MakeSession
 from app.gui.window import MainWindow
 from app.session import Session
+from app.units import to_number
 from app.view import UNSAFE_EXIT
 from protocols.protocol import Protocol
 
@@ -58,8 +60,12 @@ def open_window(
         Link(connect, make_session), config, protocol, folder, specimen, settings or QSettings(), autostart
     )
     window.show()
+    # Units in the form are read by pint, which takes half a second to import: not when somebody presses a key.
+    units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
+    units.start()
     with _leave_on_signal(window):
         app.exec()
+    units.join()
     view = window.view
     window.deleteLater()
     QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)

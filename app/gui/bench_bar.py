@@ -159,17 +159,20 @@ class BenchBar(QWidget):
         if view is None:
             return
         progress, fraction = view.progress, 0.0
+        flagged = f", {view.unusable} not usable" if view.unusable else ""
         if progress is None:
             title, note = view.bench, "no run yet" if view.connected else ""
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
             title = f"{progress.title} · {progress.label}" if progress.label else progress.title
             left = duration(progress.left_at(streamed_s))
-            note = f"{progress.done} of {progress.entries} points, {left} left" if progress.entries else "begins"
+            note = (
+                f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
+            )
         else:
             ended = f"{view.outcome.status}, " if view.outcome is not None else ""
             fraction = progress.done / max(progress.entries, 1)
-            title, note = progress.title, f"{ended}{progress.done} of {progress.entries} points"
+            title, note = progress.title, f"{ended}{progress.done} of {progress.entries} points{flagged}"
         self.task.say(title, note)
         self.progress.setValue(round(1000 * fraction))
 

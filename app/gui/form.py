@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
@@ -78,7 +78,7 @@ class Form(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 6, 0)
         grid.setHorizontalSpacing(8)
-        grid.setVerticalSpacing(1)
+        grid.setVerticalSpacing(0)
         grid.setColumnStretch(1, 1)
         at = 0
         for row in self.rows.values():
@@ -87,7 +87,7 @@ class Form(QWidget):
             grid.addWidget(row.editor, at, 1)
             grid.addWidget(row.unit, at, 2, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
             grid.addWidget(row.note, at + 1, 0, 1, 3)
-            grid.setRowMinimumHeight(at + 2, 5)
+            grid.setRowMinimumHeight(at + 2, 3)
             grid.setRowStretch(at, 20 if many else 0)
             at += 3
             _changes(row.editor).connect(self._edited)
@@ -114,6 +114,23 @@ def mark(widget: QWidget, kind: str) -> None:
         widget.style().polish(widget)
 
 
+class Numbers(QPlainTextEdit):
+    """An editor for many numbers: a few lines, more where there is room."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setTabChangesFocus(True)
+        self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
+        self.setMinimumHeight(self._height(LINES[0]))
+        self.setMaximumHeight(self._height(LINES[1]))
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), self._height(LINES[0]))
+
+    def _height(self, lines: int) -> int:
+        return QFontMetrics(self.font()).lineSpacing() * lines + 12
+
+
 def _editor(field: Field) -> Editor:
     if field.switch:
         return QCheckBox()
@@ -121,15 +138,7 @@ def _editor(field: Field) -> Editor:
         combo = QComboBox()
         combo.addItems(field.choices)
         return combo
-    if not field.many:
-        return QLineEdit()
-    many = QPlainTextEdit()
-    many.setTabChangesFocus(True)
-    many.setWordWrapMode(QTextOption.WrapMode.WordWrap)
-    line = QFontMetrics(many.font()).lineSpacing()
-    many.setMinimumHeight(LINES[0] * line + 12)
-    many.setMaximumHeight(LINES[1] * line + 12)
-    return many
+    return Numbers() if field.many else QLineEdit()
 
 
 def _changes(editor: Editor) -> Any:

@@ -2,6 +2,7 @@
 
 from html import escape
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from app.gui.theme import Theme
@@ -19,6 +20,7 @@ class LogPane(QPlainTextEdit):
         self._theme, self._told = theme, 0
         self._messages: tuple[Message, ...] = ()
         self.setReadOnly(True)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)  # an open menu would keep the Stop key to itself
         self.setMaximumBlockCount(1000)
         self.setAccessibleName("log")
         self.setPlaceholderText("What happens is written here.")

@@ -98,10 +98,10 @@ class MeasurePage(QSplitter):
                 splitter.restoreState(state)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
-            self.traces.choice.setCurrentIndex(min(int(span), self.traces.choice.count() - 1))
+            self.traces.choose(int(span))
 
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
         settings.setValue("measure/columns", self.saveState())
         settings.setValue("measure/rows", self.right.saveState())
-        settings.setValue("measure/span", self.traces.choice.currentIndex())
+        settings.setValue("measure/span", self.traces.chosen)

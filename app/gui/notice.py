@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QPalette
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from app.gui.form import mark
 from app.gui.symbols import SYMBOLS
@@ -45,17 +45,24 @@ class Notice(QFrame):
     def __init__(self, choices: tuple[Choice, ...], kind: str, symbol: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.words = QLabel()
-        self.words.setWordWrap(True)
-        self.words.setTextFormat(Qt.TextFormat.PlainText)
-        self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.words.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.MinimumExpanding)
+        self.detail = QLabel()
+        self.detail.setProperty("kind", "detail")
+        for label in (self.words, self.detail):
+            label.setWordWrap(True)
+            label.setTextFormat(Qt.TextFormat.PlainText)
+            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            label.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)
+        text = QVBoxLayout()
+        text.setSpacing(4)
+        text.addWidget(self.words)
+        text.addWidget(self.detail)
         self._symbol = Symbol(self)
         self._symbol.name = symbol
         layout = QHBoxLayout(self)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(14)
         layout.addWidget(self._symbol)
-        layout.addWidget(self.words, 1)
+        layout.addLayout(text, 1)
         self.buttons = [QPushButton(choice.words) for choice in choices]
         for button, choice in zip(self.buttons, choices, strict=True):
             if choice.kind:
@@ -65,13 +72,10 @@ class Notice(QFrame):
         mark(self, kind)
         self.hide()
 
-    def say(self, words: str, kind: str | None = None) -> None:
-        """Show a sentence; nothing hides the notice."""
-        if kind is not None:
-            mark(self, kind)
-            for child in (self.words, *self.buttons):
-                child.style().unpolish(child)
-                child.style().polish(child)
-        if words != self.words.text():
+    def say(self, words: str, detail: str = "") -> None:
+        """Show a sentence and, smaller, what else is known; nothing hides the notice."""
+        if (words, detail) != (self.words.text(), self.detail.text()):
             self.words.setText(words)
+            self.detail.setText(detail)
+        self.detail.setVisible(bool(detail))
         self.setVisible(bool(words))

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.gui.notice import Choice, Notice
 from app.view import View
+from drivers.bench import BY_HAND
 from protocols.events import Asked
 
 GUARD_S = 0.4
@@ -81,7 +82,9 @@ class Notices(QWidget):
     def show_view(self, view: View) -> None:
         """Show what a view has to say."""
         self._no_bench = not view.connected and bool(view.trouble)
-        self.unsafe.say(view.unsafe)
+        # What to do comes first and large; what was measured and why it came to this can be read afterwards.
+        todo = BY_HAND if view.unsafe.startswith(BY_HAND) else view.unsafe
+        self.unsafe.say(todo, view.unsafe.removeprefix(todo).lstrip(". "))
         self.trouble.say(view.trouble)
         self.trouble.buttons[0].setVisible(self._no_bench)
         self._arrange()

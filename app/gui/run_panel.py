@@ -43,7 +43,8 @@ class RunPanel(QWidget):
         self._amplifier = amplifier
         self._defaults = type(protocol).model_validate({})
         self._can_run, self._why = False, ""
-        self._rehearsed = False
+        self._rehearsed: tuple[object, ...] = ()
+        self._told = ("", False)
         self.form = Form(protocol)
         self.specimen, self.folder = QLineEdit(), QLineEdit()
         self.rehearsal = QLabel()
@@ -94,7 +95,10 @@ class RunPanel(QWidget):
 
     def _judge(self) -> None:
         """Rehearse what the form says, and allow Run or not."""
-        words, fault = self._rehearse()
+        about = (self.form.checked, self._amplifier())
+        if about != self._rehearsed:
+            self._rehearsed, self._told = about, self._rehearse()
+        words, fault = self._told
         self.rehearsal.setText(words)
         mark(self.rehearsal, "fault" if fault else "")
         missing = "" if self.folder.text().strip() else "a folder is needed"
@@ -138,6 +142,7 @@ class RunPanel(QWidget):
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setFrameShape(QFrame.Shape.NoFrame)
+        scroll.setMinimumHeight(60)
         scroll.viewport().setAutoFillBackground(False)
         self.form.setAutoFillBackground(False)
         self._browse.setText("…")

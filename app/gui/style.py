@@ -16,12 +16,11 @@ def sheet(theme: Theme) -> str:
         color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
         font-size: 13pt; font-weight: bold; padding: 0 8px;
     }}
-    QLineEdit, QPlainTextEdit, QComboBox {{
+    QLineEdit, QPlainTextEdit {{
         background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 5px;
         selection-background-color: {theme.accent}; selection-color: white;
     }}
-    QComboBox::drop-down {{ border: none; width: 20px; }}
-    QLineEdit:focus, QPlainTextEdit:focus, QComboBox:focus {{ border: 2px solid {theme.accent}; padding: 2px 4px; }}
+    QLineEdit:focus, QPlainTextEdit:focus {{ border: 2px solid {theme.accent}; padding: 2px 4px; }}
     QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] {{ border: 2px solid {theme.bad}; padding: 2px 4px; }}
     QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {theme.dim}; background: {theme.window}; }}
     QPushButton {{
@@ -30,6 +29,9 @@ def sheet(theme: Theme) -> str:
     QPushButton:hover {{ border-color: {theme.accent}; }}
     QPushButton:focus {{ border: 2px solid {theme.accent}; padding: 4px 11px; }}
     QPushButton:disabled {{ color: {theme.dim}; }}
+    QPushButton[kind="choice"] {{ padding: 2px 9px; }}
+    QPushButton[kind="choice"]:focus {{ padding: 1px 8px; }}
+    QPushButton[kind="choice"]:checked {{ background: {theme.accent}; color: white; border-color: {theme.accent}; }}
     QPushButton[kind="go"] {{
         background: {theme.accent}; color: white; border: none; font-size: 12pt; font-weight: bold; padding: 9px 14px;
     }}
@@ -50,6 +52,7 @@ def sheet(theme: Theme) -> str:
     QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.bad}; border-radius: 6px; }}
     QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}
+    QFrame[kind="unsafe"] QLabel[kind="detail"] {{ font-size: 9pt; font-weight: normal; }}
     QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
     QFrame[kind="prompt"] QPushButton {{ background: black; color: white; font-size: 13pt; font-weight: bold; padding: 9px 16px; }}
     QFrame[kind="prompt"] QPushButton[kind="stop"] {{ background: #c00018; }}

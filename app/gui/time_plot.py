@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from app.gui.feed import SPANS, LiveFeed, Span
 from app.gui.plots import Corner, calm_range, few_ticks, paint, quiet, simulated_mark, trace_pen
@@ -38,11 +38,7 @@ class TimePlot(QWidget):
         self._version = -1
         self._end_s = self._shown_s = 0.0
         self._at = time.monotonic()
-        self.choice = QComboBox()
-        for span in SPANS:
-            self.choice.addItem(f"last {span.shown_s:g} s" + (", standing" if span.standing else ""))
-        self.choice.setToolTip("How much of the past is shown; 'standing' lines the drive's cycles up")
-        self.choice.setAccessibleName("time span of the traces")
+        self._spans = QButtonGroup(self)
         self._axis_words = QLabel()
         self._canvas = pg.GraphicsLayoutWidget()
         self._canvas.ci.setContentsMargins(0, 0, 10, 0)
@@ -71,8 +67,8 @@ class TimePlot(QWidget):
         self.marks = [simulated_mark(plot, self.font()) for plot in (self._driven, self._moved)]
         self._build()
         self.set_theme(theme)
-        self._choose()
-        self.choice.currentIndexChanged.connect(self._choose)
+        self._spans.idToggled.connect(self._chosen)
+        self.choose(0)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
@@ -92,7 +88,16 @@ class TimePlot(QWidget):
 
     @property
     def span(self) -> Span:
-        return SPANS[max(self.choice.currentIndex(), 0)]
+        return SPANS[self.chosen]
+
+    @property
+    def chosen(self) -> int:
+        """Which of `SPANS` is shown."""
+        return max(self._spans.checkedId(), 0)
+
+    def choose(self, at: int) -> None:
+        """Show one of `SPANS`."""
+        self._spans.button(min(max(at, 0), len(SPANS) - 1)).setChecked(True)
 
     def refresh(self) -> None:
         """Take what is new and let the picture flow towards it."""
@@ -135,7 +140,9 @@ class TimePlot(QWidget):
             step = few_ticks(*wanted)
             self._moved.getAxis("left").setTickSpacing(step, step)
 
-    def _choose(self) -> None:
+    def _chosen(self, _at: int, checked: bool) -> None:
+        if not checked:
+            return
         self._version, self._range = -1, None
         short = self.span.shown_s < 1.0
         axis = self._driven.getAxis("bottom")
@@ -153,7 +160,17 @@ class TimePlot(QWidget):
         head.addWidget(caption)
         head.addWidget(self._axis_words)
         head.addStretch()
-        head.addWidget(self.choice)
+        # Buttons and no list that drops down: an open list would keep the Stop key to itself.
+        for at, span in enumerate(SPANS):
+            button = QPushButton(f"{span.shown_s:g} s" + (" standing" if span.standing else ""))
+            button.setCheckable(True)
+            button.setProperty("kind", "choice")
+            button.setToolTip(
+                f"Show the last {span.shown_s:g} s"
+                + (", the cycles of the drive lined up like an oscilloscope's" if span.standing else "")
+            )
+            self._spans.addButton(button, at)
+            head.addWidget(button)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)

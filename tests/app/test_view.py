@@ -52,7 +52,7 @@ AT_REST = AtRest(True, 2.5, "the card sees 2.500 V")
 NOT_AT_REST = AtRest(False, 0.0, "the card sees 0.000 V")
 COMPLETED = RunEnded(Status.COMPLETED, "all points measured", "run.h5")
 STOPPED = RunEnded(Status.STOPPED, "stopped by the operator", "run.h5")
-FAILED = RunEnded(Status.FAILED, "the generator was silent for 2 s", "run.h5")
+FAILED = RunEnded(Status.FAILED, "function generator 33511B: no answer; check its cable to the card", "run.h5")
 UNSAFE = RunEnded(Status.UNSAFE, "UNSAFE: switch the high voltage off by hand", "run.h5")
 LOST = (*LIVE, GoingToRest(), NOT_AT_REST, UNSAFE)
 
@@ -187,6 +187,11 @@ def test_lamps_tell_what_is_known_of_each_instrument() -> None:
     assert after_failure["generator"] is Lamp.DOUBTED
     assert after_failure["card"] is Lamp.READY
     assert set(lamps(*LIVE, AT_REST, FAILED, RunAsked("x"), STARTED, Armed()).values()) == {Lamp.READY}
+
+
+def test_points_that_no_fit_may_use_are_counted() -> None:
+    view = view_after(*LIVE, PointMeasured(0, point()), PointMeasured(1, point(Quality.CLIPPED)))
+    assert view.unusable == 1
 
 
 def test_a_prompt_is_there_until_it_is_answered_or_the_run_ends() -> None:

@@ -42,7 +42,6 @@ def test_a_block_before_the_stream_is_known_is_left_out() -> None:
 def test_the_shortest_span_stands_still(qt: QApplication) -> None:
     feed = fed(seconds=1.0)
     plot = TimePlot(feed, AmplifierMap(), LIGHT)
-    plot.choice.setCurrentIndex(0)
     pictures = []
     for i in range(3):
         feed.take(sine_block(5000 + 177 * i, 177, 5000.0))
@@ -59,7 +58,6 @@ def test_the_shortest_span_stands_still(qt: QApplication) -> None:
 def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -> None:
     feed = fed()
     plot = TimePlot(feed, AmplifierMap(), LIGHT)
-    plot.choice.setCurrentIndex(0)
     for _ in range(10):
         plot.refresh()
     plot.deleteLater()

@@ -1,9 +1,10 @@
 """The whole way: a key pressed in the window, volts on the simulated bench, points on the screen, a file on the disk."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -12,8 +13,9 @@ from app.build import Laboratory, connect
 from app.config import BenchConfig
 from app.gui.link import Link
 from app.gui.window import MainWindow
-from app.view import BenchState
-from protocols.events import Status
+from app.session import SessionEvent
+from drivers.bench import BY_HAND
+from protocols.events import PointMeasured, Status
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
 from tests.app.gui.stage import end, until
@@ -21,44 +23,84 @@ from tests.app.gui.stage import end, until
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 
 
-def test_a_key_becomes_volts_points_and_a_file_and_a_fault_is_told(
-    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, no_widget_left_behind: None
-) -> None:
-    there: list[Laboratory] = []
+class Bench(Link):
+    """The simulated bench on its virtual clock, with hands that may break it when a point arrives."""
 
-    @contextmanager
-    def open_bench() -> Iterator[Laboratory]:
-        with connect(config, None) as laboratory:
-            there.append(laboratory)
-            yield laboratory
+    def __init__(self, config: BenchConfig) -> None:
+        self.laboratory: Laboratory | None = None
+        self.at_a_point: Callable[[Laboratory], None] = lambda _: None
 
-    window = MainWindow(Link(open_bench), config, DWELL, tmp_path, "T7", settings)
+        @contextmanager
+        def open_bench() -> Iterator[Laboratory]:
+            with connect(config, None) as self.laboratory:
+                yield self.laboratory
+
+        super().__init__(open_bench)
+
+    def observe(self, event: SessionEvent) -> None:
+        super().observe(event)
+        if isinstance(event, PointMeasured) and self.laboratory is not None:
+            self.at_a_point(self.laboratory)
+
+
+@pytest.fixture
+def bench(config: BenchConfig) -> Bench:
+    return Bench(config)
+
+
+@pytest.fixture
+def window(
+    qt: QApplication,
+    bench: Bench,
+    config: BenchConfig,
+    settings: QSettings,
+    tmp_path: Path,
+    no_widget_left_behind: None,
+) -> Iterator[MainWindow]:
+    window = MainWindow(bench, config, DWELL, tmp_path, "T7", settings)
     window.show()
     window.activateWindow()
     assert QTest.qWaitForWindowActive(window, 5000)
     until(lambda: window.view.connected, "for the bench")
-    assert "3 points" in window.measure.panel.rehearsal.text()
-    assert "−500 … +1500 V" in window.measure.panel.rehearsal.text()
+    yield window
+    end(window)
 
+
+def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Path) -> None:
+    rehearsal = window.measure.panel.rehearsal.text()
+    assert "3 points" in rehearsal
+    assert "−500 … +1500 V" in rehearsal
     QTest.keyClick(window, Qt.Key.Key_F5)
     until(lambda: not window.view.busy, "for the run")
     assert window.view.outcome is not None
     assert window.view.outcome.status is Status.COMPLETED
     assert window.bar.state.words == "AT REST"
-    shown = window.measure.response.scatters[0].points()
-    (path,) = tmp_path.glob("*.h5")
+    (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
-    assert [round(spot.pos().y(), 3) for spot in shown] == [round(y, 3) for y in measured]
-    drive = window.link.feed.traces(window.measure.traces.span)[0].curve()[1]
-    assert drive.size > 100
+    shown = window.measure.response.scatters[0].points()
+    assert [spot.pos().y() for spot in shown] == pytest.approx(list(measured))
+    drive, moved = (trace.curve()[1] for trace in window.link.feed.traces(window.measure.traces.span))
+    assert drive[-1] == pytest.approx(2.5, abs=0.01)
+    assert abs(moved[-1]) < 5.0
 
-    there[0].control.inject("generator-power-off")
-    window.run()
-    until(lambda: not window.view.busy, "for the failure")
-    assert window.view.outcome.status is not Status.COMPLETED
-    assert window.notices.isVisible()
-    assert window.view.state in (BenchState.UNSAFE, BenchState.IDLE, BenchState.AT_REST)
 
-    there[0].control.clear()
-    end(window)
+def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, bench: Bench) -> None:
+    bench.at_a_point = lambda _: bench.session.stop()
+    QTest.keyClick(window, Qt.Key.Key_F5)
+    until(lambda: not window.view.busy, "for the run")
+    assert window.view.outcome is not None
+    assert window.view.outcome.status is Status.STOPPED
+    assert window.bar.state.words == "AT REST"
+    assert window.bar.volts.words == "0 V"
+
+
+@pytest.mark.breaks_the_drive
+def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window: MainWindow, bench: Bench) -> None:
+    bench.at_a_point = lambda laboratory: laboratory.control.inject("generator-power-off")
+    QTest.keyClick(window, Qt.Key.Key_F5)
+    until(lambda: not window.view.busy, "for the run")
+    assert window.bar.state.words == "UNSAFE"
+    assert window.notices.unsafe.words.text() == BY_HAND
+    assert "What was measured" in window.notices.unsafe.detail.text()
+    assert window.view.exit_code == 3

@@ -262,7 +262,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     first.window.resize(1100, 640)
     first.window.measure.right.setSizes([150, 150, 120])
     first.window.measure.panel.specimen.setText("T12 left")
-    first.window.measure.traces.choice.setCurrentIndex(2)
+    first.window.measure.traces.choose(2)
     rows = first.window.measure.right.sizes()
     first.window.close()
     until(lambda: not first.window.isVisible())
@@ -270,7 +270,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     assert second.window.size().height() == 640
     assert second.window.measure.right.sizes() == rows
     assert second.window.measure.panel.specimen.text() == "T12 left"
-    assert second.window.measure.traces.choice.currentIndex() == 2
+    assert second.window.measure.traces.chosen == 2
     assert second.window.measure.panel.folder.text() == first.window.measure.panel.folder.text()
 
 
