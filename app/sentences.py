@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration
+from app.words import duration, uncertain
 from protocols.events import (
     Answered,
     Armed,
@@ -92,9 +92,8 @@ def point_words(point: Any) -> str:
 
 
 def estimate_words(estimate: Estimate) -> str:
-    """`resonance frequency 158.35 ± 0.0072 Hz`."""
-    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    return f"{estimate.name} {estimate.value:.5g} ± {estimate.standard_error:.2g}{unit}"
+    """`resonance frequency 158.3500 ± 0.0072 Hz`."""
+    return f"{estimate.name} {uncertain(estimate.value, estimate.standard_error, estimate.unit)}"
 
 
 def title_of(protocol: str) -> str:

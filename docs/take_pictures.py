@@ -1,0 +1,76 @@
+"""Take the pictures of the documentation from the running program: the window on the simulated bench, on its real wires.
+
+    python docs/take_pictures.py
+
+Works without a screen. The pictures in docs/pictures are made by this script and by nothing else.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+from PySide6.QtCore import QSettings
+from PySide6.QtWidgets import QApplication
+
+from app.build import connect
+from app.commands import make_protocol
+from app.config import load_bench
+from app.gui.application import application
+from app.gui.link import Link
+from app.gui.picture import grab
+from app.gui.theme import DARK, LIGHT
+from app.gui.window import MainWindow
+
+PICTURES = Path(__file__).resolve().parent / "pictures"
+SPEED = 3.0
+SIZE = (1280, 800)
+
+
+def main() -> int:
+    application()
+    PICTURES.mkdir(exist_ok=True)
+    config = load_bench("sim")
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)  # the run file goes where the rest of this does
+        settings = QSettings("settings.ini", QSettings.Format.IniFormat)
+        protocol = make_protocol("sine-dwell", [])
+        window = MainWindow(Link(lambda: connect(config, SPEED)), config, protocol, Path("runs"), "T7", settings)
+        window.resize(*SIZE)
+        window.show()
+        until(lambda: window.view.can_run)
+        take(window, "idle")
+        window.run()
+        until(lambda: len(window.view.points) >= 11 and window.view.drive is not None)
+        take(window, "window")
+        until(lambda: window.view.outcome is not None)
+        take(window, "finished")
+        window.leave(at_once=True)
+        until(lambda: not window.isVisible())
+        os.chdir(PICTURES)
+    return 0
+
+
+def take(window: MainWindow, name: str) -> None:
+    for theme, suffix in ((LIGHT, ""), (DARK, "-dark")):
+        window.set_theme(theme)
+        window.tick()
+        QApplication.processEvents()
+        print(grab(window, PICTURES / f"{name}{suffix}.png"))
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError("the program did not get there within a minute")
+        QApplication.processEvents()
+        time.sleep(0.002)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
