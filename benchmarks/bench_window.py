@@ -1,0 +1,73 @@
+"""The whole path with the window open: frames a second, longest gap between two, and scans lost, at three sample rates.
+
+    python benchmarks/bench_window.py
+
+A sine dwell on the simulated bench over its real wires at real speed, recorded to a file while the window draws. Works without
+a screen (then drawing goes to memory).
+"""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+import numpy as np
+from PySide6.QtCore import QSettings
+from PySide6.QtWidgets import QApplication
+
+from app.build import connect
+from app.commands import make_protocol
+from app.config import load_bench
+from app.gui.application import application
+from app.gui.link import Link
+from app.gui.window import MainWindow
+from protocols.runreader import Run
+
+
+def main() -> None:
+    application()
+    print(
+        f"{'scans/s x channels':>20} {'frames/s':>9} {'longest gap':>12} {'p99':>7} {'scans in file':>14} {'lost':>5}"
+    )
+    for rate_hz in (5e3, 250e3, 500e3):
+        case(rate_hz)
+
+
+def case(rate_hz: float) -> None:
+    config = load_bench("sim")
+    card = {**config.simulation["card"], "max_rate_hz": max(500e3, 2 * rate_hz)}
+    config = config.model_copy(update={"simulation": {**config.simulation, "card": card}})
+    protocol = make_protocol("sine-dwell", ["frequencies_hz=50,100,150,160,170,200", f"sample_rate_hz={rate_hz}"])
+    with tempfile.TemporaryDirectory() as folder:
+        settings = QSettings(f"{folder}/settings.ini", QSettings.Format.IniFormat)
+        window = MainWindow(Link(lambda: connect(config, 1.0)), config, protocol, Path(folder), "bench", settings)
+        window.show()
+        frames: list[float] = []
+        until(lambda: window.view.can_run)
+        window._timer.timeout.connect(lambda: frames.append(time.perf_counter()))
+        window.run()
+        until(lambda: window.view.outcome is not None)
+        with Run(Path(window.view.outcome.path)) as run:
+            samples = run.samples
+            lost = sum(bool(int(quality) & 8) for quality in run.points()["quality"])
+        window.leave(at_once=True)
+        until(lambda: not window.isVisible())
+    gaps = np.diff(frames)
+    print(
+        f"{rate_hz:>16.0f} x 2 {1 / gaps.mean():>9.1f} {1e3 * gaps.max():>9.0f} ms {1e3 * np.percentile(gaps, 99):>4.0f} ms "
+        f"{samples:>14} {lost:>5}",
+        flush=True,
+    )
+
+
+def until(condition: Callable[[], bool]) -> None:
+    while not condition():
+        QApplication.processEvents()
+        time.sleep(0.0005)
+
+
+if __name__ == "__main__":
+    main()
