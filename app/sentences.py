@@ -84,10 +84,9 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
 def point_words(point: Any) -> str:
     """One point with its value, its uncertainty and what is wrong with it."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
-    said = (
-        f"{point.frequency:.4g} Hz: max − min {1e6 * point.peak_to_peak:.1f} ± {1e6 * point.peak_to_peak_errors:.1g} µm, "
-        f"2 × fundamental {2e6 * point.fundamental:.1f} ± {2e6 * point.fundamental_errors:.1g} µm"
-    )
+    peaks = uncertain(1e6 * point.peak_to_peak, 1e6 * point.peak_to_peak_errors, "µm")
+    twice = uncertain(2e6 * point.fundamental, 2e6 * point.fundamental_errors, "µm")
+    said = f"{point.frequency:.4g} Hz: max − min {peaks}, 2 × fundamental {twice}"
     return f"{said}; not usable: {flags.words}" if flags else said
 
 

@@ -53,8 +53,8 @@ class ResponsePlot(QWidget):
         self._curve: Curve | None = None
         self._points: Sequence[Any] = ()
         self._top_hz = 250.0
-        self._canvas = pg.PlotWidget(enableMenu=False)
-        self._plot = self._canvas.getPlotItem()
+        self.canvas = pg.PlotWidget(enableMenu=False)
+        self._plot = self.canvas.getPlotItem()
         quiet(self._plot, self.font())
         self._plot.setContentsMargins(0, 0, 8, 0)
         self._plot.getAxis("left").setWidth(AXIS_WIDTH)
@@ -82,14 +82,14 @@ class ResponsePlot(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
         layout.addLayout(self._head())
-        layout.addWidget(self._canvas, 1)
+        layout.addWidget(self.canvas, 1)
         self._scale()
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self._theme = theme
-        self._canvas.setBackground(theme.panel)
+        self.canvas.setBackground(theme.panel)
         paint(self._plot, theme)
         self.mark.colour(theme.simulated)
         self.found.colour(theme.text)

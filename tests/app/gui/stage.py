@@ -26,6 +26,14 @@ def until(condition: Callable[[], object], words: str = "") -> None:
         time.sleep(0.001)
 
 
+def press(window: MainWindow, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
+    """Press a key in a window; a window that is not the active one has no shortcuts."""
+    if not window.isActiveWindow():
+        window.activateWindow()
+        until(window.isActiveWindow, "for the window to be active")
+    QTest.keyClick(window, key, modifier)
+
+
 @dataclass
 class ListeningSession:
     """Does nothing but remember what it was asked."""
@@ -64,7 +72,7 @@ class Stage:
         self.window.tick()
 
     def press(self, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
-        QTest.keyClick(self.window, key, modifier)
+        press(self.window, key, modifier)
 
 
 OpenStage = Callable[..., Stage]

@@ -18,7 +18,7 @@ from drivers.bench import BY_HAND
 from protocols.events import PointMeasured, Status
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
-from tests.app.gui.stage import end, until
+from tests.app.gui.stage import end, press, until
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 
@@ -70,7 +70,8 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     rehearsal = window.measure.panel.rehearsal.text()
     assert "3 points" in rehearsal
     assert "−500 … +1500 V" in rehearsal
-    QTest.keyClick(window, Qt.Key.Key_F5)
+    press(window, Qt.Key.Key_F5)
+    assert window.view.busy
     until(lambda: not window.view.busy, "for the run")
     assert window.view.outcome is not None
     assert window.view.outcome.status is Status.COMPLETED
@@ -87,7 +88,8 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
 
 def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda _: bench.session.stop()
-    QTest.keyClick(window, Qt.Key.Key_F5)
+    press(window, Qt.Key.Key_F5)
+    assert window.view.busy
     until(lambda: not window.view.busy, "for the run")
     assert window.view.outcome is not None
     assert window.view.outcome.status is Status.STOPPED
@@ -98,7 +100,8 @@ def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, be
 @pytest.mark.breaks_the_drive
 def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda laboratory: laboratory.control.inject("generator-power-off")
-    QTest.keyClick(window, Qt.Key.Key_F5)
+    press(window, Qt.Key.Key_F5)
+    assert window.view.busy
     until(lambda: not window.view.busy, "for the run")
     assert window.bar.state.words == "UNSAFE"
     assert window.notices.unsafe.words.text() == BY_HAND

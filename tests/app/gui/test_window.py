@@ -1,10 +1,11 @@
 """The window shows what happened and carries the operator's keys to the session."""
 
+import itertools
 import time
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QSettings, Qt
+from PySide6.QtCore import QCoreApplication, QPoint, QSettings, Qt
 from PySide6.QtTest import QTest
 
 from app.gui.notices import GUARD_S
@@ -140,7 +141,7 @@ def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.window.run()
     found = Estimate("resonance frequency", 158.35, 0.0072, "Hz", "this run")
     stage.happen(*LIVE, AT_REST, RunEnded(Status.COMPLETED, "all points measured", "run.h5", (found,)))
-    assert stage.window.measure.response.found.words == "resonance frequency 158.35 ± 0.0072 Hz"
+    assert stage.window.measure.response.found.words == "resonance frequency 158.3500 ± 0.0072 Hz"
 
 
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
@@ -287,6 +288,24 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
         brightness.append(image.pixelColor(4, image.height() // 2).lightness())
     assert brightness[0] > 200
     assert brightness[1] < 60
+
+
+def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, point(0, 150.0, Quality.UNSETTLED))
+    canvas, scatter = stage.window.measure.response.canvas, stage.window.measure.response.scatters[0]
+    until(lambda: stage.window.overlay.ready() is not None)
+    stage.window.tick()
+    QCoreApplication.processEvents()
+    at = canvas.mapFromScene(scatter.mapToScene(scatter.points()[0].pos()))
+    steps = itertools.cycle((QPoint(0, 0), QPoint(1, 0)))  # the plot hears a hundred moves a second, and no more
+
+    def told() -> bool:
+        QTest.mouseMove(canvas.viewport(), at + next(steps))
+        return "not usable: unsettled" in scatter.getViewBox().toolTip()
+
+    until(told)
 
 
 class _Sensing:
