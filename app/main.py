@@ -37,7 +37,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def entry() -> NoReturn:
     """The console script: `main`, and out."""
-    code = main()
+    try:
+        code = main()
+        sys.stdout.flush()
+    except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = FAILED
     runfile = sys.modules.get("protocols.runfile")
     if runfile is not None and runfile.unclosable():
         sys.stdout.flush()
@@ -48,6 +53,7 @@ def entry() -> NoReturn:
 
 def _parser() -> argparse.ArgumentParser:
     from app import commands
+    from app.model_parser import add_model_commands
 
     parser = _Parser(
         prog=PROGRAM,
@@ -117,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
     show.add_argument("--picture", type=Path, metavar="PNG", help="also draw it into this PNG file")
     show.set_defaults(command=commands.show)
+    add_model_commands(known)
     return parser
 
 

@@ -1,0 +1,146 @@
+"""`tactor-bench figures`: every theory figure as a picture and a sheet, with what its caption owes the reader."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+from app.exits import DONE, USAGE
+from app.figures import draw, pretty
+from app.main import main
+from model.figures import Curve, Figure, figure5, figure9
+
+NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
+FIG9 = list(figure9())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("figures") / "new" / "folder"
+    assert main(["figures", "--out", str(made)]) == DONE
+    return made
+
+
+def sheet(path: Path) -> tuple[list[str], np.ndarray]:
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    return head, np.array(rows, float)
+
+
+def test_all_figures_are_there_as_picture_and_sheet(folder: Path) -> None:
+    assert sorted(p.name for p in folder.iterdir()) == sorted(f"{n}.{kind}" for n in NAMES for kind in ("png", "csv"))
+    for name in NAMES:
+        assert (folder / f"{name}.png").stat().st_size > 20_000
+
+
+def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
+    head, rows = sheet(folder / "fig9.csv")
+    assert head[:3] == ["frequency [Hz]", "fig9a 2 x fundamental [m]", "fig9a max - min [m]"]
+    assert len(head) == 13
+    assert rows[np.isin(rows[:, 0], [75, 150]), 1:3] == pytest.approx(
+        1e-6 * np.array([[594.2, 702.7], [1154.0, 1154.2]]), abs=0.06e-6
+    )
+    stretched = rows[np.isin(rows[:, 0], [100, 150, 200]), head.index("fig9f max - min [m]")]
+    assert 1e6 * stretched == pytest.approx(
+        [175.7, 122.4, 91.9], rel=3e-3
+    )  # settled at 0.0373, here 6.35 mm are 0.03735
+    head, rows = sheet(folder / "fig4.csv")
+    assert head == [
+        "load at the centre [N]",
+        "Eq. (7), corrected [m]",
+        "Eq. (7) as printed [m]",
+    ]
+    assert rows[-1, 1:] / rows[-1, 0] == pytest.approx([1.3790e-4, 1.0492e-3], rel=1e-4)
+    head, rows = sheet(folder / "fig8.csv")
+    assert head == ["pre-stretch []", "c_s = c_s^delta delta + c_s^0 [kg/(m s)]"]
+    assert rows[-1, 1] == pytest.approx(2211.9, rel=1e-4)
+
+
+def test_one_figure_or_one_panel_alone_and_as_pdf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["figures", "--out", str(tmp_path), "--only", "fig9b", "--only", "fig6", "--pdf", "--json"]
+    assert main(arguments) == DONE
+    told = json.loads(capsys.readouterr().out)
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"{n}.{k}" for n in ("fig6", "fig9b") for k in ("png", "pdf", "csv")
+    }
+    assert (tmp_path / "fig6.pdf").read_bytes().startswith(b"%PDF")
+    assert "the equations give" in told["figures"][0]["captions"]["fig9b"]
+    assert all(Path(file).exists() for figure in told["figures"] for file in figure["files"])
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):  # type: ignore[no-untyped-def]
+    """Draws panels and gives the matplotlib figure that would be saved."""
+    from matplotlib.figure import Figure as Sheet
+
+    saved = []
+    monkeypatch.setattr(Sheet, "savefig", lambda self, path: saved.append(self))
+
+    def drawing(panels: list[Figure]) -> Sheet:
+        draw(panels, tmp_path / "x.png")
+        return saved[-1]
+
+    return drawing
+
+
+def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # type: ignore[no-untyped-def]
+    page = drawn(FIG9)
+    assert len(page.axes) == 6
+    assert {axes.get_xlabel() for axes in page.axes} == {"frequency (Hz)"}
+    assert page.axes[0].get_ylabel() == "amplitude of the centre, max - min (µm)"
+    caption = " ".join(page.get_supxlabel().split())
+    assert "The text speaks of a zero before the resonance; Eqs. (1)-(6) with Table I have none" in caption
+    assert caption.count("two slopes add even harmonics") == 1
+    for axes in page.axes:
+        (line,) = [line for line in axes.lines if "50 µm" in str(line.get_label())]
+        assert list(line.get_ydata()) == [50, 50]
+        assert axes.get_ylim()[0] == 0
+
+
+def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ignore[no-untyped-def]
+    for panels in ([figure5()], FIG9[1:3]):
+        page = drawn(panels)
+        page.draw_without_rendering()
+        (caption,) = (text for text in page.findobj(Text) if text.get_text() == page.get_supxlabel())
+        assert caption.get_window_extent().y1 <= min(axes.get_tightbbox().y0 for axes in page.axes)
+        box = page.get_tightbbox()
+        assert box.x0 >= 0
+        assert box.y0 >= 0
+        assert box.x1 <= page.get_figwidth()
+        assert box.y1 <= page.get_figheight()
+
+
+def test_metres_become_what_a_person_reads(drawn) -> None:  # type: ignore[no-untyped-def]
+    x = np.array([0.0, 1.0])
+    small = Figure("a", "time", "s", "deflection", "m", (Curve("w", x, 1e-3 * x),), "Small.")
+    large = Figure("a", "time", "s", "deflection", "m", (Curve("w", x, 5e-3 * x),), "Large.")
+    assert drawn([small]).axes[0].get_ylabel() == "deflection (µm)"
+    page = drawn([large])
+    assert page.axes[0].get_ylabel() == "deflection (mm)"
+    assert page.axes[0].get_xlabel() == "time (ms)"
+    assert page.axes[0].lines[0].get_ydata()[-1] == pytest.approx(5)
+    assert page.axes[0].lines[0].get_xdata()[-1] == pytest.approx(1000)
+
+
+def test_symbols_are_printed_as_symbols() -> None:
+    assert pretty("E_m = 1e+03 Pa, delta = 1e-05") == r"$E_{m}$ = $10^{3}$ Pa, $\delta$ = $10^{-5}$"
+    assert pretty("24 k1^2 [...], 0..5 V, under 50 um") == "24 $k_1^2$ [...], 0 to 5 V, under 50 µm"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--only", "fig7"], "there is no figure 'fig7'; there are: fig4, fig5, fig6, fig8, fig9"),
+        (["--out", "/proc/nowhere"], "the folder /proc/nowhere cannot be made"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(
+    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["figures", *arguments]) == USAGE
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.glob("figures/*")) == []

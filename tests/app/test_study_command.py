@@ -1,0 +1,221 @@
+"""`tactor-bench study`: presets and own ranges, to table, JSON, CSV and HDF5; sensitivity; a cluster; and Ctrl-C."""
+
+import csv
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.exits import DONE, FAILED, USAGE
+from app.main import main
+from model.study import PRESETS, Study
+from protocols.studyfile import read_study
+
+needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
+SMALL = ["study", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
+
+
+@pytest.fixture
+def ask(capsys: pytest.CaptureFixture[str]) -> Any:
+    """The JSON object a command answers with."""
+
+    def asked(*arguments: str) -> dict[str, Any]:
+        assert main([*arguments, "--json"]) == DONE
+        (line,) = capsys.readouterr().out.splitlines()
+        return json.loads(line)
+
+    return asked
+
+
+@pytest.mark.parametrize("preset", ["fig10", "fig11", "fig12"])
+def test_presets_are_the_papers(preset: str, tmp_path: Path) -> None:
+    path = tmp_path / "study.h5"
+    assert main(["study", preset, "--out", str(path)]) == DONE
+    got = read_study(path)
+    assert np.array_equal(got.values, PRESETS[preset]().run().values)
+    assert got.axes == PRESETS[preset]().axes
+    assert got.description["n"] == 7
+
+
+def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: Any) -> None:
+    path, sheet = tmp_path / "study.h5", tmp_path / "study.csv"
+    arguments = [
+        "study",
+        "--vary",
+        "delta=0,0.0075,0.0373",
+        "--frequencies",
+        "100,150,200",
+        "--quantity",
+        "peak_to_peak",
+    ]
+    told = ask(*arguments, "--out", str(path), "--csv", str(sheet))
+    wanted = 1e-6 * np.array([[652.2, 705.9, 447.0], [436.9, 357.4, 257.8], [175.7, 122.4, 91.9]])
+    stored = read_study(path)
+    assert stored.values == pytest.approx(wanted, abs=0.15e-6)
+    assert [(a.name, a.unit) for a in stored.axes] == [("delta", ""), ("frequency", "Hz")]
+    assert stored.unit == "m"
+    assert told["peak_to_peak"] == {"unit": "m", "values": stored.values.tolist()}
+    assert told["axes"][0]["values"] == [0, 0.0075, 0.0373]
+    with sheet.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["delta []", "frequency [Hz]", "peak_to_peak [m]"]
+    assert np.array(rows, float)[:, 2] == pytest.approx(stored.values.ravel(), rel=1e-15)
+
+
+def test_chunks_land_where_they_belong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Any) -> None:
+    path = tmp_path / "study.h5"
+    whole = ask(*SMALL)["fundamental"]["values"]
+    monkeypatch.setattr(Study, "chunk", 4)
+    assert ask(*SMALL, "--out", str(path))["fundamental"]["values"] == whole
+    assert read_study(path).values.tolist() == whole
+
+
+def test_the_file_names_what_was_not_varied(tmp_path: Path) -> None:
+    path = tmp_path / "study.h5"
+    assert main([*SMALL, "--set", "m_add=5 g", "--out", str(path)]) == DONE
+    got = read_study(path)
+    parameters = {p.name: (p.value, p.unit) for p in got.parameters}
+    assert parameters["m_add"] == (pytest.approx(0.005), "kg")
+    assert not parameters.keys() & {"E_m", "delta", "k_s", "c_s"}  # varied, or following from it
+    assert got.values.shape == (3, 2, 3)
+
+
+def test_a_complex_receptance_is_pairs_in_json_and_complex_in_the_file(tmp_path: Path, ask: Any) -> None:
+    path = tmp_path / "study.h5"
+    told = ask("study", "--vary", "c0=159", "--frequencies", "0", "--quantity", "receptance", "--out", str(path))
+    assert told["receptance"]["values"][0][0] == pytest.approx([2.37886e-7, 0], rel=2e-3)
+    assert read_study(path).values.dtype == complex
+
+
+def test_a_person_sees_the_peak_of_each_combination(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "fig10"]) == DONE
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["1e+09", "216.3", "250", "103.2", "216.3"] in rows
+    assert main(["study", "--vary", "c0=100:200:50", "--frequencies", "100,200"]) == DONE
+    assert "the first 30 of 50 combinations" in capsys.readouterr().out
+
+
+def test_a_study_can_be_drawn(tmp_path: Path) -> None:
+    assert main([*SMALL, "--picture", str(tmp_path / "study.png")]) == DONE
+    assert (tmp_path / "study.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_sensitivity_at_rest_is_all_the_couplings(ask: Any, tmp_path: Path) -> None:
+    sheet = tmp_path / "sobol.csv"
+    told = ask(
+        "study", "--sensitivity", "--vary", "mu=-1.6e-5,-1e-5", "--vary", "c0=100:200:2", "--frequencies", "0.5",
+        "--samples", "256", "--csv", str(sheet),
+    )["sobol"]  # fmt: skip
+    assert told["output"] == ["peak [m]", "frequency of peak [Hz]", "amplitude at 0.5 Hz [m]"]
+    assert (told["total_mu"][2], told["total_c0"][2]) == pytest.approx((1, 0), abs=0.02)
+    assert sheet.read_text(encoding="utf-8").startswith("output [],first_mu [],first_c0 []")
+
+
+@needs_dask
+@pytest.mark.parametrize("more", [[], ["--sensitivity", "--samples", "16"]])
+def test_a_local_cluster_gives_the_same(more: list[str], ask: Any) -> None:
+    there = ask(*SMALL, *more, "--cluster", "local")
+    here = ask(*SMALL, *more)
+    assert there == here
+
+
+@needs_dask
+def test_a_cluster_is_found_by_its_address(ask: Any) -> None:
+    from distributed import LocalCluster
+
+    nowhere = "127.0.0.1:0"
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", host="127.0.0.1",
+        dashboard_address=nowhere, worker_dashboard_address=nowhere,
+    ) as cluster:  # fmt: skip
+        there = ask(*SMALL, "--cluster", cluster.scheduler_address)
+    assert there["fundamental"] == ask(*SMALL)["fundamental"]
+
+
+def test_without_dask_a_sentence_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert main([*SMALL, "--cluster", "local"]) == USAGE
+    assert "run \"pip install 'tactor-bench[cluster]'\"" in capsys.readouterr().err
+
+
+def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    closed = []
+
+    def blocks(self: Study, executor: object = None):  # type: ignore[no-untyped-def]
+        try:
+            yield 0, np.zeros((1, 3))
+            raise KeyboardInterrupt
+        finally:
+            closed.append(True)
+
+    monkeypatch.setattr(Study, "blocks", blocks)
+    assert main([*SMALL, "--out", str(tmp_path / "x.h5"), "--csv", str(tmp_path / "x.csv")]) == FAILED
+    told = capsys.readouterr()
+    assert told.err == "tactor-bench: stopped; nothing was written\n"
+    assert told.out == ""
+    assert closed == [True]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_a_failure_not_a_misuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("protocols.studyfile.RESERVE_BYTES", 10**18)
+    assert main([*SMALL, "--out", str(tmp_path / "x.h5")]) == FAILED
+    assert "free some space" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "say what to study: a preset (fig10, fig11, fig12), or --vary"),
+        (["fig13"], "there is no study 'fig13'; the presets are: fig10, fig11, fig12"),
+        (["fig10", "--vary", "k2=1,2"], "fig10 says itself what is varied"),
+        (["fig10", "--set", "E_m=1 MPa"], "E_m is what the study varies; leave out --set E_m"),
+        (["fig10", "--pre-stretch", "0"], "fig10 has its own pre-stretch"),
+        (["--vary", "delta=0,1", "--elongation", "1 mm"], "delta is what the study varies; leave out --elongation"),
+        (["--vary", "cheese=1,2"], "there is no parameter 'cheese'; there are: L, L1"),
+        (["--vary", "k2"], "--vary k2: write NAME=START:STOP:COUNT"),
+        (["--vary", "k2=-1:1:3"], "k2 (bending stiffness of plate and MFC) is -1 N m^2: it must be greater than 0"),
+        (["--vary", "L1=1 mm:16 mm:3"], "L1 is 0.016 m but must be less than L2"),
+        (["--vary", "delta=-0.1,0"], "is -0.1: it must be at least 0"),
+        (["--vary", "c0=1,2", "--frequencies", "-1,5"], "is -1 Hz: it must be at least 0 Hz"),
+        (["--vary", "c0=1,2", "--frequencies", "0", "--quantity", "peak_to_peak"], "frequency is 0 Hz"),
+        (["--vary", "c0=1,2", "--quantity", "cheese"], "invalid choice: 'cheese'"),
+        (["--vary", "c0=1,2", "-n", "0"], "n (number of shape functions) is 0"),
+        (["--vary", "c0=1,2", "--peak-to-peak", "9 V"], "leaves the amplifier's input range"),
+        (["--vary", "c0=1,2", "--out", "/nowhere/x.h5"], "there is no folder /nowhere"),
+        (["--vary", "c0=1,2", "--csv", "/nowhere/x.csv"], "there is no folder /nowhere"),
+        (["--vary", "c0=1,2", "--out", __file__], "exists and is no study, so it is left as it is"),
+        (["--vary", "c0=1,2", "--sensitivity", "--samples", "100"], "samples is 100: the Sobol sequence needs"),
+        (["--vary", "c0=1", "--sensitivity"], "c0 ranges from 1 to 1"),
+        (["--vary", "c0=1,2", "--sensitivity", "--quantity", "receptance"], "measure is receptance, which is complex"),
+        (["--vary", "c0=1,2", "--sensitivity", "--seed", "-1"], "--seed -1: give a number from 0 on"),
+        (["--vary", "c0=1,2", "--sensitivity", "--out", "x.h5"], "write it with --csv or --json"),
+        (["--vary", "c0=1:2:9999", "--vary", "k2=1:2:9999", "--json"], "write it with --out alone, or vary less"),
+        pytest.param(["fig10", "--cluster", "cheese"], "no Dask scheduler answers at 'cheese'", marks=needs_dask),
+    ],
+)  # fmt: skip
+def test_bad_input_gets_one_sentence_and_exit_code_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", *arguments]) == USAGE
+    told = capsys.readouterr()
+    assert says in told.err
+    assert len(told.err.splitlines()) == 1
+    assert told.out == ""
+
+
+@pytest.mark.parametrize("command", ["study", "figures", "model"])
+def test_help_has_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([command, "--help"])
+    assert left.value.code == 0
+    assert f": tactor-bench {command}" in " ".join(capsys.readouterr().out.split())
