@@ -11,6 +11,7 @@ from typing import Any
 
 from app.answer import Column, Table, say, tracked, writing
 from app.exits import DONE, UsageError
+from app.model_inputs import read_settings, read_specimen, refusing
 from model.figures import Figure
 
 THRESHOLD_M = 50e-6
@@ -56,7 +57,11 @@ def figures(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
-    everything = theory()
+    with refusing():
+        specimen = read_specimen(options, on_membrane=True)
+        if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)]:
+            raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
+        everything = theory(specimen.tactor, specimen.membrane)
     chosen = _chosen(everything, options.only)
     suffixes = (".png", ".pdf") if options.pdf else (".png",)
     written = []

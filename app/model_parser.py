@@ -198,7 +198,7 @@ def _add_figures(known: Any) -> None:
     figures.add_argument("--out", type=Path, default=argparse.SUPPRESS, help="folder to write to (default: figures)")
     figures.add_argument("--only", action="append", metavar="FIG", help="one of them, e.g. fig9; may be given often")
     figures.add_argument("--pdf", action="store_true", help="PDF beside PNG")
-    figures.add_argument("--json", action="store_true", help="what was written, as one JSON object")
+    _settings(figures)
     figures.set_defaults(command=_run_figures)
 
 

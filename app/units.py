@@ -1,10 +1,15 @@
 """Units in what a person writes: `4 V`, `0.1 mm/V`, `25 Hz, 50 Hz`. Plain numbers are in the quantity's own unit."""
 
+import re
 from functools import cache
 from typing import Any, get_origin
 
 from annotated_types import Unit
 from pydantic import BaseModel
+
+LONGEST = 60
+TOWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
+"""Powers of powers, which the unit library would compute to the last digit, for ever."""
 
 
 class UnitError(ValueError):
@@ -21,6 +26,8 @@ def to_number(text: str, unit: str) -> float:
         return float(text)
     except ValueError:
         pass
+    if len(text) > LONGEST or TOWER.search(text):
+        raise UnitError(f"'{text[:LONGEST]}' is no number; write for example '1 {unit}' or '1'")
     import pint  # takes half a second, so only where somebody writes a unit
 
     registry = _registry()

@@ -3,8 +3,7 @@
 Their captions say where the text and the equations differ; whoever draws or exports them adds nothing.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +41,9 @@ class Figure:
     caption: str
 
 
-def figure4() -> Figure:
+def figure4(t: Tactor) -> Figure:
     """Static deflection under a load at the centre, Eq. (7)."""
     load = np.linspace(0, 0.5, 51) * GRAVITY
-    t = Tactor()
     w = load_compliance(t) * load
     return Figure(
         "fig4",
@@ -59,11 +57,11 @@ def figure4() -> Figure:
     )
 
 
-def figure5() -> Figure:
+def figure5(t: Tactor) -> Figure:
     """First undamped natural frequency against the added mass."""
     mass = np.linspace(1.75e-3, 9.75e-3, 81)
-    f = natural_frequencies_of(beams(Tactor(), {"m_add": mass}))[:, 0]
-    literal = natural_frequencies_of(beams(Tactor(), {"m_add": 2 * mass}))[:, 0]
+    f = natural_frequencies_of(beams(t, {"m_add": mass}))[:, 0]
+    literal = natural_frequencies_of(beams(t, {"m_add": 2 * mass}))[:, 0]
     return Figure(
         "fig5",
         "added mass",
@@ -79,10 +77,10 @@ def figure5() -> Figure:
     )
 
 
-def figure6() -> Figure:
+def figure6(t: Tactor) -> Figure:
     """Static deflection against the voltage at the amplifier's input, Eq. (8)."""
     volts = np.linspace(0, 5, 51)
-    w = voltage_gain(Tactor()) * AmplifierMap().specimen_v(volts)
+    w = voltage_gain(t) * AmplifierMap().specimen_v(volts)
     return Figure(
         "fig6",
         "voltage at the amplifier's input",
@@ -94,10 +92,10 @@ def figure6() -> Figure:
     )
 
 
-def figure8() -> Figure:
+def figure8(m: Membrane) -> Figure:
     """Skin damping against pre-stretch."""
-    delta = np.linspace(0, 6.35e-3, 51) / Membrane().L_m
-    c_s = Membrane().c_s_delta * delta + Membrane().c_s_0
+    delta = np.linspace(0, 6.35e-3, 51) / m.L_m
+    c_s = m.c_s_delta * delta + m.c_s_0
     return Figure(
         "fig8",
         "pre-stretch",
@@ -112,16 +110,16 @@ def figure8() -> Figure:
 ELONGATIONS_M = (None, 0.0, 1.27e-3, 2.54e-3, 3.81e-3, 6.35e-3)
 
 
-def figure9() -> tuple[Figure, ...]:
+def figure9(t: Tactor, m: Membrane) -> tuple[Figure, ...]:
     """Six panels: free, and on the membrane at five elongations."""
-    return tuple(_panel(letter, e) for letter, e in zip("abcdef", ELONGATIONS_M, strict=True))
+    return tuple(_panel(letter, e, t, m) for letter, e in zip("abcdef", ELONGATIONS_M, strict=True))
 
 
-def _panel(letter: str, elongation_m: float | None) -> Figure:
+def _panel(letter: str, elongation_m: float | None, t: Tactor, m: Membrane) -> Figure:
     if elongation_m is None:
-        on, where = Specimen(), "vibrating freely"
+        on, where = Specimen(t), "vibrating freely"
     else:
-        on = Specimen(membrane=Membrane(), delta=elongation_m / Membrane().L_m)
+        on = Specimen(t, m, delta=elongation_m / m.L_m)
         where = f"on the membrane at {elongation_m * 1e3:g} mm elongation"
     f = np.array(SWEPT_HZ)
     fundamental = Study({}, SWEPT_HZ, on).run().values
@@ -144,39 +142,39 @@ PANELS = {
 }
 
 
-def figure10() -> Figure:
+def figure10(t: Tactor, m: Membrane) -> Figure:
     """Effect of skin stiffness."""
     return _study_figure(
         "fig10",
-        fig10(),
+        fig10(t, m),
         "E_m = {:.0e} Pa",
         "Effect of the membrane's Young modulus at 1 mm elongation without skin damping. The text speaks of a zero, and of a higher "
         "amplitude at low frequencies for 1e7 Pa; the equations have no zero and give a lower one (by 3.5 % at 1 Hz). For 1e9 Pa the "
-        f"resonance is not suppressed: it lies at {_stiffest_hz():.0f} Hz, beyond the figure.",
+        f"resonance is not suppressed: it lies at {_stiffest_hz(t, m):.0f} Hz, beyond the figure.",
     )
 
 
-def _stiffest_hz() -> float:
-    beam, k_s, _ = fig10().specimen.letters({"E_m": 1e9})
+def _stiffest_hz(t: Tactor, m: Membrane) -> float:
+    beam, k_s, _ = fig10(t, m).specimen.letters({"E_m": 1e9})
     return float(natural_frequencies_of(beam, k_s)[0])
 
 
-def figure11() -> Figure:
+def figure11(t: Tactor, m: Membrane) -> Figure:
     """Effect of skin damping."""
     return _study_figure(
         "fig11",
-        fig11(),
+        fig11(t, m),
         "c_s = {:.3g} kg/(m s)",
         "Effect of skin damping, 0.001, 1, 10, 25 and 50 times c_bar = 6.66 kg/(m s), without pre-stretch. The text speaks of a zero "
         "that shifts; the equations have none. The loss of amplitude with 25 and 50 c_bar is largest at the resonance, not above it.",
     )
 
 
-def figure12() -> Figure:
+def figure12(t: Tactor, m: Membrane) -> Figure:
     """Effect of pre-stretch."""
     return _study_figure(
         "fig12",
-        fig12(),
+        fig12(t, m),
         "delta = {:.0e}",
         "Effect of pre-stretch on stiffness and damping together. The text has the response at 10 % flatten out above the one at 1 %; by "
         "the equations it stays below it at every frequency and falls under 50 um from 150 Hz on. Neither has a plateau or a zero.",
@@ -191,10 +189,29 @@ def _study_figure(name: str, study: Study, label: str, caption: str) -> Figure:
 
 
 def _frequency_figure(name: str, curves: tuple[Curve, ...], caption: str) -> Figure:
-    return Figure(name, "frequency", "Hz", "amplitude of the centre, max - min", "m", curves, caption.strip())
+    return Figure(name, "frequency", "Hz", "amplitude of the centre, peak to peak", "m", curves, caption.strip())
 
 
-def figures() -> tuple[Figure, ...]:
-    """All of them; Fig. 9 as six panels."""
-    single: tuple[Callable[[], Figure], ...] = (figure4, figure5, figure6, figure8)
-    return (*(draw() for draw in single), *figure9(), figure10(), figure11(), figure12())
+def figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> tuple[Figure, ...]:
+    """All of them; Fig. 9 as six panels. With other parameters than Table I's the captions say so."""
+    t, m = tactor or Tactor(), membrane or Membrane()
+    drawn = (
+        figure4(t),
+        figure5(t),
+        figure6(t),
+        figure8(m),
+        *figure9(t, m),
+        figure10(t, m),
+        figure11(t, m),
+        figure12(t, m),
+    )
+    changed = ", ".join(_changes(t, Tactor()) + _changes(m, Membrane()))
+    if not changed:
+        return drawn
+    note = f"Drawn with {changed}; what is said of the text and of single numbers holds for Table I."
+    return tuple(replace(figure, caption=f"{figure.caption} {note}") for figure in drawn)
+
+
+def _changes(of: Tactor | Membrane, table: Tactor | Membrane) -> list[str]:
+    values = ((f.name, getattr(of, f.name), getattr(table, f.name)) for f in fields(of))
+    return [f"{name} = {value:g}" for name, value, usual in values if value != usual]

@@ -53,7 +53,8 @@ def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.
         return total - delta - _stretch(membrane, q, total)
 
     most = delta + _stretch(membrane, q, delta)
-    total = most if q == 0 else float(brentq(excess, delta, most, xtol=1e-15, rtol=1e-13))
+    # A taut or hardly loaded membrane stretches by less than rounding: both ends of the bracket are then the answer.
+    total = most if excess(most) <= 0 else float(brentq(excess, delta, most, xtol=1e-15, rtol=1e-13))
     tension = membrane.E_m * membrane.b_m * membrane.h_m * total
     return Sag(_centre(membrane, q, total), _centre(membrane, q, delta), tension, total)
 

@@ -190,23 +190,23 @@ def responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
 SWEPT_HZ = tuple(float(f) for f in range(1, 251))
 
 
-def fig10() -> Study:
+def fig10(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of skin stiffness: E_m over six decades at 1 mm elongation, no skin damping (Sec. V-A)."""
-    on = Specimen(membrane=Membrane(), delta=1e-3 / Membrane().L_m, c_s=0.0)
+    membrane = membrane or Membrane()
+    on = Specimen(tactor or Tactor(), membrane, delta=1e-3 / membrane.L_m, c_s=0.0)
     return Study({"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}, SWEPT_HZ, on)
 
 
-def fig11() -> Study:
+def fig11(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of skin damping: c_s as multiples of c_bar, no pre-stretch (Sec. V-B)."""
-    c_bar = Tactor().c_bar
-    return Study(
-        {"c_s": tuple(m * c_bar for m in (1e-3, 1.0, 10.0, 25.0, 50.0))}, SWEPT_HZ, Specimen(membrane=Membrane())
-    )
+    on = Specimen(tactor or Tactor(), membrane or Membrane())
+    return Study({"c_s": tuple(m * on.tactor.c_bar for m in (1e-3, 1.0, 10.0, 25.0, 50.0))}, SWEPT_HZ, on)
 
 
-def fig12() -> Study:
+def fig12(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of pre-stretch on stiffness and damping together (Sec. V-C)."""
-    return Study({"delta": (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)}, SWEPT_HZ, Specimen(membrane=Membrane()))
+    on = Specimen(tactor or Tactor(), membrane or Membrane())
+    return Study({"delta": (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)}, SWEPT_HZ, on)
 
 
 PRESETS = {"fig10": fig10, "fig11": fig11, "fig12": fig12}

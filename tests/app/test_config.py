@@ -94,7 +94,7 @@ def test_no_configuration_type_accepts_an_unknown_key() -> None:
             kind = field.annotation
             if isinstance(kind, type) and issubclass(kind, BaseModel):
                 seen.append(kind)
-    assert len(seen) == 5
+    assert len(seen) >= 6
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,9 @@ def test_numbers_with_units(text: str, unit: str, number: float) -> None:
     assert to_number(text, unit) == pytest.approx(number)
 
 
-@pytest.mark.parametrize("text", ["4 kg", "four", "", "4 V V V!", "1/0", "__import__('os')"])
+@pytest.mark.parametrize(
+    "text", ["4 kg", "four", "", "4 V V V!", "1/0", "__import__('os')", "9**9**9**9", "1 V^9999", "4" * 99 + "V"]
+)
 def test_what_is_no_quantity_is_a_sentence(text: str) -> None:
     with pytest.raises(UnitError, match=r"'.*' is no (quantity|number)"):
         to_number(text, "V")

@@ -12,9 +12,10 @@ from app.exits import DONE, USAGE
 from app.figures import draw, pretty
 from app.main import main
 from model.figures import Curve, Figure, figure5, figure9
+from model.parameters import Membrane, Tactor
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
-FIG9 = list(figure9())
+FIG9 = list(figure9(Tactor(), Membrane()))
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +91,7 @@ def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # 
     page = drawn(FIG9)
     assert len(page.axes) == 6
     assert {axes.get_xlabel() for axes in page.axes} == {"frequency (Hz)"}
-    assert page.axes[0].get_ylabel() == "amplitude of the centre, max - min (µm)"
+    assert page.axes[0].get_ylabel() == "amplitude of the centre, peak to peak (µm)"
     caption = " ".join(page.get_supxlabel().split())
     assert "The text speaks of a zero before the resonance; Eqs. (1)-(6) with Table I have none" in caption
     assert caption.count("two slopes add even harmonics") == 1
@@ -101,7 +102,7 @@ def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # 
 
 
 def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ignore[no-untyped-def]
-    for panels in ([figure5()], FIG9[1:3]):
+    for panels in ([figure5(Tactor())], FIG9[1:3]):
         page = drawn(panels)
         page.draw_without_rendering()
         (caption,) = (text for text in page.findobj(Text) if text.get_text() == page.get_supxlabel())
@@ -144,3 +145,34 @@ def test_what_cannot_be_drawn_is_refused(
     assert main(["figures", *arguments]) == USAGE
     assert says in capsys.readouterr().err
     assert list(tmp_path.glob("figures/*")) == []
+
+
+def test_other_parameters_move_the_curves_and_the_caption_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [
+        "figures",
+        "--out",
+        str(tmp_path),
+        "--only",
+        "fig4",
+        "--json",
+        "--set",
+        "k2=8e-3",
+        "--set",
+        "E_m=7 MPa",
+    ]
+    assert main(arguments) == DONE
+    told = json.loads(capsys.readouterr().out)["figures"][0]["captions"]["fig4"]
+    assert told.endswith(
+        "Drawn with k2 = 0.008, E_m = 7e+06; what is said of the text and of single numbers holds for Table I."
+    )
+    _, rows = sheet(tmp_path / "fig4.csv")
+    assert rows[-1, 1] / rows[-1, 0] < 1.35e-4
+
+
+def test_a_skin_that_the_figures_choose_themselves_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["figures", "--out", str(tmp_path), "--set", "delta=0.01"]) == USAGE
+    assert "--set delta: the figures choose their own skin" in capsys.readouterr().err

@@ -89,3 +89,11 @@ def test_series_meets_the_closed_form() -> None:
     for u2 in (4e-3, 9.9e-3, 1.01e-2, 3e-2):
         u = np.sqrt(np.longdouble(u2))
         assert float(_g(np.asarray(u2))) == pytest.approx(float(3 * (1 - np.tanh(u) / u) / u**2), rel=3e-12)
+
+
+@pytest.mark.parametrize(("load", "delta"), [(0.01, 0.037), (1e-5, 0.0075), (0.0, 0.0), (1e-9, 0.0), (0.906, 0.0373)])
+def test_a_taut_or_hardly_loaded_membrane_has_a_sag_too(load: float, delta: float) -> None:
+    """Its own stretch is lost in rounding beside the pre-stretch."""
+    found = sag(Membrane(), load, delta)
+    assert found.stretch >= delta
+    assert 0 <= found.centre_m <= found.linear_m * (1 + 1e-12)
