@@ -59,7 +59,9 @@ def figures(options: argparse.Namespace) -> int:
         raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
     with refusing():
         specimen = read_specimen(options, on_membrane=True)
-        if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)]:
+        if own := [
+            name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)
+        ]:
             raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
         everything = theory(specimen.tactor, specimen.membrane)
     chosen = _chosen(everything, options.only)

@@ -72,7 +72,9 @@ class SineDwell(Protocol):
     settle_limit_s: Annotated[
         float, Unit("s"), Interval(ge=0.5, le=600), "after this long it is recorded unsettled, and flagged"
     ] = 5.0
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"] = 5000.0
+    sample_rate_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"
+    ] = 5000.0
 
     @model_validator(mode="after")
     def _rate_suffices(self) -> Self:
