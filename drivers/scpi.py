@@ -48,7 +48,8 @@ class Scpi:
         except LinkError as error:
             with contextlib.suppress(LinkError):  # where the wire is gone, the first error says so
                 self.link.clear()
-            raise LinkError(f"{self.instrument}: no answer to '{query}': {error}") from error
+            shown = query.partition(",#")[0]  # a waveform's bytes are no reading
+            raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
     def ask_number(self, query: str) -> float:
         """A query answered by one number.
@@ -73,18 +74,19 @@ class Scpi:
             InstrumentError: the instrument refused it; the sentence carries its own words.
         """
         answer = self.ask(f"{command};:SYST:ERR?")
+        shown = command.partition(",#")[0]
         code, _, words = answer.partition(",")
         try:
             refused = int(code) != 0
         except ValueError:
             self.link.clear()
             raise LinkError(
-                f"{self.instrument}: '{command}' was answered by '{answer[:60]}', which is no error report; "
+                f"{self.instrument}: '{shown}' was answered by '{answer[:60]}', which is no error report; "
                 f"check the cable at {self.link.name}"
             ) from None
         if refused:
             words = words.strip().strip('"')
-            raise InstrumentError(f"{self.instrument} refused '{command}': {words} ({code})")
+            raise InstrumentError(f"{self.instrument} refused '{shown}': {words} ({code})")
 
     def confirm(self, query: str, wanted: float, tolerance: float, what: str) -> None:
         """Read a number back and compare it with what was set.

@@ -4,6 +4,8 @@ pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOEr
 """
 
 import contextlib
+import socket
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -51,7 +53,8 @@ class VisaLink:
 
     def write(self, message: str) -> None:
         with self._words():
-            self._open_session().write(message)
+            # Latin-1 carries every byte of a waveform's binary block as it is.
+            self._open_session().write(message, encoding="latin-1")
 
     def read(self) -> str:
         with self._words():
@@ -73,6 +76,14 @@ class VisaLink:
             self._session = self._manager.open_resource(
                 self.name, read_termination="\n", write_termination="\n", timeout=self.timeout_s * 1000
             )
+            self._send_at_once()
+
+    def _send_at_once(self) -> None:
+        """Two messages before an answer wait 44 ms for each other on a socket; pyvisa-py has no setting for that."""
+        with contextlib.suppress(AttributeError, KeyError, OSError, TypeError):
+            library: Any = self._manager.visalib
+            wire = library.sessions[self._session.session].interface
+            wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
         self._close_session()
@@ -89,3 +100,26 @@ class VisaLink:
         if session is not None:
             with contextlib.suppress(pyvisa.Error, OSError):
                 session.close()
+
+
+def resources(backend: str = "@py") -> tuple[list[str], list[str]]:
+    """Resource strings of what VISA finds by itself, and sentences on what could not be looked for."""
+    manager = pyvisa.ResourceManager(backend)
+    try:
+        with warnings.catch_warnings():
+            # Its discovery leaves sockets open, and says in its own words what is missing.
+            warnings.simplefilter("ignore")
+            names = sorted(manager.list_resources("?*"))
+        told = str(manager.visalib.get_debug_info())
+    except (pyvisa.Error, OSError, ValueError) as error:
+        return [], [f"VISA resources could not be listed: {error}"]
+    finally:
+        manager.close()
+    missing = []
+    if "PyUSB" in told:
+        missing.append("USB instruments were not looked for: that needs 'pip install pyusb' and libusb")
+    if "zeroconf not installed" in told:
+        missing.append(
+            "HiSLIP instruments were not looked for: that needs 'pip install zeroconf'; --host asks a host you name"
+        )
+    return [name for name in names if not name.startswith("PRLGX")], missing

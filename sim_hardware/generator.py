@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from sim_hardware.segments import Chirp, Glitch, Level, Open, Segment, Tone
+from sim_hardware.segments import Chirp, Glitch, Level, Open, Segment, Tone, Wave
 
 Make = Callable[[float], Segment]
 """Given the instant of the change, the segment that begins there."""
@@ -23,10 +23,15 @@ RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings that shape the output; the defaults are a Trueform box after reset."""
+    """Settings that shape the output; the defaults are a Trueform box after reset.
+
+    `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
+    the amplitude; None is at its start phase.
+    """
 
     on: bool = False
-    function: Literal["SIN", "DC"] = "SIN"
+    function: Literal["SIN", "DC", "ARB"] = "SIN"
+    wave: Wave | None = None
     frequency_hz: float = 1e3
     emf_vpp: float = 0.2
     emf_offset_v: float = 0.0
@@ -34,6 +39,7 @@ class Settings:
     burst: bool = False
     cycles: float = 1.0
     phase_deg: float = 0.0
+    idle: float | None = None
     period_s: float = 10e-3
     trigger: Literal["IMM", "BUS", "EXT"] = "IMM"
     sweep: bool = False
@@ -60,7 +66,7 @@ class Generator:
     ) -> None:
         self._emit = emit
         self._chance = random.Random(seed)
-        self._clock = 1 + clock_ppm * 1e-6
+        self._clock = self._next_clock = 1 + clock_ppm * 1e-6
         self._relay_s = relay_s
         self._open = Open(pulled_v)
         self._powered = True
@@ -93,6 +99,10 @@ class Generator:
         self._powered = on
         self.reset()
 
+    def drift(self, ppm: float) -> None:
+        """Let the clock run faster from the next trigger on; what plays goes on as it began."""
+        self._next_clock *= 1 + ppm * 1e-6
+
     def ready_for_trigger(self, now: float) -> bool:
         """Whether a bus trigger would start something."""
         s = self.settings
@@ -110,6 +120,7 @@ class Generator:
         """Start the armed burst or sweep."""
 
         def make(t: float) -> Segment:
+            self._clock = self._next_clock
             s = self.settings
             if s.burst:
                 self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
@@ -142,13 +153,20 @@ class Generator:
     def _tone(self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf) -> Tone:
         s = self.settings
         f = (s.start_hz if s.sweep else s.frequency_hz) * self._clock
-        idle = s.emf_offset_v + s.emf_vpp / 2 * math.sin(math.radians(s.phase_deg))
-        return Tone(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s)
+        wave = s.wave if s.function == "ARB" else None
+        start = math.sin(math.radians(s.phase_deg))
+        if wave:  # its first point, whatever is drawn between the points
+            start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
+        idle = s.emf_offset_v + s.emf_vpp / 2 * (start if s.idle is None else s.idle)
+        return Tone(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s, wave)
 
     def _follow(self, old: Settings, t: float) -> None:
         """Carry phase and remaining cycles through a change of settings."""
         s = self.settings
         if s.auto_range and _range(s.emf_vpp) != _range(old.emf_vpp):
+            self._glitch_until = t + self._relay_s
+        if {s.function, old.function} == {"SIN", "ARB"}:
+            # Sines and waveforms leave through different filters (33120A guide, theory of operation): relays again.
             self._glitch_until = t + self._relay_s
         if s.burst != old.burst:
             self._burst = None
@@ -161,7 +179,7 @@ class Generator:
             else:
                 left = run.cycles - (t - run.origin_s) * run.frequency_hz
                 self._burst = self._tone(t, run.phase_at(t), left)
-        continuous = s.function == "SIN" and not s.burst
+        continuous = s.function != "DC" and not s.burst
         if not continuous:
             self._carrier = None
         elif self._carrier is None:

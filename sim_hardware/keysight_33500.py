@@ -1,132 +1,79 @@
 """A Keysight 33500B (Trueform) function generator as its programming guide describes it, traps included.
 
 The traps that matter on this bench: it wakes up and resets to 50 ohm with the output off; told of 50 ohm it puts twice
-the volts on a high-impedance input; APPLy turns the output on; an amplitude in another range switches a relay; leaving
-DC or burst starts a sine at a phase nobody knows; a value it cannot do is clipped, not refused.
+the volts on a high-impedance input; APPLy turns the output on; an amplitude in another range and another function switch
+relays; leaving DC or burst starts a sine at a phase nobody knows; a value it cannot do is clipped, not refused; a waveform's
+name can be given once; clearing its memory selects another waveform; the byte order of a download is the other one.
 """
 
-import math
 from collections.abc import Callable, Sequence
-from typing import Literal, cast
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sim_hardware.generator import Generator
-from sim_hardware.keysight_levels import MAX_EMF_V, Levels
 from sim_hardware.scpi import Command
-from sim_hardware.scpi_values import Arguments, ScpiError, boolean, choice, number, one, real
+from sim_hardware.scpi_box import ScpiBox, data_of, only
+from sim_hardware.scpi_values import Arguments, ScpiError, choice, number, one
 
-TOP_HZ = 20e6
 SOURCE = "[SOURce[1]:]"
+MEMORY_POINTS = 1_000_000
+BUILT_IN = "EXP_RISE"
+RISE = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
 
 
-class Keysight33500:
-    """SCPI model of one channel over a `Generator` (sim_hardware.scpi.Instrument).
+class KeysightBox(ScpiBox):
+    """What 33200 and 33500 boxes have in common."""
 
-    Args:
-        now: bench time, for what depends on whether a burst is still running.
-
-    Attributes:
-        report: puts an error into the queue although the command is carried out; the engine's, once there is one.
-    """
+    SPAN_IS_THE_WAVES_OWN = True
+    ARBITRARY: ClassVar[str] = "ARB"
+    """How the waveform function is called."""
 
     def __init__(self, core: Generator, now: Callable[[], float], identity: str) -> None:
-        self.identity = identity
-        self.report: Callable[[ScpiError], None] = lambda _: None
-        self._core = core
-        self._now = now
-        self._levels = Levels(core, self._report)
-
-    def _report(self, error: ScpiError) -> None:
-        self.report(error)
-
-    def reset(self) -> None:
-        self._levels.reset()
-        self._core.reset()
-
-    def trigger(self) -> None:
-        if not self._core.ready_for_trigger(self._now()):
-            raise ScpiError(-211)
-        self._core.trigger()
-
-    def busy_s(self) -> float:
-        return self._core.busy_s(self._now())
+        super().__init__(core, now, identity)
+        self._big_endian = True
 
     @property
     def commands(self) -> Sequence[Command]:
-        core = self._core
+        settings = self._core.settings
         return [
             *self._levels.commands(SOURCE),
-            Command(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: core.settings.function),
-            self._numeric("FREQuency[:CW]", "frequency_hz", "HZ", 1e-6, TOP_HZ, 1e3),
-            self._numeric("FREQuency:STARt", "start_hz", "HZ", 1e-6, TOP_HZ, 100.0),
-            self._numeric("FREQuency:STOP", "stop_hz", "HZ", 1e-6, TOP_HZ, 1e3),
-            self._numeric("SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
-            Command(SOURCE + "SWEep:SPACing", _only("LINear"), lambda _: "LIN"),
-            Command(SOURCE + "SWEep:STATe", self._set_mode("sweep", "burst"), lambda _: str(int(core.settings.sweep))),
-            Command(SOURCE + "BURSt:STATe", self._set_mode("burst", "sweep"), lambda _: str(int(core.settings.burst))),
-            Command(SOURCE + "BURSt:MODE", _only("TRIGgered"), lambda _: "TRIG"),
-            Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: real(core.settings.cycles)),
-            self._numeric("BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
-            self._numeric("BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, 10e-3),
-            Command("OUTPut[1][:STATe]", self._set_output, lambda _: str(int(core.settings.on))),
-            Command("TRIGger[1]:SOURce", self._set_trigger, lambda _: core.settings.trigger),
+            Command(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function()),
+            self._numeric(SOURCE + "FREQuency[:CW]", "frequency_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
+            self._numeric(SOURCE + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.TOP_HZ, 100.0),
+            self._numeric(SOURCE + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
+            self._numeric(SOURCE + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
+            Command(SOURCE + "SWEep:SPACing", only("LINear"), lambda _: "LIN"),
+            self._mode(SOURCE + "SWEep:STATe", "sweep", "burst"),
+            self._mode(SOURCE + "BURSt:STATe", "burst", "sweep"),
+            Command(SOURCE + "BURSt:MODE", only("TRIGgered"), lambda _: "TRIG"),
+            Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: self.real(self._core.settings.cycles)),
+            self._numeric(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
+            self._numeric(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s),
+            self._switch("OUTPut[1][:STATe]", "on"),
+            Command("TRIGger[1]:SOURce", self._set_trigger, lambda _: self._core.settings.trigger),
             Command("TRIGger[1][:IMMediate]", lambda _: self.trigger()),
-            Command("ABORt[1]", lambda _: core.abort()),
             Command(SOURCE + "APPLy:SINusoid", self._apply("SIN")),
             Command(SOURCE + "APPLy:DC", self._apply("DC")),
-            Command("UNIT:ANGLe", _only("DEGree"), lambda _: "DEG"),
+            Command("UNIT:ANGLe", only("DEGree"), lambda _: "DEG"),
+            Command("FORMat:BORDer", self._set_order, lambda _: "NORM" if self._big_endian else "SWAP"),
         ]
 
-    def _numeric(self, pattern: str, name: str, unit: str, low: float, high: float, default: float) -> Command:
-        def setter(a: Arguments) -> None:
-            self._core.change(**{name: self._levels.clip(number(one(a), unit, low, high, default), low, high)})
-
-        return Command(SOURCE + pattern, setter, lambda _: real(getattr(self._core.settings, name)))
-
-    def _set_output(self, a: Arguments) -> None:
-        self._core.change(on=boolean(one(a)))
+    def _function(self) -> str:
+        function = self._core.settings.function
+        return self.ARBITRARY if function == "ARB" else function
 
     def _set_function(self, a: Arguments) -> None:
-        function = cast(Literal["SIN", "DC"], choice(one(a), "SINusoid", "DC"))
-        s = self._core.settings
-        self._levels.check(s.emf_vpp, s.emf_offset_v, function)
-        if function == "SIN":
-            # DC allows an offset that leaves no room for a sine.
-            room = MAX_EMF_V - s.emf_vpp / 2
-            if abs(s.emf_offset_v) > room:
-                self.report(ScpiError(-221, "offset changed on exit from dc function"))
-            self._core.change(function=function, emf_offset_v=min(max(s.emf_offset_v, -room), room))
-            return
-        if s.burst or s.sweep:
-            mode = "burst" if s.burst else "sweep"
-            self.report(ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
-        self._core.change(function=function, burst=False, sweep=False)
+        function = choice(one(a), "SINusoid", "DC", self.ARBITRARY)
+        self._enter("ARB" if function == self.ARBITRARY else function)
 
-    def _set_mode(self, mode: str, other: str) -> Callable[[Arguments], None]:
-        def setter(a: Arguments) -> None:
-            on, s = boolean(one(a)), self._core.settings
-            if on and s.function == "DC":
-                raise ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
-            changed = {mode: on}
-            if on and getattr(s, other):
-                self.report(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
-                changed[other] = False
-            self._core.change(**changed)
-
-        return setter
-
-    def _set_cycles(self, a: Arguments) -> None:
-        cycles = number(one(a), "", 1.0, 1e8, 1.0)
-        if not math.isinf(cycles):
-            self._core.change(cycles=float(round(self._levels.clip(cycles, 1.0, 1e8))))
-            return
-        if self._core.settings.trigger == "IMM":
-            self.report(ScpiError(-221, "infinite burst changed trigger source to BUS"))
-            self._core.change(trigger="BUS")
-        self._core.change(cycles=cycles)
+    def _set_order(self, a: Arguments) -> None:
+        self._big_endian = choice(one(a), "NORMal", "SWAPped") == "NORM"
 
     def _set_trigger(self, a: Arguments) -> None:
         source = choice(one(a), "IMMediate", "BUS", "EXTernal")
-        if source == "IMM" and math.isinf(self._core.settings.cycles):
+        if source == "IMM" and np.isinf(self._core.settings.cycles):
             self.report(ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
             self._core.change(cycles=1.0)
         self._core.change(trigger=source)
@@ -139,7 +86,8 @@ class Keysight33500:
             self._levels.unfreeze()
             self._core.change(burst=False, sweep=False, trigger="IMM", function=function)
             if 0 in asked:
-                self._core.change(frequency_hz=self._levels.clip(number(asked[0], "HZ", 1e-6, TOP_HZ), 1e-6, TOP_HZ))
+                hertz = number(asked[0], "HZ", 1e-6, self.TOP_HZ)
+                self._core.change(frequency_hz=self._levels.clip(hertz, 1e-6, self.TOP_HZ))
             if 1 in asked and function == "SIN":
                 self._levels.set_vpp(asked[1])
             if 2 in asked:
@@ -149,10 +97,83 @@ class Keysight33500:
         return setter
 
 
-def _only(name: str) -> Callable[[Arguments], None]:
-    """A setting of which this model knows one value."""
+class Keysight33500(KeysightBox):
+    """33500B and 33600A: named waveforms, a sample rate, a filter, output limits, ABORt."""
 
-    def setter(a: Arguments) -> None:
-        choice(one(a), name)
+    def __init__(self, core: Generator, now: Callable[[], float], identity: str) -> None:
+        super().__init__(core, now, identity)
+        self._forget()
 
-    return setter
+    def _forget(self) -> None:
+        self._waves: dict[str, NDArray[np.float64]] = {}
+        self._selected = BUILT_IN
+        self._rate_hz = 40e3
+        self._smooth = True
+
+    def reset(self) -> None:
+        super().reset()
+        self._forget()
+        self._play(RISE)
+
+    @property
+    def commands(self) -> Sequence[Command]:
+        free = MEMORY_POINTS
+        return [
+            *super().commands,
+            Command("ABORt[1]", lambda _: self._core.abort()),
+            Command(SOURCE + "DATA:ARBitrary[1]", self._download),
+            Command(SOURCE + "DATA:VOLatile:CLEar", self._clear),
+            Command(
+                SOURCE + "DATA:VOLatile:FREE", None, lambda _: str(free - sum(w.size for w in self._waves.values()))
+            ),
+            Command(SOURCE + "DATA:VOLatile:CATalog", None, lambda _: ",".join(f'"{n}"' for n in self._names())),
+            Command(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
+            Command(SOURCE + "FUNCtion:ARBitrary:SRATe", self._set_rate, lambda _: self.real(self._rate_hz)),
+            Command(
+                SOURCE + "FUNCtion:ARBitrary:FILTer", self._set_filter, lambda _: "STEP" if self._smooth else "OFF"
+            ),
+        ]
+
+    def _names(self) -> list[str]:
+        return [BUILT_IN, *self._waves]
+
+    def _download(self, a: Arguments) -> None:
+        if len(a) != 2:
+            raise ScpiError(-109)
+        if a[0].upper() in self._waves:
+            raise ScpiError(786)
+        points = data_of(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
+        if points.size + sum(w.size for w in self._waves.values()) > MEMORY_POINTS:
+            raise ScpiError(-225)
+        self._waves[a[0].upper()] = points
+
+    def _clear(self, _: Arguments) -> None:
+        self._waves.clear()
+        self._selected = BUILT_IN
+        self._play(RISE)
+
+    def _select(self, a: Arguments) -> None:
+        name = one(a).strip("\"'").upper()
+        if name not in self._names():
+            raise ScpiError(-224)
+        self._selected = name
+        self._play(RISE if name == BUILT_IN else self._waves[name])
+
+    def _play(self, points: NDArray[np.float64]) -> None:
+        turn: dict[str, Any] = {}
+        if self._core.settings.function == "ARB":
+            turn["frequency_hz"] = self._rate_hz / points.size
+        self._set_wave(points, smooth=self._smooth, **turn)
+
+    def _enter(self, function: str) -> None:
+        super()._enter(function)
+        if function == "ARB":
+            self._play(self._waves.get(self._selected, RISE))
+
+    def _set_rate(self, a: Arguments) -> None:
+        self._rate_hz = self._levels.clip(number(one(a), "SA/S", 1e-6, 250e6, 40e3), 1e-6, 250e6)
+        self._play(self._waves.get(self._selected, RISE))
+
+    def _set_filter(self, a: Arguments) -> None:
+        self._smooth = choice(one(a), "NORMal", "STEP", "OFF") != "OFF"
+        self._play(self._waves.get(self._selected, RISE))

@@ -1,0 +1,1 @@
+"""The contract suites that every source and digitizer passes, for the authors of drivers as well: see `__main__`."""

@@ -1,0 +1,20 @@
+"""The same measurement on every make of generator: same points, and volts that were safe on the way."""
+
+from pathlib import Path
+
+import pytest
+
+from protocols.events import Status
+from protocols.sine_dwell import SineDwell
+from tests.support import laboratory, run, simulated
+
+
+@pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG1032X", "AFG1022"])
+def test_a_dwell_gives_the_same_point_whoever_made_the_generator(model: str, tmp_path: Path) -> None:
+    dwell = SineDwell(frequencies_hz=(60.0, 150.0), settle_limit_s=1.0, record_s=0.2)
+    with laboratory(simulated(generator={"model": model})) as lab:
+        ran = run(dwell, tmp_path, lab)
+    assert ran.status == Status.COMPLETED, ran.reason
+    assert lab.bench.amplifier.identity.model == model
+    assert [p.drive_amplitude for p in ran.points] == pytest.approx([2.5, 2.5], rel=1e-3)
+    assert [1e6 * p.peak_to_peak for p in ran.points] == pytest.approx([590.6, 1155.8], rel=2e-3)

@@ -1,0 +1,34 @@
+"""Binary blocks: whatever bytes they hold, in whatever pieces they arrive, a message stays one message."""
+
+import pytest
+
+from drivers.waveform import block
+from sim_hardware.scpi_blocks import lift_blocks, messages_in, put_back
+
+NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'
+SCPI = f"DATA:DAC VOLATILE,{block(NASTY)};:SYST:ERR?"
+BARE = f"C1:WVDT WVNM,a,LENGTH,{len(NASTY)}B,WAVEDATA,{NASTY.decode('latin-1')}"
+
+
+@pytest.mark.parametrize("message", [SCPI, BARE, SCPI + "\n*IDN?\n" + BARE])
+@pytest.mark.parametrize("size", [1, 3, 1000])
+def test_messages_are_put_together_from_any_pieces(message: str, size: int) -> None:
+    wire, rest, seen = (message + "\n").encode("latin-1"), b"", []
+    for first in range(0, len(wire), size):
+        complete, rest = messages_in(rest + wire[first : first + size])
+        seen += complete
+    assert rest == b""
+    assert "\n".join(seen) == message
+    assert len(seen) == 1 + 2 * ("*IDN?" in message)
+
+
+@pytest.mark.parametrize("message", [SCPI, BARE])
+def test_a_block_is_lifted_out_and_put_back_whole(message: str) -> None:
+    lifted, blocks = lift_blocks(message)
+    assert "\n" not in lifted
+    assert put_back("\x00", blocks).encode("latin-1") == NASTY
+    assert put_back("VOLATILE", blocks) == "VOLATILE"
+
+
+def test_a_hash_that_begins_no_block_is_text() -> None:
+    assert messages_in(b'DISP:TEXT "# 1"\n*IDN?\n') == (['DISP:TEXT "# 1"', "*IDN?"], b"")
