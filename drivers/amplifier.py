@@ -10,6 +10,7 @@ from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import DriveRefused
 from drivers.ports import Identity, Source
+from drivers.watch import NoWatchdog, Watchdog
 from model.amplifier import AmplifierMap
 
 VOLTS_TOLERANCE = 1e-9
@@ -33,8 +34,16 @@ class DriveLimits:
 class HvAmplifier:
     """Admits drives, plays them on its source, and brings the source back to rest."""
 
-    def __init__(self, source: Source, amplifier: AmplifierMap, limits: DriveLimits, clock: Clock) -> None:
+    def __init__(
+        self,
+        source: Source,
+        amplifier: AmplifierMap,
+        limits: DriveLimits,
+        clock: Clock,
+        watchdog: Watchdog | None = None,
+    ) -> None:
         self._source = source
+        self._watchdog = watchdog or NoWatchdog()
         self.map = amplifier
         self.limits = limits
         self._clock = clock
@@ -76,11 +85,13 @@ class HvAmplifier:
 
     def source_at_rest(self) -> bool:
         """Whether the source says of itself that it idles at rest with its output on."""
-        return self._source.at_rest(self.map.rest_v)
+        with self._watchdog.allow():
+            return self._source.at_rest(self.map.rest_v)
 
     def prepare(self) -> None:
         """Bring the source up at rest. Only with high voltage disabled."""
-        self._source.prepare(self.map.rest_v, self.map.low_v, self.map.high_v)
+        with self._watchdog.allow():
+            self._source.prepare(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def play(self, drive: Drive) -> None:
         """Admit a drive and begin it; whatever played before comes to rest first.
@@ -88,15 +99,18 @@ class HvAmplifier:
         Raises:
             DriveRefused: nothing was sent to the source.
             InstrumentError: the source refused it or does not answer.
+            BenchError: the watchdog has taken the source over, or has ended.
         """
         self.admit(drive)
-        self.to_rest()
-        # Set before the source is told: if its answer is lost, we must assume that it plays.
-        self._until_s = self._clock.now() + drive.duration_s
-        if isinstance(drive, Hold):
-            self._until_s = float("inf")
-            self._ramp(drive.level_v)
-        self._source.play(drive)
+        with self._watchdog.allow():
+            self._watchdog.check()
+            self.to_rest()
+            # Set before the source is told: if its answer is lost, we must assume that it plays.
+            self._until_s = self._clock.now() + drive.duration_s
+            if isinstance(drive, Hold):
+                self._until_s = float("inf")
+                self._ramp(drive.level_v)
+            self._source.play(drive)
 
     @property
     def seconds_left(self) -> float:
@@ -110,15 +124,20 @@ class HvAmplifier:
             InstrumentError: the source does not answer. Rest must then be established by measurement.
         """
         if self._until_s > 0:
+            self.force_rest()
+
+    def force_rest(self) -> None:
+        """Go to rest whatever this object believes to be playing: for whoever did not begin it."""
+        with self._watchdog.allow():
             self._source.stop()
             self._ramp(self.map.rest_v)
             self._until_s = 0.0
 
     def recover(self) -> None:
         """Open a failed wire anew and go to rest over it."""
-        self._source.reconnect()
-        self._until_s = float("inf")
-        self.to_rest()
+        with self._watchdog.allow():
+            self._source.reconnect()
+        self.force_rest()
 
     def close(self) -> None:
         """Let go of the source's wire; its output stays at rest, on."""

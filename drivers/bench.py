@@ -8,7 +8,7 @@ ramped to rest with its output on, and that is *measured* before anybody says so
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,23 +19,19 @@ from drivers.clock import Clock
 from drivers.drive import Drive
 from drivers.errors import AcquisitionError, BenchError, UnsafeError
 from drivers.ports import Block, Digitizer, Meter, Scale, Stream
+from drivers.rest import Rest, see_rest
 from drivers.sensor import LaserSensor
+from drivers.watch import NoWatchdog, Watchdog
 
 DRIVE, DISPLACEMENT = 0, 1
 """Rows of a block."""
 
-REST_TOLERANCE_V = 0.05
-"""How far the card may see the drive from rest: its noise, its gain error and a generator's offset error."""
-
-REST_HELD_S = 0.1
-"""How long the card must see rest without a break."""
-
-FRESH_S = 0.1
-"""Samples taken earlier than this after a command may still show what was before it."""
-
 PATIENCE_S = 2.0
 LONGEST_WAIT_S = 10.0
 """How long a drive that no longer obeys is given to end by itself, at most."""
+
+WAY_OUT_S = 8.0
+"""How long the way to rest may be silent before the watchdog takes over: wires opened anew, a second stream."""
 
 BY_HAND = (
     "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
@@ -51,15 +47,6 @@ class HighVoltageSwitch(Protocol):
     def enable(self) -> None: ...
 
 
-@dataclass(frozen=True, slots=True)
-class Rest:
-    """What the card saw of the drive when rest was to be confirmed."""
-
-    confirmed: bool
-    measured_v: float
-    words: str
-
-
 @dataclass
 class Armed:
     """The live bench: play a drive, read blocks. Every block read goes to the sink first."""
@@ -67,8 +54,11 @@ class Armed:
     amplifier: HvAmplifier
     stream: Stream
     sink: Callable[[Block], None]
+    watchdog: Watchdog
     energised: bool = False
     """Whether high voltage may be on: from then on, every way out must measure rest."""
+    before: Rest | None = None
+    """What the card saw when rest was measured before the first drive."""
     rest: Rest | None = None
     """What was measured on the way out; None while live, or where high voltage never came on."""
 
@@ -87,8 +77,15 @@ class Armed:
         self.amplifier.to_rest()
 
     def read(self) -> Block:
-        block = self.stream.read()
+        block = self.skip()
         self.sink(block)
+        return block
+
+    def skip(self) -> Block:
+        """Read a block that nobody keeps: while a person takes their time, the card must be emptied all the same."""
+        block = self.stream.read()
+        self.watchdog.beat()
+        self.watchdog.check()
         return block
 
 
@@ -109,6 +106,7 @@ class Bench:
     record: Mapping[str, Any] = field(default_factory=dict)
     meters: Mapping[str, Meter] = field(default_factory=dict)
     name: str = "bench"
+    watchdog: Watchdog = field(default_factory=NoWatchdog)
     _switched_on: bool = field(default=False, init=False)
     """Whether somebody has switched high voltage on since this bench was opened."""
 
@@ -118,6 +116,7 @@ class Bench:
         for instrument in instruments:
             with contextlib.suppress(BenchError):
                 instrument.close()
+        self.watchdog.close()
 
     def open_stream(self, rate_hz: float) -> Stream:
         return self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
@@ -144,7 +143,7 @@ class Bench:
         """
         with contextlib.ExitStack() as stack:
             stream = stack.enter_context(self.open_stream(rate_hz))
-            armed = Armed(self.amplifier, stream, sink)
+            armed = Armed(self.amplifier, stream, sink, self.watchdog)
             started(armed)
             failure: BaseException | None = None
             try:
@@ -157,16 +156,23 @@ class Bench:
                 lost = None
                 if armed.energised:
                     armed.rest, lost = self._make_safe(armed)
+                    self.watchdog.disarm()  # not where even that was broken off: then its turn has come
                     if not armed.rest.confirmed:
                         raise UnsafeError(f"{BY_HAND}. What was measured: {armed.rest.words}") from failure
                 if failure is None and lost is not None:
                     raise lost
 
     def _arm(self, armed: Armed, switch: HighVoltageSwitch) -> None:
+        armed.energised = (
+            self._switched_on
+        )  # an earlier run left it on: then any failure from here on must measure rest
         says_rest = self.amplifier.source_at_rest()
-        armed.energised = says_rest  # an earlier run may have left high voltage on
-        if not says_rest:
+        if says_rest:  # an earlier run may have left high voltage on
+            armed.energised = True
+            self.watchdog.arm()
+        else:
             switch.disable()
+            armed.energised = self._switched_on = False
             self.amplifier.prepare()
         rest = self._watch(armed.read, armed.stream, PATIENCE_S)
         if not rest.confirmed and says_rest:
@@ -176,28 +182,43 @@ class Bench:
                 f"not armed, high voltage stays disabled: {rest.words}. Check the cable from the generator to the amplifier "
                 "and to the card's drive channel"
             )
-        if not (says_rest and self._switched_on):
-            # Also where the source rests from an earlier session: nobody may be surprised by the first drive of a day.
-            armed.energised = True
-            switch.enable()
-            self._switched_on = True
-            rest = self._watch(armed.read, armed.stream, PATIENCE_S)
-            if not rest.confirmed:
-                raise BenchError(f"after high voltage was enabled, {rest.words}")
+        # Before every run, also where the source rests from the last one: nobody may be surprised by a drive, and whoever
+        # was told to switch high voltage off has to be told to switch it on.
+        armed.energised = self._switched_on = True
+        self.watchdog.arm()
+        switch.enable()
+        rest = self._watch(armed.read, armed.stream, PATIENCE_S)
+        if not rest.confirmed:
+            raise BenchError(f"after high voltage was enabled, {rest.words}")
+        armed.before = rest
 
     def _make_safe(self, armed: Armed) -> tuple[Rest, BaseException | None]:
         """Go to rest and measure it. Never raises; a sink that fails on the way does not stop it."""
+        with self.watchdog.allow(WAY_OUT_S):
+            trouble = self._command_rest()
+            left_s = min(self.amplifier.seconds_left, LONGEST_WAIT_S) if trouble else 0.0
+            rest, lost = self._measure_rest(armed, left_s + PATIENCE_S)
+        if trouble or not rest.confirmed:
+            rest = replace(rest, words=f"{rest.words}.{trouble}")
+        if not rest.confirmed:
+            self.watchdog.note(f"the program could not confirm rest: {rest.words}")
+        return rest, lost
+
+    def _command_rest(self) -> str:
+        """Tell the source to rest, over its wire, over a new one, and by the watchdog's; what failed, empty if it obeyed."""
         trouble = ""
-        obeyed = False
         for attempt in (self.amplifier.to_rest, self.amplifier.recover):
             try:
                 attempt()
             except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, measuring rest comes next
                 trouble = f" The source did not obey: {error}."
             else:
-                obeyed = True
-                break
-        patience_s = PATIENCE_S if obeyed else min(self.amplifier.seconds_left, LONGEST_WAIT_S) + PATIENCE_S
+                return ""
+        told = self.watchdog.rescue(trouble.strip(" ."))
+        return f"{trouble} The watchdog says: {told}." if told else trouble
+
+    def _measure_rest(self, armed: Armed, patience_s: float) -> tuple[Rest, BaseException | None]:
+        """What the card sees of the drive, and what a sink that failed on the way raised."""
         lost: list[BaseException] = []
 
         def read(stream: Stream) -> Block:
@@ -210,41 +231,25 @@ class Bench:
             return block
 
         try:
-            rest = self._watch(lambda: read(armed.stream), armed.stream, patience_s)
+            rest = self._watch(lambda: read(armed.stream), armed.stream, patience_s, armed.before)
         except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still see the drive
             armed.stream.__exit__(None, None, None)
             try:
                 with self.open_stream(armed.rate_hz) as second:
-                    rest = self._watch(second.read, second, patience_s)
+                    rest = self._watch(second.read, second, patience_s, armed.before)
             except Exception as again:  # noqa: BLE001 - make-safe: nothing left to measure with
                 rest = Rest(False, math.nan, f"the card cannot see the drive: {again}")
-        if not obeyed or not rest.confirmed:
-            rest = Rest(rest.confirmed, rest.measured_v, rest.words + "." + trouble)
         return rest, (lost[0] if lost else None)
 
-    def _watch(self, read: Callable[[], Block], stream: Stream, patience_s: float) -> Rest:
-        """Read until the drive has stood at rest for a while, in samples taken after this call."""
-        rest_v = self.amplifier.map.rest_v
-        begin_s = self.clock.now()
-        fresh = math.ceil((begin_s - stream.started_s + FRESH_S) * stream.rate_hz)
-        needed = math.ceil(REST_HELD_S * stream.rate_hz)
-        held, mean = 0, math.nan
-        while True:
+    def _watch(self, read: Callable[[], Block], stream: Stream, patience_s: float, before: Rest | None = None) -> Rest:
+        def next_volts() -> tuple[int, NDArray[np.float64]]:
             block = read()
-            volts = drive_volts(block, stream.scales)[max(fresh - block.start, 0) :]
-            if volts.size:
-                mean = float(volts.mean())
-                away = np.flatnonzero(np.abs(volts - rest_v) > REST_TOLERANCE_V)
-                held = held + volts.size if not away.size else volts.size - 1 - int(away[-1])
-                if held >= needed:
-                    return Rest(True, mean, f"the card sees {mean:.3f} V at the amplifier's input: rest")
-            if block.stop >= fresh + needed and self.clock.now() - begin_s > patience_s:
-                return Rest(
-                    False,
-                    mean,
-                    f"the card sees {mean:.3f} V at the amplifier's input where rest is {rest_v:g} V "
-                    f"(limit +-{REST_TOLERANCE_V:g} V, watched for {patience_s:.1f} s)",
-                )
+            self.watchdog.beat()
+            return block.start, drive_volts(block, stream.scales)
+
+        return see_rest(
+            next_volts, self.clock, stream.started_s, stream.rate_hz, self.amplifier.map.rest_v, patience_s, before
+        )
 
 
 def drive_volts(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:

@@ -38,8 +38,67 @@ REMEDIES = {
     -200077: "the card cannot do this setting; correct rate, range or channel",
     -200081: "the card cannot sample that fast; lower the rate",
     -200332: "the card cannot sample that fast; lower the rate",
+    -200561: "the output cannot be given this voltage; correct the amplifier's range in the bench file",
+    -200289: "the drive came too late to be changed; nothing was rewritten",
+    -89136: "the card cannot start its output by this signal; leave start_trigger empty in the bench file",
     -200170: "no such channel on this card; correct it in the bench file",
 }
+
+
+class NiLink:
+    """The way to one card: the local driver, or a gRPC device server. Input and output share nothing but this code.
+
+    Args:
+        device: the card's name, e.g. `Dev1`.
+        server: `host:port` of a gRPC device server, or None for the local driver.
+
+    Raises:
+        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+    """
+
+    def __init__(self, device: str, server: str | None = None) -> None:
+        self.device = device
+        self.where = f"DAQ card {device}" + (f" at {server}" if server else "")
+        self._server = server
+        self._rpc: Any = None
+        self._options: Any = None
+        self.identity = self.reopen()
+        self.where = f"DAQ card {device} ({self.identity.model})"
+
+    def reopen(self) -> Identity:
+        """Open the way anew; who stands at its end. Raises InstrumentError as the constructor."""
+        self.close()
+        if self._server:
+            import grpc
+
+            options = [
+                # The default limit of 4 MB is half a million samples: one late read would exceed it.
+                ("grpc.max_receive_message_length", -1),
+                # Channels of one process share a connection and its pause after a failure: a second of no way to rest.
+                ("grpc.use_local_subchannel_pool", 1),
+            ]
+            self._rpc = grpc.insecure_channel(self._server, options=options)
+            self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
+        try:
+            with words(self.where):
+                system = System.remote(self._options) if self._server else System.local()
+                card = system.devices[self.device]
+                return Identity("NI", card.product_type, format(card.serial_num, "X"))
+        except InstrumentError:
+            self.close()
+            raise
+
+    def task(self) -> Any:
+        """A new NI task on this card's driver."""
+        if self._server and self._rpc is None:
+            raise AcquisitionError(f"{self.where} is closed")
+        with words(self.where):
+            return nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
+
+    def close(self) -> None:
+        channel, self._rpc = self._rpc, None
+        if channel is not None:
+            channel.close()
 
 
 class NiDigitizer:
@@ -67,37 +126,19 @@ class NiDigitizer:
         range_v: float = 10.0,
         terminal: str = "DEFAULT",
     ) -> None:
-        self._device, self._channels, self._clock, self._range_v = device, channels, clock, range_v
+        self._channels, self._clock, self._range_v = channels, clock, range_v
         self._terminal = TerminalConfiguration[terminal]
-        self._where = f"DAQ card {device}" + (f" at {server}" if server else "")
-        self._rpc: Any = None
-        self._options: Any = None
-        if server:
-            import grpc
-
-            # The default limit of 4 MB is half a million samples: one late read would exceed it.
-            unlimited = [("grpc.max_receive_message_length", -1)]
-            self._rpc = grpc.insecure_channel(server, options=unlimited)
-            self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
-        try:
-            with words(self._where):
-                system = System.remote(self._options) if server else System.local()
-                card = system.devices[device]
-                self.identity = Identity("NI", card.product_type, format(card.serial_num, "X"))
-        except InstrumentError:
-            self.close()
-            raise
-        self._where = f"DAQ card {device} ({self.identity.model})"
+        self._link = NiLink(device, server)
+        self.identity = self._link.identity
 
     def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
         """Begin to acquire (see drivers.ports.Digitizer.stream)."""
-        with words(self._where):
-            task = nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
+        task, where = self._link.task(), self._link.where
         try:
-            with words(self._where):
+            with words(where):
                 for terminal in self._channels:
                     task.ai_channels.add_ai_voltage_chan(
-                        f"{self._device}/{terminal}",
+                        f"{self._link.device}/{terminal}",
                         terminal_config=self._terminal,
                         min_val=-self._range_v,
                         max_val=self._range_v,
@@ -107,15 +148,13 @@ class NiDigitizer:
                     sample_mode=AcquisitionType.CONTINUOUS,
                     samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
                 )
-                return NiStream(task, block_scans, self._clock, self._where)
+                return NiStream(task, block_scans, self._clock, where)
         except BaseException:
             task.close()
             raise
 
     def close(self) -> None:
-        channel, self._rpc = self._rpc, None
-        if channel is not None:
-            channel.close()
+        self._link.close()
 
 
 class NiStream:
@@ -175,3 +214,27 @@ def words(where: str) -> Iterator[None]:
         remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
         told = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
         raise AcquisitionError(f"{where}: {remedy} (NI {error.error_code}: {told[:200]})") from error
+
+
+def cards(server: str | None = None) -> list[tuple[str, Identity]]:
+    """Names and identities of the cards of this computer, or of a gRPC device server.
+
+    Raises:
+        InstrumentError: no driver, or no server.
+    """
+    where = f"DAQ cards at {server}" if server else "DAQ cards"
+    rpc: Any = None
+    try:
+        with words(where):
+            if not server:
+                return [
+                    (c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in System.local().devices
+                ]
+            import grpc
+
+            rpc = grpc.insecure_channel(server)
+            system = System.remote(nidaqmx.GrpcSessionOptions(rpc, ""))
+            return [(c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in system.devices]
+    finally:
+        if rpc is not None:
+            rpc.close()

@@ -1,6 +1,7 @@
 """A laser displacement sensor on an analogue input: a pure calibration, no I/O."""
 
 from dataclasses import dataclass
+from datetime import date
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +18,8 @@ class LaserSensor:
         valid_low_v, valid_high_v: outside this band the sensor tells "out of range", not a displacement.
         delay_s: how late its output follows the target.
         gain_relative_uncertainty: standard uncertainty of the gain, relative; common to all points of a run.
-        serial, calibrated: serial number and calibration date as text.
+        serial: its serial number.
+        calibrated, expires: the day of its calibration and the last day on which it holds, YYYY-MM-DD; empty: not told.
     """
 
     name: str
@@ -29,6 +31,16 @@ class LaserSensor:
     gain_relative_uncertainty: float = 0.0
     serial: str = ""
     calibrated: str = ""
+    expires: str = ""
+
+    def expired(self, today: date) -> str:
+        """What is to be said about a calibration that does not hold any more; empty where it does, or nothing is known."""
+        if not self.expires or today <= date.fromisoformat(self.expires):
+            return ""
+        return (
+            f"The calibration of {self.name} expired on {self.expires}; every point of this run is flagged. Have the sensor "
+            "calibrated and write the new gain, its date and its expiry into the bench file"
+        )
 
     def displacement_m(self, volts: ArrayLike) -> NDArray[np.float64]:
         """Displacement in metres, same shape as `volts`. Ask `valid` before believing it."""

@@ -2,19 +2,24 @@
 
 from collections.abc import Callable
 
+import numpy as np
+
 from drivers.clock import Clock, WallClock
+from sim_hardware.analog_output import AnalogOutput
 from sim_hardware.card import Card
 from sim_hardware.digitizer import SimDigitizer
 from sim_hardware.direct import DirectLink
 from sim_hardware.faults import Faults
 from sim_hardware.generator import Generator, Make
+from sim_hardware.generators import box
 from sim_hardware.history import History
 from sim_hardware.history_report import HistoryReport, report_on
-from sim_hardware.keysight_33500 import Keysight33500
 from sim_hardware.plant import Plant
 from sim_hardware.port import Port
 from sim_hardware.scpi import Engine
 from sim_hardware.segments import Open, Segment
+from sim_hardware.supply import Supply
+from sim_hardware.supply_dialects import engine_of
 from sim_hardware.truth import BenchTruth
 
 
@@ -54,30 +59,46 @@ class VirtualBench:
         self.clock: Clock = clock or WallClock(truth.speed)
         self.faults = Faults()
         self.history = History(truth.amplifier.open_v)
-        self.plant = Plant(truth, self.history)
-        self.card = Card(truth, self.history, self.plant, self.faults)
+        self.plant = Plant(truth, self.history, self.faults)
         self._cable = _Cable(self.history, self.clock, truth.amplifier.open_v)
+        outputs = [AnalogOutput(self._wired(name)) for name in ("ao0", "ao1")]
+        self.card = Card(truth, self.history, self.plant, self.faults, outputs)
         g = truth.generator
-        self.generator = Generator(self._cable.carry, truth.seed, g.clock_ppm, g.relay_s, truth.amplifier.open_v)
+        self.generator = Generator(self._wired("generator"), truth.seed, g.clock_ppm, g.relay_s, truth.amplifier.open_v)
         self.generator.reset()
-        model = Keysight33500(
-            self.generator, self.clock.now, f"Keysight Technologies,{g.model},{g.serial},{g.firmware}"
-        )
-        engine = Engine(model)
-        model.report = engine.report
+        self._box = box(g, self.generator, self.clock.now)
+        engine = Engine(self._box)
+        self._box.report = engine.report
         self.port = Port(engine, self.faults)
+        self.supply = Supply(self._wired("supply"), self.clock.now, truth.supply)
+        if truth.source == "supply":  # the wire of the bench is that of the source at the cable
+            self.port = Port(engine_of(truth.supply.model, self.supply, truth.supply.serial), self.faults)
         self._listeners: list[Callable[[], None]] = []
         if truth.amplifier.enabled:
             self.enable_hv()
 
+    def _wired(self, source: str) -> Callable[[Make], None]:
+        """Where an output's segments go: down the cable to the amplifier, or nowhere."""
+        return self._cable.carry if self.truth.source == source else self._nowhere
+
+    def _nowhere(self, make: Make) -> None:
+        make(self.clock.now())
+
     def link(self, timeout_s: float = 2.0) -> DirectLink:
-        """A link to the generator in this process."""
+        """A link to the generator, or to the supply in its place, in this process."""
         g = self.truth.generator
-        return DirectLink(self.port, self.clock, f"{g.model} (simulated)", g.command_s, timeout_s)
+        model = self.truth.supply.model if self.truth.source == "supply" else g.model
+        return DirectLink(self.port, self.clock, f"{model} (simulated)", g.command_s, timeout_s)
 
     def digitizer(self, buffer_s: float = 10.0) -> SimDigitizer:
         """The card in this process."""
         return SimDigitizer(self.card, self.clock, self.faults, buffer_s)
+
+    def laser_sees(self) -> float | None:
+        """Displacement as a laser sensor's own display shows it now; None where it is out of range."""
+        sensor, now = self.truth.sensor, self.clock.now()
+        seen = float(self.plant.displacement(np.array([min(self.plant.ready_until(now), now)]))[0])
+        return None if abs(seen) > sensor.range_m or self.faults.active("sensor-out-of-range") else seen
 
     def enable_hv(self) -> None:
         """The operator turns high voltage on."""
@@ -100,8 +121,13 @@ class VirtualBench:
         self.faults.inject(fault, self.clock.now())
         if fault == "generator-power-off":
             self.generator.power(on=False)
+            self.supply.power(on=False)
         elif fault == "drive-cable-off":
             self._cable.plug(plugged=False)
+        elif fault == "output-tripped":
+            self.generator.change(on=False)
+        elif fault == "clock-drift":
+            self.generator.drift(50.0)
         for listener in self._listeners:
             listener()
 
@@ -113,8 +139,12 @@ class VirtualBench:
             self.faults.clear(name, self.clock.now())
             if name == "generator-power-off":
                 self.generator.power(on=True)
+                self._box.reset()
+                self.supply.power(on=True)
             elif name == "drive-cable-off":
                 self._cable.plug(plugged=True)
+            elif name == "clock-drift":
+                self.generator.drift(-50.0)
         for listener in self._listeners:
             listener()
 

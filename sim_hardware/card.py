@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ports import Scale
+from sim_hardware.analog_output import AnalogOutput
 from sim_hardware.faults import Faults
 from sim_hardware.history import History
 from sim_hardware.plant import Plant
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int16]
 
 DRIVE, SENSOR = 0, 1
+OUTPUTS = 1000
+"""From this number on, a channel is an analogue output measured inside the card (`_ao0_vs_aognd`)."""
 TIMEBASE_HZ = 100e6
 _PAGE = 8192
 
@@ -99,8 +102,16 @@ class Acquisition:
 class Card:
     """The card of one bench."""
 
-    def __init__(self, truth: BenchTruth, history: History, plant: Plant, faults: Faults) -> None:
+    def __init__(
+        self,
+        truth: BenchTruth,
+        history: History,
+        plant: Plant,
+        faults: Faults,
+        outputs: Sequence[AnalogOutput] = (),
+    ) -> None:
         self.truth = truth.card
+        self.outputs = tuple(outputs)
         self.plant = plant
         self.seed = truth.seed
         self.scale = Scale(truth.card.coefficients)
@@ -108,6 +119,7 @@ class Card:
         self._history = history
         self._faults = faults
         self._started = 0
+        self._stuck_v: dict[float, float] = {}
         higher = self.scale.coefficients[2:]
         self._bend = np.array([0.0, 0.0, *higher]) / self.scale.coefficients[1] if any(higher) else None
 
@@ -125,9 +137,20 @@ class Card:
             s = self._sensor
             w = self.plant.displacement(t - s.delay_s)
             invalid = (np.abs(w) > s.range_m) | self._faults.during("sensor-out-of-range", t)
-            volts = np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v)
+            volts = self._held(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
             return volts, math.hypot(self.truth.noise_v, s.noise_m / abs(s.gain_m_per_v))
+        if channel >= OUTPUTS:
+            return self.outputs[channel - OUTPUTS].volts(t), self.truth.noise_v
         return np.zeros(t.size), self.truth.noise_v
+
+    def _held(self, volts: Array, t: Array) -> Array:
+        """The sensor's volts, standing still from the moment at which it got stuck."""
+        begun = self._faults.since("sensor-stuck", t)
+        for begin in np.unique(begun[~np.isnan(begun)]).tolist():
+            stuck = begun == begin
+            held_v = self._stuck_v.setdefault(begin, float(volts[stuck][0]))
+            volts = np.where(stuck, held_v, volts)
+        return volts
 
     def convert(self, volts: Array) -> Counts:
         """Counts of the converter, the inverse of its scaling, standing at a rail where the voltage is beyond it."""

@@ -14,9 +14,13 @@ FAULTS = {
     "scpi-dropped": "the generator's connection is closed and no new one accepted",
     "generator-power-off": "the generator loses mains: its output drops to the level the amplifier's input is pulled to",
     "drive-cable-off": "the cable between generator and amplifier is off: the input is pulled down, the generator goes on",
+    "output-tripped": "the generator's overload protection has opened its output: the amplifier's input is pulled down",
+    "clock-drift": "the generator's clock runs 50 ppm faster than it should",
+    "amplifier-limited": "the amplifier stands at its current limit: its output follows at a thousandth of its slew rate",
     "card-unplugged": "the card's USB cable is off",
     "card-overrun": "the card's buffer was overwritten before it was read",
     "sensor-out-of-range": "the laser sees no target and shows its out-of-range voltage",
+    "sensor-stuck": "the laser sensor's output stands still where it was",
     "grpc-gone": "the server of the card has died",
 }
 """Name and words of every fault."""
@@ -59,11 +63,15 @@ class Faults:
         """Everything that is broken now, in the order of `FAULTS`."""
         return tuple(name for name in FAULTS if self.active(name))
 
-    def during(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether `name` was broken at bench times `t`, same shape."""
+    def since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """When the break began that was present at bench times `t`, same shape; NaN where there was none."""
         with self._lock:
             spans = [tuple(span) for span in self._spans.get(name, [])]
-        broken = np.zeros(t.shape, bool)
+        begun = np.full(t.shape, np.nan)
         for begin, end in spans:
-            broken |= (t >= begin) & (t < end)
-        return broken
+            begun[(t >= begin) & (t < end)] = begin
+        return begun
+
+    def during(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether `name` was broken at bench times `t`, same shape."""
+        return ~np.isnan(self.since(name, t))

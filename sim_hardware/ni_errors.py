@@ -13,6 +13,11 @@ WORDS = {
     "the data more frequently, or specifying a fixed number of samples to read instead of reading all available samples "
     "might correct the problem.",
     -200284: "Some or all of the samples requested have not yet been acquired.",
+    -89136: "Specified route cannot be satisfied, because the hardware does not support it.",
+    -200289: "Attempted to write a sample that has already been generated.",
+    -200462: "Generation cannot be started, because not enough samples have been written.",
+    -200561: "Attempted writing analog data that is too large or too small.",
+    -201132: "Attempted to write samples beyond the final sample of a finite generation.",
     -200452: "Specified property is not supported by the device or is not applicable to the task.",
     -200478: "Specified operation cannot be performed when there are no channels in the task.",
     -200560: "Wait Until Done did not indicate that the task was done within the specified timeout.",

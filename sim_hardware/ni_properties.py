@@ -1,15 +1,16 @@
-"""The properties of NI-DAQmx that `nidaqmx` asks for around an analogue input task, by NI's numbers (nidaqmx source)."""
+"""The properties of NI-DAQmx that `nidaqmx` asks for around analogue tasks, by NI's numbers (nidaqmx source)."""
 
 from typing import Any
 
 from sim_hardware.ni_errors import NiError
+from sim_hardware.ni_output_task import MAX_RATE_HZ, NiOutputTask
 from sim_hardware.ni_task import FINITE, NiDevice, NiTask
 
 DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
 """Major, minor, update: what a driver of that year would say."""
 
-_ABSENT = (0x231F, 0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
-"""Outputs, digital lines and counters of a device: not simulated."""
+_ABSENT = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
+"""Digital lines and counters of a device: not simulated."""
 
 
 def of_system(device: NiDevice, number: int) -> Any:
@@ -39,6 +40,8 @@ def of_device(device: NiDevice, name: str, number: int) -> Any:
             return True
         case 0x231E:  # physical AI channels
             return ", ".join(f"{device.name}/ai{i}" for i in range(truth.channels))
+        case 0x231F:  # physical AO channels
+            return ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs)))
         case 0x2A40:  # terminals
             names = ("PFI0", "PFI1", "ai/SampleClock", "ai/ConvertClock", "ai/StartTrigger", "100MHzTimebase")
             return ", ".join(f"/{device.name}/{t}" for t in names)
@@ -65,8 +68,10 @@ def of_terminal(device: NiDevice, name: str, number: int) -> Any:
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def of_task(task: NiTask, number: int, channel: str) -> Any:
+def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
     """A property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
+    if isinstance(task, NiOutputTask):
+        return _of_output(task, number)
     match number:
         case 0x1276:  # name
             return task.name
@@ -114,7 +119,7 @@ def _of_channel(task: NiTask, number: int, name: str) -> Any:
         case 0x695:  # measures: voltage
             return 10322
         case 0x18F5:  # physical channel
-            return f"{task.device.name}/ai{channel.terminal}"
+            return task.device.terminal_name(channel.terminal)
         case 0x1930:  # scaling coefficients
             return list(truth.coefficients)
         case 0x17DD:  # max
@@ -129,4 +134,33 @@ def _of_channel(task: NiTask, number: int, name: str) -> Any:
             return 16.0
         case 0x1097:  # terminal configuration: differential
             return 10106
+    raise NiError(-200452, f"Property: {number:#x}")
+
+
+def _of_output(task: NiOutputTask, number: int) -> Any:
+    match number:
+        case 0x1276:  # name
+            return task.name
+        case 0x1273:  # channels in the task
+            return ", ".join(c.name for c in task.channels)
+        case 0x230E:  # devices
+            return task.device.name
+        case 0x2181 | 0x217E:  # number of channels
+            return len(task.channels)
+        case 0x187F:  # kind of channel: AO
+            return 10102
+        case 0x1344:  # sample rate
+            return task.actual_rate()
+        case 0x22C8:  # largest sample rate
+            return MAX_RATE_HZ
+        case 0x1300:  # mode
+            return task.mode
+        case 0x1310:  # samples per channel
+            return task.scans
+        case 0x192B:  # samples generated
+            return task.generated()
+        case 0x190C:  # where a write begins
+            return task.relative_to
+        case 0x190D:
+            return task.offset
     raise NiError(-200452, f"Property: {number:#x}")

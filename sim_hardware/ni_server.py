@@ -1,6 +1,6 @@
 """NI's gRPC device service over the simulated card, so that the unmodified `nidaqmx` package can use it.
 
-Only the calls an analogue input task makes are served; every other one is answered UNIMPLEMENTED by gRPC itself. The
+Only the calls that analogue input and output tasks make are served; every other one is answered UNIMPLEMENTED by gRPC itself. The
 ~150 property getters of the service share one function that looks the property's number up in a table.
 Errors travel as NI's own server sends them: status metadata `ni-error` (NI gRPC Device Server 2.0 release notes).
 """
@@ -12,9 +12,11 @@ from types import TracebackType
 from typing import Any, Self
 
 import grpc
+import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
 from sim_hardware.ni_errors import WORDS, NiError
+from sim_hardware.ni_output_task import NiOutputTask
 from sim_hardware.ni_properties import of_device, of_system, of_task, of_terminal
 from sim_hardware.ni_task import FINITE, NiDevice, NiTask
 
@@ -36,7 +38,7 @@ class NiServer:
         self.device = device
         self.port = 0
         self.calls: dict[str, int] = {}
-        self._tasks: dict[str, NiTask] = {}
+        self._tasks: dict[str, NiTask | NiOutputTask] = {}
         self._names = itertools.count(1)
         self._server: Any = None
         self._closed = False
@@ -115,10 +117,16 @@ class NiServer:
             "IsTaskDone": lambda q: {"is_task_done": self._is_done(self._task(q))},
             "WaitUntilTaskDone": self._wait_done,
             "CreateAIVoltageChan": _silent(
-                lambda q: self._task(q).add_voltage(
+                lambda q: self._input(q).add_voltage(
                     q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
                 )
             ),
+            "CreateAOVoltageChan": _silent(self._create_output),
+            "CfgDigEdgeStartTrig": _silent(lambda q: self._output(q).configure_trigger(q.trigger_source)),
+            "WriteAnalogF64": self._write_f64,
+            "WriteAnalogScalarF64": _silent(lambda q: self._output(q).write(np.array([q.value]), q.auto_start)),
+            "ResetDevice": _silent(lambda _: self.device.reset()),
+            "SetWriteAttributeInt32": self._set_write,
             "CfgSampClkTiming": _silent(
                 lambda q: self._task(q).configure_clock(q.rate, q.sample_mode_raw or q.sample_mode, q.samps_per_chan)
             ),
@@ -137,11 +145,28 @@ class NiServer:
                 table[name] = lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
         return table
 
-    def _task(self, request: Any) -> NiTask:
+    def _task(self, request: Any) -> NiTask | NiOutputTask:
         task = self._tasks.get(request.task.name)
         if task is None:
             raise NiError(-200088)
         return task
+
+    def _input(self, request: Any) -> NiTask:
+        task = self._task(request)
+        if not isinstance(task, NiTask):
+            raise NiError(-200452)
+        return task
+
+    def _output(self, request: Any) -> NiOutputTask:
+        task = self._task(request)
+        if not isinstance(task, NiOutputTask):
+            raise NiError(-200452)
+        return task
+
+    def _create_output(self, request: Any) -> None:
+        task = NiOutputTask(self.device, self._task(request).name)
+        task.add_voltage(request.physical_channel, request.name_to_assign_to_channel, request.min_val, request.max_val)
+        self._tasks[task.name] = task
 
     def _create(self, request: Any) -> Mapping[str, Any]:
         name = request.session_name or f"_unnamedTask<{next(self._names)}>"
@@ -166,7 +191,9 @@ class NiServer:
                 pass
         return {}
 
-    def _is_done(self, task: NiTask) -> bool:
+    def _is_done(self, task: NiTask | NiOutputTask) -> bool:
+        if isinstance(task, NiOutputTask):
+            return task.done()
         return not task.running or (task.mode == FINITE and task.acquired() >= task.scans)
 
     def _wait_done(self, request: Any) -> Mapping[str, Any]:
@@ -176,24 +203,32 @@ class NiServer:
         return {}
 
     def _read_i16(self, request: Any) -> Mapping[str, Any]:
-        raw, status = self._task(request).read(request.num_samps_per_chan, request.timeout)
+        raw, status = self._input(request).read(request.num_samps_per_chan, request.timeout)
         flat = raw if request.fill_mode_raw == _BY_CHANNEL else raw.T
         return {"status": status, "read_array": flat.ravel().tolist(), "samps_per_chan_read": raw.shape[1]}
 
     def _read_f64(self, request: Any) -> Mapping[str, Any]:
-        raw, status = self._task(request).read(request.num_samps_per_chan, request.timeout)
+        raw, status = self._input(request).read(request.num_samps_per_chan, request.timeout)
         volts = self.device.card.scale.volts(raw)
         flat = volts if request.fill_mode_raw == _BY_CHANNEL else volts.T
         return {"status": status, "read_array": flat.ravel(), "samps_per_chan_read": raw.shape[1]}
 
     def _read_scalar(self, request: Any) -> Mapping[str, Any]:
-        raw, status = self._task(request).read(1, request.timeout)
+        raw, status = self._input(request).read(1, request.timeout)
         return {"status": status, "value": float(self.device.card.scale.volts(raw)[0, 0]) if raw.size else 0.0}
 
     def _set_buffer(self, request: Any) -> Mapping[str, Any]:
-        if request.attribute_raw != 0x186C:
+        if request.attribute_raw not in (0x186C, 0x186D):  # input, output
             raise NiError(-200452)
         self._task(request).set_buffer(request.value)
+        return {}
+
+    def _write_f64(self, request: Any) -> Mapping[str, Any]:
+        volts = np.array(request.write_array, np.float64)
+        return {"samps_per_chan_written": self._output(request).write(volts, request.auto_start)}
+
+    def _set_write(self, request: Any) -> Mapping[str, Any]:
+        self._output(request).set_property(request.attribute_raw, request.value_raw or request.value)
         return {}
 
     def _attribute(self, request: Any) -> Any:
@@ -208,7 +243,7 @@ class NiServer:
         return of_system(self.device, number)
 
 
-def _silent(call: Callable[[Any], None]) -> Callable[[Any], Mapping[str, Any]]:
+def _silent(call: Callable[[Any], object]) -> Callable[[Any], Mapping[str, Any]]:
     """A call that answers nothing but success."""
 
     def run(request: Any) -> Mapping[str, Any]:

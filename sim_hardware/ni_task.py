@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from sim_hardware.card import TIMEBASE_HZ, Acquisition, Card, RateRefusedError, actual_rate
+from sim_hardware.card import OUTPUTS, TIMEBASE_HZ, Acquisition, Card, RateRefusedError, actual_rate
 from sim_hardware.faults import Faults
 from sim_hardware.ni_errors import NiError
 
@@ -65,13 +65,42 @@ class NiDevice:
             if self._owner is task:
                 self._owner = None
 
+    def reset(self) -> None:
+        """DAQmx reset: every output goes to 0 V, whatever hangs on it (NI help: states after a device reset)."""
+        self.check()
+        for output in self.card.outputs:
+            output.owner = None
+            output.reset()
+
+    def terminal_name(self, number: int) -> str:
+        """The name of a channel number."""
+        line = f"_ao{number - OUTPUTS}_vs_aognd" if number >= OUTPUTS else f"ai{number}"
+        return f"{self.name}/{line}"
+
+    @property
+    def speed(self) -> float:
+        """Bench seconds per second of the caller's own time."""
+        return float(getattr(self.clock, "speed", 1.0))
+
+    def next_scan(self, t: float) -> float:
+        """When the running acquisition takes its next scan after `t`; infinity if none runs."""
+        with self._lock:
+            run = self._owner.acquisition if self._owner is not None else None
+        if run is None:
+            return math.inf
+        return run.start_s + max(math.ceil((t - run.start_s) * run.rate_hz - 1e-9), 0) / run.rate_hz
+
     def terminals(self, text: str) -> list[int]:
-        """Channel numbers of `Dev1/ai0:1, Dev1/ai3`. Raises NiError for what does not exist."""
+        """Channel numbers of `Dev1/ai0:1, Dev1/_ao0_vs_aognd`. Raises NiError for what does not exist."""
         numbers: list[int] = []
         for part in text.split(","):
             device, _, line = part.strip().partition("/")
             if device.lower() != self.name.lower():
                 raise NiError(-200220, f"Device Specified: {device}")
+            inside = re.fullmatch(r"_ao(\d+)_vs_aognd", line.strip(), re.IGNORECASE)
+            if inside and int(inside[1]) < len(self.card.outputs):
+                numbers.append(OUTPUTS + int(inside[1]))
+                continue
             found = re.fullmatch(r"ai(\d+)(?::(?:ai)?(\d+))?", line.strip(), re.IGNORECASE)
             first, last = (int(found[1]), int(found[2] or found[1])) if found else (0, self.card.truth.channels)
             if max(first, last) >= self.card.truth.channels:
@@ -99,13 +128,18 @@ class NiTask:
     def running(self) -> bool:
         return self._acquisition is not None
 
+    @property
+    def acquisition(self) -> Acquisition | None:
+        """What runs, if anything does."""
+        return self._acquisition
+
     def add_voltage(self, text: str, name: str, low_v: float, high_v: float) -> None:
         """Add voltage channels. Raises NiError for what the card does not have or cannot do."""
         most = self.device.card.truth.range_v
         if not (-most * 1.06 <= low_v < high_v <= most * 1.06):
             raise NiError(-200077, f"Property: AI.Max\nRequested Value: {high_v}\nMaximum Value: {most}")
         for terminal in self.device.terminals(text):
-            label = name or f"{self.device.name}/ai{terminal}"
+            label = name or self.device.terminal_name(terminal)
             if any(channel.name == label for channel in self.channels):
                 raise NiError(-200489, f"Channel Name: {label}")
             self.channels.append(Channel(label, terminal, low_v, high_v))
@@ -214,7 +248,7 @@ class NiTask:
     def _wait(self, count: int, timeout_s: float) -> bool:
         """Wait until `count` more scans are there; whether they are. The time-out is the reader's own, real time."""
         clock, run = self.device.clock, self._acquisition
-        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * self._speed())
+        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * self.device.speed)
         while run is not None:
             self.device.check(-88705)
             if self.available() >= count:
@@ -224,11 +258,8 @@ class NiTask:
                 return False
             until = min(run.ready_at(self.position + count), given_up)
             # In short pieces, so that a pulled cable or a closing server is noticed while waiting.
-            clock.sleep(min(max(until - now, 1e-4 * self._speed()), 0.02 * self._speed()))
+            clock.sleep(min(max(until - now, 1e-4 * self.device.speed), 0.02 * self.device.speed))
         return False
-
-    def _speed(self) -> float:
-        return float(getattr(self.device.clock, "speed", 1.0))
 
     def _on_demand(self) -> NDArray[np.int16]:
         """One scan now, paced by software."""

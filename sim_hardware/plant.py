@@ -8,17 +8,22 @@ computed at once: y = T v + O x, with one small recursion from block to block.
 import math
 import threading
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.response import modal
 from model.skin import Skin
+from sim_hardware.faults import Faults
 from sim_hardware.history import History
 from sim_hardware.truth import AmplifierTruth, BenchTruth
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+LIMITED = 1e-3
+"""Share of its slew rate that the amplifier keeps at its current limit."""
 
 BLOCK = 128
 """Grid steps simulated together; nothing is known of a block before it is complete."""
@@ -106,8 +111,9 @@ class Plant:
     It remembers the last `window_s`; a gap longer than the tactor's own memory that nobody looked at is not simulated.
     """
 
-    def __init__(self, truth: BenchTruth, history: History) -> None:
+    def __init__(self, truth: BenchTruth, history: History, faults: Faults | None = None) -> None:
         self._history = history
+        self._faults = faults or Faults()
         self._amplifier: AmplifierTruth = truth.amplifier
         self._rate = truth.plant_rate_hz
         self._n = truth.modes
@@ -164,8 +170,7 @@ class Plant:
         while self._next <= last:
             # A bounded stretch at a time keeps memory flat when much is asked for at once.
             stop = min((last // BLOCK + 1) * BLOCK, self._next + min(1024 * BLOCK, self._ring.size))
-            step_v = self._amplifier.slew_v_per_s / self._rate
-            volts = slewed(self._specimen(self._next, stop), self._before_v, step_v)
+            volts = self._slewed(self._next, self._specimen(self._next, stop))
             w, self._state = self._stepper.run(self._before_v, volts, self._state)
             self._before_v = float(volts[-1])
             begin = self._next % self._ring.size
@@ -173,6 +178,18 @@ class Plant:
             self._ring[begin : begin + head] = w[:head]
             self._ring[: w.size - head] = w[head:]
             self._next = stop
+
+    def _slewed(self, first: int, wanted: Array) -> Array:
+        """What the amplifier makes of the volts it wants from grid step `first` on, stretch by stretch of its limit."""
+        limited = self._faults.during("amplifier-limited", np.arange(first, first + wanted.size) / self._rate)
+        edges = [0, *(np.flatnonzero(np.diff(limited)) + 1).tolist(), wanted.size]
+        step_v, before_v = self._amplifier.slew_v_per_s / self._rate, self._before_v
+        volts = np.empty_like(wanted)
+        for begin, end in pairwise(edges):
+            most_v = step_v * (LIMITED if limited[begin] else 1.0)
+            volts[begin:end] = slewed(wanted[begin:end], before_v, most_v)
+            before_v = float(volts[end - 1])
+        return volts
 
     def _specimen(self, first: int, stop: int) -> Array:
         """Volts the amplifier wants on the specimen, grid steps first..stop."""

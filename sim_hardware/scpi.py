@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from sim_hardware.scpi_blocks import lift_blocks, put_back
 from sim_hardware.scpi_values import MESSAGES, Arguments, ScpiError
 
 QUEUE = 20
@@ -108,6 +109,7 @@ class Engine:
         """Run one message (without its terminator); the joined answers of its queries, or None."""
         self._delay = 0.0
         answers, path = [], ""
+        message, blocks = lift_blocks(message)
         for part in split(message.strip(), ";"):
             if not part:
                 continue
@@ -119,7 +121,7 @@ class Engine:
             else:
                 header = name[1:] if name.startswith(":") else path + name
                 path = header[: header.rfind(":") + 1]
-            arguments = [a for a in split(tail, ",") if a]
+            arguments = [put_back(a, blocks) for a in split(tail, ",") if a]
             try:
                 answer = self._run(header, query, arguments)
             except ScpiError as error:

@@ -14,12 +14,15 @@ MESSAGES = {
     -109: "Missing parameter",
     -113: "Undefined header",
     -131: "Invalid suffix",
+    -161: "Invalid block data",
     -211: "Trigger ignored",
     -221: "Settings conflict",
     -222: "Data out of range",
     -224: "Illegal parameter value",
+    -225: "Out of memory",
     -350: "Error queue overflow",
     -410: "Query INTERRUPTED",
+    786: "Specified arb waveform already exists",
 }
 
 _PREFIXES = {"": 1.0, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_EDGE_S = 5e-6
+"""How long a generator's output amplifier takes from one held point to the next: less than the plant's grid."""
+
 
 class Segment(Protocol):
     """One stretch of output."""
@@ -65,11 +68,38 @@ class Open:
         return np.full(np.shape(t), self.pulled_v)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Wave:
+    """One period of an arbitrary waveform, 1 being the amplitude: smoothed from point to point, or held at each."""
+
+    points: Array
+    smooth: bool = False
+
+    @property
+    def low(self) -> float:
+        return float(self.points.min())
+
+    @property
+    def high(self) -> float:
+        return float(self.points.max())
+
+    def at(self, turns: Array, period_s: float) -> Array:
+        """Values after that many periods, same shape."""
+        size = self.points.size
+        place = np.mod(turns, 1.0) * size
+        first = np.floor(place).astype(np.int64) % size
+        edge = 1.0 if self.smooth else min(1.0, _EDGE_S * size / period_s)
+        before = self.points[first - (0 if self.smooth else 1)]
+        after = self.points[(first + 1) % size if self.smooth else first]
+        return np.asarray(before + (after - before) * np.minimum((place - np.floor(place)) / edge, 1.0))
+
+
 @dataclass(frozen=True, slots=True)
 class Tone:
     """A sine from `origin_s`, where its phase is `phase_rad`; after `cycles` it rests at `idle_v`.
 
-    `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once.
+    `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once. With `wave` it
+    is that waveform instead of a sine.
     """
 
     origin_s: float
@@ -80,6 +110,7 @@ class Tone:
     idle_v: float
     cycles: float = math.inf
     period_s: float = math.inf
+    wave: Wave | None = None
 
     @property
     def end_s(self) -> float:
@@ -102,7 +133,9 @@ class Tone:
         since = np.asarray(t, float) - self.origin_s
         if math.isfinite(self.period_s):
             since = np.mod(since, self.period_s)
-        wave = np.sin(2 * np.pi * self.frequency_hz * since + self.phase_rad) * self.amplitude_v + self.offset_v
+        turns = self.frequency_hz * since + self.phase_rad / (2 * np.pi)
+        shape = self.wave.at(turns, 1 / self.frequency_hz) if self.wave else np.sin(2 * np.pi * turns)
+        wave = shape * self.amplitude_v + self.offset_v
         if math.isfinite(self.cycles):
             wave[since >= self.cycles / self.frequency_hz] = self.idle_v
         return wave

@@ -9,10 +9,13 @@ import json
 import os
 import signal
 import sys
+import time
 from typing import Any, TextIO
 
 from sim_hardware.bench import VirtualBench
 from sim_hardware.truth import BenchTruth
+
+LINGER_S, LOOK_S = 3.0, 0.01
 
 
 def main() -> int:
@@ -40,6 +43,11 @@ def main() -> int:
                     _answer(answers, error=str(error))
                 else:
                     _answer(answers, result=result)
+            # Whoever still holds the generator's wire may have to bring it to rest: a watchdog outlives its program.
+            for _ in range(round(LINGER_S / LOOK_S)):
+                if not served.scpi.connections:
+                    break
+                time.sleep(LOOK_S)
     return 0
 
 

@@ -25,7 +25,7 @@ class ServedBench:
     def control(self, verb: str, **arguments: Any) -> Any:
         """Carry out one verb; its answer as plain values.
 
-        Verbs: enable_hv, disable_hv, inject(fault), clear(fault), faults, report(tolerance_v), now.
+        Verbs: enable_hv, disable_hv, inject(fault), clear(fault), faults, report(tolerance_v), now, laser_sees.
 
         Raises:
             ValueError: unknown verb, wrong arguments, or unknown fault.
@@ -39,6 +39,7 @@ class ServedBench:
             "faults": bench.faults.all_active,
             "report": lambda **k: asdict(bench.report(**k)),
             "now": bench.clock.now,
+            "laser_sees": bench.laser_sees,
         }
         if verb not in verbs:
             raise ValueError(f"there is no verb {verb!r}: choose from {', '.join(verbs)}")

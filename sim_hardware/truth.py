@@ -9,6 +9,24 @@ from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.skin import Skin
 
+GENERATORS = {
+    "335": "Keysight Technologies",
+    "336": "Keysight Technologies",
+    "33210": "Agilent Technologies",
+    "33220": "Agilent Technologies",
+    "33250": "Agilent Technologies",
+    "DG10": "Rigol Technologies",
+    "DG8": "Rigol Technologies",
+    "SDG1": "Siglent Technologies",
+    "SDG2": "Siglent Technologies",
+    "AFG3": "TEKTRONIX",
+    "AFG1": "TEKTRONIX",
+}
+"""How the names of the function generators begin that can be simulated, and who made them."""
+
+SOURCES = ("generator", "ao0", "ao1", "supply")
+"""Outputs that can stand at the near end of the cable to the amplifier."""
+
 
 @dataclass(frozen=True, slots=True)
 class GeneratorTruth:
@@ -18,6 +36,7 @@ class GeneratorTruth:
         clock_ppm: how much faster its clock runs than the card's.
         command_s: time one message takes it, real boxes need milliseconds.
         relay_s: how long an attenuator relay leaves the output at 0 V.
+        high_z_by_hand: whether a person has set High Z on the front panel of a box whose wire cannot (AFG1000).
     """
 
     model: str = "33511B"
@@ -26,9 +45,34 @@ class GeneratorTruth:
     clock_ppm: float = 0.0
     command_s: float = 1e-3
     relay_s: float = 5e-3
+    high_z_by_hand: bool = True
 
     def __post_init__(self) -> None:
+        if not self.model.upper().startswith(tuple(GENERATORS)):
+            known = ", ".join(GENERATORS)
+            raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {known}")
         _not_negative("generator", command_s=self.command_s, relay_s=self.relay_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SupplyTruth:
+    """The programmable DC supply.
+
+    Attributes:
+        fall_tau_s: time constant of its falling output without a load.
+        off_v: where its output goes when it is off; an E3631A may show 0.6 V of the other sign.
+        ovp, ovp_v: its over-voltage protection at power-on.
+    """
+
+    model: str = "E36312A"
+    serial: str = "MY00000002"
+    fall_tau_s: float = 0.05
+    off_v: float = 0.0
+    ovp: bool = False
+    ovp_v: float = 6.0
+
+    def __post_init__(self) -> None:
+        _positive("supply", fall_tau_s=self.fall_tau_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +153,7 @@ class BenchTruth:
     """One simulated bench.
 
     Attributes:
+        source: whose output the cable brings to the amplifier, one of `SOURCES`.
         skin: what the tactor presses against; None is free.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
@@ -121,6 +166,8 @@ class BenchTruth:
     modes: int = 7
     generator: GeneratorTruth = field(default_factory=GeneratorTruth)
     amplifier: AmplifierTruth = field(default_factory=AmplifierTruth)
+    source: str = "generator"
+    supply: SupplyTruth = field(default_factory=SupplyTruth)
     sensor: SensorTruth = field(default_factory=SensorTruth)
     card: CardTruth = field(default_factory=CardTruth)
     seed: int = 1
@@ -129,6 +176,8 @@ class BenchTruth:
     speed: float = 1.0
 
     def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise ValueError(f"truth.source is {self.source!r}: choose from {', '.join(SOURCES)}")
         _positive("truth", plant_rate_hz=self.plant_rate_hz, window_s=self.window_s, speed=self.speed)
         _not_negative("truth", seed=self.seed)
 

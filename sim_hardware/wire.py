@@ -10,9 +10,10 @@ from types import TracebackType
 from typing import Self
 
 from sim_hardware.port import Port
+from sim_hardware.scpi_blocks import messages_in
 
 HOST = "127.0.0.1"
-_LONGEST_LINE = 1 << 20
+_LONGEST_LINE = 1 << 24
 _SHORTEST_WAIT_S = 2e-4
 """The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
 
@@ -51,6 +52,11 @@ class ScpiServer:
     def resource(self) -> str:
         """VISA resource string."""
         return f"TCPIP::{HOST}::{self.port}::SOCKET"
+
+    @property
+    def connections(self) -> int:
+        """How many hold a connection now."""
+        return len(self._lines)
 
     def poke(self) -> None:
         """Look again at what is broken, and return when that is done; call it after a fault has come or gone."""
@@ -145,10 +151,9 @@ class ScpiServer:
         if not data or len(self._lines[sock]) > _LONGEST_LINE:
             self._drop(sock)
             return
-        *lines, rest = (self._lines[sock] + data).split(b"\n")
-        self._lines[sock] = rest
+        lines, self._lines[sock] = messages_in(self._lines[sock] + data)
         for line in lines:
-            reply = self._instrument.handle(line.decode("ascii", errors="replace"))
+            reply = self._instrument.handle(line)
             if reply is None:
                 continue
             out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")

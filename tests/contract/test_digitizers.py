@@ -1,23 +1,31 @@
-"""What every digitizer must do: NI's driver over gRPC and the card without a wire pass the same tests."""
+"""What every digitizer must do: NI's driver over gRPC, over NI's local library, and the card without a wire pass the same tests."""
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 
-import numpy as np
 import pytest
 
 from drivers.clock import WallClock
-from drivers.errors import AcquisitionError, BenchError
+from drivers.errors import BenchError
 from drivers.nidaq import NiDigitizer
-from drivers.ports import Digitizer
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
+from sim_hardware.contract.digitizers import (  # noqa: F401 - pytest collects them here, with this module's cards
+    Made,
+    test_a_block_stays_as_it_was_when_the_next_one_comes,
+    test_a_closed_stream_gives_nothing,
+    test_a_rate_beyond_the_card_is_refused_with_a_remedy,
+    test_blocks_are_gapless_integers_of_both_channels,
+    test_it_can_be_started_again,
+    test_lost_scans_and_a_lost_card_are_sentences_and_not_data,
+    test_the_scale_gives_the_volts_that_were_there,
+    test_time_of_the_first_scan_is_known,
+    test_two_streams_at_once_are_refused,
+)
+from sim_hardware.ni_library import NiLibrary
+from sim_hardware.ni_task import NiDevice
 from sim_hardware.served import ServedBench
-from tests.support import simulated
-
-Made = tuple[Digitizer, VirtualBench]
+from tests.support import installed, simulated
 
 
 @contextmanager
@@ -35,7 +43,16 @@ def ni_over_grpc() -> Iterator[Made]:
         card.close()
 
 
-@pytest.fixture(params=[without_a_wire, ni_over_grpc], ids=lambda make: make.__name__)
+@contextmanager
+def ni_local_library() -> Iterator[Made]:
+    bench = VirtualBench(simulated().truth, WallClock(5.0))
+    with installed(NiLibrary(NiDevice(bench.card, bench.clock, bench.faults))):
+        card = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock)
+        yield card, bench
+        card.close()
+
+
+@pytest.fixture(params=[without_a_wire, ni_over_grpc, ni_local_library], ids=lambda make: make.__name__)
 def made(request: pytest.FixtureRequest) -> Iterator[Made]:
     with request.param() as made:
         yield made
@@ -45,87 +62,6 @@ def test_it_says_who_it_is(made: Made) -> None:
     card, _ = made
     assert card.identity.model == "USB-6341"
     assert card.identity.serial
-
-
-def test_blocks_are_gapless_integers_of_both_channels(made: Made) -> None:
-    card, _ = made
-    with card.stream(5000.0, 250) as stream:
-        blocks = [stream.read() for _ in range(8)]
-    assert stream.rate_hz == pytest.approx(5000.0, rel=1e-6)
-    for block in blocks:
-        assert block.raw.dtype == np.int16
-        assert block.raw.shape == (2, 250)
-    assert blocks[0].start == 0
-    assert all(b.start == a.stop for a, b in pairwise(blocks))
-
-
-def test_a_block_stays_as_it_was_when_the_next_one_comes(made: Made) -> None:
-    card, _ = made
-    with card.stream(5000.0, 100) as stream:
-        first = stream.read()
-        kept = first.raw.copy()
-        stream.read()
-    assert np.array_equal(first.raw, kept)
-
-
-def test_the_scale_gives_the_volts_that_were_there(made: Made) -> None:
-    """Nothing drives the amplifier: its input is pulled to 0 V, the laser shows its zero."""
-    card, bench = made
-    with card.stream(5000.0, 1000) as stream:
-        block = stream.read()
-        volts = [scale.volts(raw) for scale, raw in zip(stream.scales, block.raw, strict=True)]
-    for channel in volts:
-        assert channel.mean() == pytest.approx(0.0, abs=2e-4)
-    assert volts[0].std() == pytest.approx(bench.truth.card.noise_v, rel=0.2)
-
-
-def test_time_of_the_first_scan_is_known(made: Made) -> None:
-    card, bench = made
-    before = bench.clock.now()
-    with card.stream(5000.0, 100) as stream:
-        assert before <= stream.started_s <= bench.clock.now()
-
-
-def test_it_can_be_started_again(made: Made) -> None:
-    card, _ = made
-    for _ in range(3):
-        with card.stream(2000.0, 50) as stream:
-            assert stream.read().start == 0
-
-
-def test_two_streams_at_once_are_refused(made: Made) -> None:
-    card, _ = made
-    with card.stream(2000.0, 50) as stream:
-        stream.read()
-        with pytest.raises(AcquisitionError, match=r"in use|already"), card.stream(2000.0, 50) as second:
-            second.read()
-
-
-def test_a_rate_beyond_the_card_is_refused_with_a_remedy(made: Made) -> None:
-    card, _ = made
-    with pytest.raises(AcquisitionError, match=r"lower the (sample )?rate"), card.stream(400_000.0, 1000) as stream:
-        stream.read()
-
-
-@pytest.mark.parametrize("fault", ["card-unplugged", "card-overrun"])
-def test_lost_scans_and_a_lost_card_are_sentences_and_not_data(fault: str, made: Made) -> None:
-    card, bench = made
-    with card.stream(5000.0, 250) as stream:
-        stream.read()
-        bench.inject(fault)
-        with pytest.raises(AcquisitionError, match=r"check its (USB )?cable|lost"):
-            deque((stream.read() for _ in range(10)), maxlen=0)
-    bench.clear(fault)
-    with card.stream(5000.0, 250) as stream:
-        assert stream.read().start == 0
-
-
-def test_a_closed_stream_gives_nothing(made: Made) -> None:
-    card, _ = made
-    with card.stream(5000.0, 250) as stream:
-        stream.read()
-    with pytest.raises(BenchError, match=r"closed|stopped"):
-        stream.read()
 
 
 def test_a_dead_server_is_a_sentence() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.keysight_33500 import Keysight33500
 from drivers.scpi import Link
@@ -143,3 +144,41 @@ def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
     assert bench.faults.all_active() == ()
     with pytest.raises(ValueError, match="choose from scpi-silent"):
         bench.inject("coffee")
+
+
+def test_a_tripped_output_stays_open_until_it_is_switched_on(bench, source):
+    bench.inject("output-tripped")
+    assert bench.report().end_v == 0.0
+    assert not source.at_rest(2.5)
+    bench.clear()
+    assert bench.report().end_v == 0.0
+
+
+def test_a_drifting_clock_is_heard_from_the_next_trigger_on(bench, source):
+    bench.inject("clock-drift")
+    source.play(Sine(100.0, 1.0, 2.5, 1000))
+    bench.clock.sleep(1.0)
+    burst = bench.history.pieces()[-1].segment
+    assert burst.still_from_s - bench.clock.now() == pytest.approx(9.0 - 10 * 50e-6, abs=2e-3)
+    assert burst.still_from_s - bench.history.pieces()[-1].start_s == pytest.approx(10 / (1 + 50e-6), rel=1e-7)
+
+
+def test_an_amplifier_at_its_limit_moves_the_tactor_less(bench, source):
+    source.play(Sine(100.0, 2.5, 2.5, 1000))
+    bench.clock.sleep(1.0)
+    bench.inject("amplifier-limited")
+    bench.clock.sleep(1.0)
+    t = np.arange(-0.02, 0.0, 1e-4) + bench.clock.now() - 0.01
+    assert np.ptp(bench.plant.displacement(t - 1.0)) > 10 * np.ptp(bench.plant.displacement(t))
+
+
+def test_a_stuck_sensor_shows_where_it_was_however_it_is_read(bench, source):
+    source.play(Sine(100.0, 2.5, 2.5, 1000))
+    bench.clock.sleep(0.503)
+    bench.inject("sensor-stuck")
+    bench.clock.sleep(0.5)
+    t = np.arange(0.0, 0.9, 1e-3)
+    volts = np.concatenate([bench.card.terminal(1, part)[0] for part in np.array_split(t, 7)])
+    stuck = volts[t > 0.8]
+    assert np.ptp(stuck) == 0
+    assert np.ptp(volts[t < 0.4]) > 0.1

@@ -1,0 +1,88 @@
+"""A serial port as text lines and bytes: RS-232, RS-422 behind USB, or any pyserial URL. One family of errors.
+
+DTR and RTS are left as they come: some converters have no such lines, and some sensors reset on them.
+"""
+
+import contextlib
+from collections.abc import Iterator
+
+import serial
+
+from drivers.errors import LinkError
+
+try:
+    from termios import error as TerminalError  # noqa: N812 - an unplugged converter raises it, and it is no OSError
+except ImportError:  # Windows
+    TerminalError = OSError  # type: ignore[misc, assignment]
+
+
+class SerialLine:
+    """One open port.
+
+    Args:
+        port: `COM3`, `/dev/ttyUSB0`, or a pyserial URL such as `socket://host:port`.
+        baud: bits per second.
+        timeout_s: how long an answer may take.
+
+    Raises:
+        LinkError: the port is not there or cannot be opened.
+    """
+
+    def __init__(self, port: str, baud: int, timeout_s: float = 1.0) -> None:
+        self.name = port
+        self.timeout_s = timeout_s
+        with self._words():
+            self._port = serial.serial_for_url(port, baudrate=baud, timeout=timeout_s, write_timeout=timeout_s)
+
+    def send(self, data: bytes) -> None:
+        with self._words():
+            self._port.write(data)
+
+    def ask(self, command: bytes, end: bytes) -> str:
+        """The text that answers a command, without its end. What was on its way before is forgotten.
+
+        Raises:
+            LinkError: silence, a half answer, or bytes that are no text.
+        """
+        with self._words():
+            self._port.reset_input_buffer()
+            self._port.write(command)
+            answer = bytes(self._port.read_until(end))
+        if not answer.endswith(end):
+            half = f" (it began '{answer[:20]!r}' and did not end)" if answer else ""
+            raise LinkError(f"{self.name} was silent for {self.timeout_s:g} s{half}; check power, cable and baud rate")
+        try:
+            return answer[: -len(end)].decode("ascii").strip()
+        except UnicodeDecodeError:
+            raise LinkError(f"{self.name} sent bytes that are no text; check the baud rate") from None
+
+    def take(self, count: int) -> bytes:
+        """The next bytes, fewer where the time is up."""
+        with self._words():
+            return bytes(self._port.read(count))
+
+    def forget(self) -> None:
+        """Drop what has come in."""
+        with self._words():
+            self._port.reset_input_buffer()
+
+    def close(self) -> None:
+        with contextlib.suppress(serial.SerialException, TerminalError, OSError):
+            self._port.close()
+
+    @contextlib.contextmanager
+    def _words(self) -> Iterator[None]:
+        try:
+            yield
+        except (serial.SerialException, TerminalError, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise LinkError(f"{self.name} cannot be reached ({reason}); check its cable and the port's name") from error
+
+
+def ports() -> list[tuple[str, str]]:
+    """Names and descriptions of the serial ports of this computer."""
+    from serial.tools import list_ports
+
+    return sorted(
+        (port.device, "" if port.description in (None, "n/a") else port.description) for port in list_ports.comports()
+    )

@@ -1,0 +1,168 @@
+"""What every meter must do: a value in metres, or a reading that says of itself that it is none."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+from drivers.errors import BenchError, InstrumentError, LinkError
+from drivers.keyence_lkg import KeyenceLkg
+from drivers.optoncdt import OptoNcdt
+from drivers.ports import Meter, Reading
+from drivers.serial_line import SerialLine
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.laser_meters import Ild1420, LkG
+from sim_hardware.serial_wire import PtyPort
+from tests.support import simulated
+
+Made = tuple[Meter, VirtualBench, PtyPort]
+TIMEOUT_S = 0.4
+
+
+@contextmanager
+def keyence_lkg_on_a_pty() -> Iterator[Made]:
+    bench = VirtualBench(simulated().truth, VirtualClock(0.1))
+    with PtyPort(LkG(bench.laser_sees)) as wire:
+        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), bench.clock)
+        yield meter, bench, wire
+        meter.close()
+
+
+@contextmanager
+def optoncdt_on_a_pty() -> Iterator[Made]:
+    bench = VirtualBench(simulated().truth, VirtualClock(0.1))
+    with PtyPort(Ild1420(bench.laser_sees)) as wire:
+        meter = OptoNcdt(SerialLine(wire.port, 921600, TIMEOUT_S), bench.clock, range_m=10e-3)
+        yield Middle(meter), bench, wire
+        meter.close()
+
+
+class Middle:
+    """An optoNCDT counts from the near end of its range; the others, and this suite, from the middle."""
+
+    def __init__(self, meter: OptoNcdt) -> None:
+        self._meter = meter
+        self.identity = meter.identity
+        self.close = meter.close
+
+    def read(self) -> Reading:
+        reading = self._meter.read()
+        return replace(reading, value=reading.value - 5e-3)
+
+
+@pytest.fixture(params=[keyence_lkg_on_a_pty, optoncdt_on_a_pty], ids=lambda make: make.__name__)
+def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+    with request.param() as made:
+        yield made
+
+
+def deflect(bench: VirtualBench, volts: float) -> float:
+    """Hold the amplifier's input at `volts` until the tactor stands still; where its centre then is, in metres."""
+    for message in (
+        f"OUTP:LOAD INF;:FUNC SIN;:VOLT 0.01;:VOLT:OFFS {volts};:BURS:NCYC 1;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON",
+    ):
+        bench.port.handle(message)
+    bench.enable_hv()
+    bench.clock.sleep(3.0)
+    seen = bench.laser_sees()
+    assert seen is not None
+    assert abs(seen) > 1e-6
+    return seen
+
+
+def test_it_says_who_it_is(made: Made) -> None:
+    assert made[0].identity.maker
+    assert made[0].identity.model
+
+
+def test_a_reading_is_the_displacement_in_metres(made: Made) -> None:
+    meter, bench, _ = made
+    truth = deflect(bench, 3.0)
+    reading = meter.read()
+    assert reading.valid
+    assert reading.unit == "m"
+    assert reading.value == pytest.approx(truth, abs=2e-7)  # the resolution of three bytes, and of four decimals
+    assert reading.time_s == pytest.approx(bench.clock.now(), abs=0.1)
+
+
+def test_a_reading_is_of_now_and_not_of_what_waited_in_the_buffer(made: Made) -> None:
+    meter, bench, _ = made
+    before = meter.read().value
+    truth = deflect(bench, 4.0)
+    assert meter.read().value == pytest.approx(truth, abs=2e-7)
+    assert abs(truth - before) > 1e-5
+
+
+def test_out_of_range_is_no_displacement(made: Made) -> None:
+    meter, bench, _ = made
+    bench.inject("sensor-out-of-range")
+    reading = meter.read()
+    assert not reading.valid
+    assert math.isnan(reading.value)
+    bench.clear("sensor-out-of-range")
+    assert meter.read().valid
+
+
+def test_silence_is_a_sentence_and_passes(made: Made) -> None:
+    meter, _, wire = made
+    wire.silent = True
+    with pytest.raises(LinkError, match=r"was silent for 0.4 s.*; check"):
+        deque((meter.read() for _ in range(3)), maxlen=0)  # what was on its way may still arrive
+    wire.silent = False
+    assert meter.read().valid
+
+
+def test_a_pulled_plug_is_a_sentence(made: Made) -> None:
+    meter, _, wire = made
+    wire.close()
+    with pytest.raises(LinkError, match=r"cannot be reached .*check its cable|was silent"):
+        deque((meter.read() for _ in range(3)), maxlen=0)
+
+
+def test_a_port_that_is_not_there_is_a_sentence() -> None:
+    with pytest.raises(LinkError, match=r"no-such-port cannot be reached .*check its cable and the port's name"):
+        SerialLine("no-such-port", 9600)
+
+
+def test_an_lkg_that_is_an_optoncdt_is_a_sentence() -> None:
+    with PtyPort(Ild1420(lambda: 0.0)) as wire:
+        line = SerialLine(wire.port, 9600, TIMEOUT_S)
+        with pytest.raises(BenchError, match=f"{wire.port} was silent"):
+            KeyenceLkg(line, VirtualClock())
+
+
+def test_an_optoncdt_that_is_an_lkg_is_a_sentence() -> None:
+    with PtyPort(LkG(lambda: 0.0)) as wire:
+        line = SerialLine(wire.port, 9600, TIMEOUT_S)
+        with pytest.raises(BenchError, match=f"{wire.port} was silent"):
+            OptoNcdt(line, VirtualClock(), range_m=10e-3)
+
+
+def test_an_lkg_in_its_setting_screen_says_so() -> None:
+    controller = LkG(lambda: 0.0)
+    with PtyPort(controller) as wire:
+        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), VirtualClock())
+        controller.setting = True
+        with pytest.raises(InstrumentError, match="bring it from its setting screen back to measuring"):
+            meter.read()
+        meter.close()
+
+
+def test_an_output_that_does_not_measure_is_not_valid() -> None:
+    with PtyPort(LkG(lambda: 1e-3)) as wire:
+        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), VirtualClock(), output=2)
+        assert not meter.read().valid
+        meter.close()
+
+
+def test_another_measuring_range_than_the_bench_file_says_is_refused() -> None:
+    """Taken for a 25 mm sensor, one of 10 mm would tell two and a half times the stroke."""
+    with (
+        PtyPort(Ild1420(lambda: 0.0, range_m=10e-3)) as wire,
+        pytest.raises(InstrumentError, match=r"has a measuring range of 10.00 mm, the bench file says 25 mm"),
+    ):
+        OptoNcdt(SerialLine(wire.port, 921600, TIMEOUT_S), VirtualClock(), range_m=25e-3)

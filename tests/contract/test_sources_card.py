@@ -1,0 +1,94 @@
+"""The source contract on the card's own analogue output, over gRPC and over NI's local library."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.drive import Sine
+from drivers.errors import BenchError, InstrumentError
+from drivers.nidaq_output import NiOutput
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, with this module's sources
+    Made,
+    live,
+    test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
+    test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves,
+    test_a_fresh_box_is_not_at_rest_and_is_brought_there,
+    test_a_ramp_is_played,
+    test_a_sine_is_stopped_gently_from_any_phase,
+    test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself,
+    test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves,
+    test_letting_go_leaves_the_output_at_rest,
+    test_levels_are_reached_in_small_steps_and_left_the_same_way,
+    test_preparing_twice_is_harmless_even_live,
+    test_small_and_large_drives_follow_each_other_without_a_jump,
+)
+from sim_hardware.ni_library import NiLibrary
+from sim_hardware.ni_task import NiDevice
+from sim_hardware.served import ServedBench
+from tests.support import installed, simulated, volts_are_safe
+
+SPEED = 5.0
+MARGIN_S = 0.1 * SPEED
+
+
+@contextmanager
+def card_output_over_grpc() -> Iterator[Made]:
+    bench = VirtualBench(simulated(source="ao0").truth, WallClock(SPEED))
+    with ServedBench(bench) as served:
+        source = NiOutput("Dev1", "ao0", bench.clock, server=f"127.0.0.1:{served.card.port}", margin_s=MARGIN_S)
+        yield source, bench, bench.clock
+        source.close()
+        assert "ResetDevice" not in served.card.calls  # it would put 0 V on every output
+
+
+@contextmanager
+def card_output_by_local_library() -> Iterator[Made]:
+    bench = VirtualBench(simulated(source="ao0").truth, VirtualClock())
+    with installed(NiLibrary(NiDevice(bench.card, bench.clock, bench.faults))):
+        source = NiOutput("Dev1", "ao0", bench.clock)
+        yield source, bench, bench.clock
+        source.close()
+
+
+@pytest.fixture(params=[card_output_over_grpc, card_output_by_local_library], ids=lambda make: make.__name__)
+def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+    with request.param() as made:
+        yield made
+
+
+def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(made: Made) -> None:
+    source, bench, clock = live(made)
+    bench.inject("card-unplugged")
+    with pytest.raises(InstrumentError, match=r"DAQ card Dev1 \(USB-6341\) output ao0: .* check its USB cable"):
+        source.play(Sine(50.0, 1.0, 2.5, 5))
+    bench.clear("card-unplugged")
+    source.reconnect()
+    assert source.at_rest(2.5)
+    source.play(Sine(50.0, 1.0, 2.5, 5))
+    clock.sleep(0.3)
+    assert source.at_rest(2.5)
+    volts_are_safe(bench.report())
+
+
+def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_back() -> None:
+    """The server took the running drive with it: the output stays where it was, and is measured before it is moved."""
+    with card_output_over_grpc() as (source, bench, clock):
+        live((source, bench, clock))
+        source.play(Sine(2.0, 2.0, 2.5, 20))
+        clock.sleep(0.2)
+        bench.inject("grpc-gone")
+        with pytest.raises(BenchError, match="gRPC device server does not answer"):
+            source.stop()
+        stuck_v = bench.report().end_v
+        assert abs(stuck_v - 2.5) > 0.5
+        bench.clear("grpc-gone")
+        source.reconnect()
+        assert source.idle_v() == pytest.approx(stuck_v, abs=2e-3)
+        source.stop()
+        source.move(2.5, 0.3)
+        assert source.at_rest(2.5)
+        volts_are_safe(bench.report())

@@ -1,0 +1,191 @@
+"""The source contract on DC supplies, as far as a supply goes: it holds and steps, and falls slowly."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.dc_supply import DcSupply
+from drivers.drive import Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.errors import InstrumentError, LinkError
+from drivers.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, with this module's sources
+    Made,
+    live,
+    test_a_fresh_box_is_not_at_rest_and_is_brought_there,
+    test_letting_go_leaves_the_output_at_rest,
+    test_preparing_twice_is_harmless_even_live,
+)
+from sim_hardware.served import ServedBench
+from tests.support import simulated, volts_are_safe
+
+MODELS = ("E36312A", "E3631A", "DP832", "SPD3303X")
+
+
+@contextmanager
+def direct(model: str, **truth) -> Iterator[Made]:
+    bench = VirtualBench(simulated(source="supply", supply={"model": model, **truth}).truth, VirtualClock())
+    source = DcSupply(bench.link(), bench.clock)
+    yield source, bench, bench.clock
+    source.close()
+
+
+@contextmanager
+def on_a_socket(model: str) -> Iterator[Made]:
+    bench = VirtualBench(simulated(source="supply", supply={"model": model}).truth, WallClock(5.0))
+    with ServedBench(bench) as served:
+        link = VisaLink(served.scpi.resource, timeout_s=0.5)
+        source = DcSupply(link, bench.clock)
+        yield source, bench, bench.clock
+        source.close()
+
+
+MAKES = {f"{model}-direct": partial(direct, model) for model in MODELS} | {
+    f"{model}-socket": partial(on_a_socket, model) for model in ("E36312A", "SPD3303X")
+}
+
+
+@pytest.fixture(params=MAKES)
+def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+    with MAKES[request.param]() as made:
+        yield made
+
+
+def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(made: Made) -> None:
+    source, bench, clock = live(made)
+    assert isinstance(source, DcSupply)
+    source.move(3.5, 0.2)
+    before = clock.now()
+    source.move(2.5, 0.05)
+    assert clock.now() - before > 0.1  # a fall of 1 V to within 20 mV takes four time constants of 50 ms
+    assert source.fall_s > 0.05
+    assert bench.supply.measured_v() == pytest.approx(2.5, abs=0.021)
+    clock.sleep(0.3)
+    report = bench.report()
+    volts_are_safe(report)
+    assert report.highest_v == pytest.approx(3.5, abs=0.02)
+    assert report.steepest_v_per_s < 200  # steps of 50 mV in a millisecond each, not one of a volt
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_nothing_is_ever_sent_that_takes_the_output_off(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[str] = []
+    with direct(model) as made:
+        _, bench, _ = made
+        handle = bench.port.handle
+        monkeypatch.setattr(bench.port, "handle", lambda message: (sent.append(message), handle(message))[1])
+        source, _, _ = live(made)
+        source.play(Hold(2.5, 0.1))
+        source.move(3.0, 0.1)
+        source.stop()
+        source.move(2.5, 0.1)
+        source.reconnect()
+        source.close()
+    assert any("ON" in message for message in sent)
+    assert not [message for message in sent if "OFF" in message or "*RST" in message or "APPL" in message]
+
+
+@pytest.mark.parametrize("drive", [Sine(5.0, 1.0, 2.5, 5), LinearSweep(1.0, 3.0, 1.0, 1.0, 2.5)])
+def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, made: Made) -> None:
+    source, bench, clock = live(made)
+    with pytest.raises(
+        InstrumentError, match=r"can hold and step, but not play a .*falls in up to 2 s.*Nothing was sent"
+    ):
+        source.play(drive)
+    clock.sleep(0.1)
+    assert bench.report().outside_rest_s == 0
+
+
+def test_steps_go_on_while_the_run_does() -> None:
+    with on_a_socket("E36312A") as made:
+        source, bench, clock = live(made)
+        source.play(Steps((2.5, 3.5, 2.0, 2.5), 1.5, 0.5))
+        assert not source.at_rest(2.5)
+        with pytest.raises(InstrumentError, match="still plays"):
+            source.play(Ramp(2.5, 3.0, 0.1))
+        clock.sleep(2.8)
+        assert bench.supply.measured_v() == pytest.approx(3.5, abs=0.02)
+        clock.sleep(5.0)
+        source.stop()
+        assert source.at_rest(2.5)
+        clock.sleep(0.3)
+        report = bench.report()
+        volts_are_safe(report)
+        assert report.lowest_v == pytest.approx(2.0, abs=0.05)
+
+
+def test_steps_that_are_stopped_stay_where_they_are() -> None:
+    with on_a_socket("E36312A") as made:
+        source, bench, clock = live(made)
+        source.play(Steps((2.5, 3.5, 2.5), 4.0, 0.5))
+        clock.sleep(6.5)
+        source.stop()
+        assert source.idle_v() == pytest.approx(3.5, abs=1e-3)
+        source.move(2.5, 0.2)
+        clock.sleep(0.3)
+        volts_are_safe(bench.report())
+
+
+@pytest.mark.parametrize("model", ["E36312A", "DP832"])
+def test_protection_that_could_trip_is_refused_before_the_output_comes_up(model: str) -> None:
+    """The protection's trip is 0 V: the naive 5.0 V would put -500 V on the specimen at the first full step."""
+    with (
+        direct(model, ovp=True, ovp_v=5.0) as (source, bench, _),
+        pytest.raises(InstrumentError, match=r"over-voltage protection at 5 V could trip .* at least 5.3 V or off"),
+    ):
+        source.prepare(2.5, 0.0, 5.0)
+    assert not bench.supply.on
+
+
+@pytest.mark.parametrize("model", ["E36312A", "DP832"])
+def test_protection_that_has_tripped_is_said(model: str) -> None:
+    with direct(model, ovp=True, ovp_v=6.0) as (source, bench, _):
+        bench.supply.tripped = True
+        with pytest.raises(InstrumentError, match="protection has tripped; clear it at the front panel"):
+            source.prepare(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_fall_slower_than_promised_is_a_sentence_with_a_remedy(model: str) -> None:
+    with direct(model, fall_tau_s=2.0) as made:
+        source, _, _ = live(made)
+        source.move(4.5, 0.2)
+        with pytest.raises(InstrumentError, match=r"measures .* V after 2.* put 1 kohm across its output"):
+            source.move(2.5, 0.1)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
+    with direct(model) as made:
+        source, bench, clock = live(made)
+        bench.supply.on = False  # somebody's finger on the front panel
+        bench.supply.follow()
+        clock.sleep(1.0)
+        assert not source.at_rest(2.5)
+        with pytest.raises(InstrumentError, match="has switched itself OFF"):
+            source.move(2.6, 0.1)
+
+
+@pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-garbled", "scpi-half", "scpi-dropped"])
+def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str) -> None:
+    for make in (direct, on_a_socket):
+        with make("E36312A") as made:
+            source, bench, clock = live(made)
+            bench.inject(fault)
+            with pytest.raises(LinkError, match=r"DC supply E36312A: |which is no"):
+                source.at_rest(2.5)
+            bench.clear(fault)
+            clock.sleep(1.0)
+            source.reconnect()
+            assert source.at_rest(2.5)
+            volts_are_safe(bench.report())
+
+
+def test_another_instrument_is_refused() -> None:
+    bench = VirtualBench(simulated().truth, VirtualClock())
+    with pytest.raises(InstrumentError, match="answered as 'Keysight Technologies 33511B"):
+        DcSupply(bench.link(), bench.clock)
