@@ -1,17 +1,21 @@
 """The composition root: the one place that decides between real and simulated instruments."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from app.config import BenchConfig
+from app.drivers import DIGITIZERS, driver
+from app.meters import See, open_meters
+from app.sources import SERVED_OUTPUT, open_source, options
 from drivers.amplifier import HvAmplifier
 from drivers.bench import Bench
-from drivers.clock import Clock, WallClock
-from drivers.keysight_33500 import Keysight33500
-from drivers.ports import Digitizer
-from drivers.scpi import Link
+from drivers.clock import Clock
+from drivers.errors import InstrumentError
+from drivers.ports import Digitizer, Identity, Meter, Source
+from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog, Watchdog
 from protocols.operator import Operator
 from sim_hardware.operator import SimulatedOperator
 
@@ -41,29 +45,48 @@ def connect(config: BenchConfig, speed: float | None = None) -> Iterator[Laborat
     """
     with ExitStack() as stack:
         if not config.simulated:
-            yield _assemble(config, stack, WallClock(), config.generator.resource, config.card.server)
+            yield _assemble(config, stack, BeatingClock(), config.wire.resource, config.card.server)
         elif speed is None:
             from sim_hardware.bench import VirtualBench
             from sim_hardware.clock import VirtualClock
 
             virtual = VirtualBench(config.truth, VirtualClock())
-            bench = _bench(config, virtual.clock, virtual.link(config.generator.timeout_s), virtual.digitizer(), stack)
+            if config.source.kind == "card-output":  # input and output are one card: both on its service, in its time
+                from sim_hardware.served import ServedBench
+
+                server = stack.enter_context(ServedBench(virtual)).card.address
+                digitizer = _digitizer(config, virtual.clock, server, stack)
+            else:
+                server, digitizer = "", virtual.digitizer()
+            source = open_source(config, virtual.clock, virtual.link, server, stack)
+            meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_sees)
+            bench = _bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             yield Laboratory(bench, SimulatedOperator(virtual), virtual)
         else:
             from sim_hardware.process import BenchProcess
 
             process = stack.enter_context(BenchProcess(config.truth, speed))
-            laboratory = _assemble(config, stack, WallClock(speed), process.resource, process.server)
+            see = partial(process.control, "laser_sees")
+            laboratory = _assemble(config, stack, BeatingClock(speed), process.resource, process.server, see)
             yield Laboratory(laboratory.bench, SimulatedOperator(process), process)
 
 
-def _assemble(config: BenchConfig, stack: ExitStack, clock: WallClock, resource: str, server: str) -> Laboratory:
+def _assemble(
+    config: BenchConfig, stack: ExitStack, clock: BeatingClock, resource: str, server: str, see: See | None = None
+) -> Laboratory:
     """Instruments on their wires: the same code for a real bench and a served simulated one."""
-    from drivers.nidaq import NiDigitizer
     from drivers.visa import VisaLink
 
+    digitizer = _digitizer(config, clock, server, stack)
+    source = open_source(config, clock, partial(VisaLink, resource), server, stack)
+    meters = open_meters(config.meters, clock, stack, see)
+    watch = partial(_watchdog, config, resource, server, clock)
+    return Laboratory(_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
+
+
+def _digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
     card = config.card
-    digitizer = NiDigitizer(
+    digitizer: Digitizer = driver(DIGITIZERS, card.driver)(
         card.device,
         (card.drive_channel, card.displacement_channel),
         clock,
@@ -72,28 +95,78 @@ def _assemble(config: BenchConfig, stack: ExitStack, clock: WallClock, resource:
         terminal=card.terminal,
     )
     stack.callback(digitizer.close)
-    link = VisaLink(resource, config.generator.timeout_s)
-    return Laboratory(_bench(config, clock, link, digitizer, stack, clock.speed))
+    return digitizer
+
+
+def _watchdog(config: BenchConfig, resource: str, server: str, clock: BeatingClock, source: Source) -> Watchdog:
+    """A process that opens the same driver on the same resource once more."""
+    from drivers.watchdog import Charge, WatchdogProcess
+
+    if not config.watchdog.enabled:
+        return NoWatchdog(SWITCHED_OFF)
+    card_output = config.source.kind == "card-output"
+    if card_output and server:
+        return NoWatchdog(SERVED_OUTPUT)
+    clock.watchdog = WatchdogProcess(
+        Charge(
+            source=f"{type(source).__module__}:{type(source).__qualname__}",
+            resource="" if card_output else resource,
+            timeout_s=config.wire.timeout_s,
+            options=options(config, clock.speed),
+            map=config.amplifier.map,
+            limits=config.amplifier.limits,
+            speed=clock.speed,
+            silence_s=config.watchdog.silence_s,
+            own_connection=config.watchdog.own_connection and not card_output,
+            patience_s=config.watchdog.patience_s,
+        )
+    )
+    return clock.watchdog
+
+
+def _must_be(seen: Identity, serial: str, table: str) -> None:
+    if serial and seen.serial.upper() != serial.upper():
+        raise InstrumentError(
+            f"{seen} answers where the bench file expects serial number {serial}; connect that one, or correct {table} "
+            "and look whether its calibration is the right one"
+        )
 
 
 def _bench(
-    config: BenchConfig, clock: Clock, link: Link, digitizer: Digitizer, stack: ExitStack, speed: float = 1.0
+    config: BenchConfig,
+    clock: Clock,
+    source: Source,
+    digitizer: Digitizer,
+    meters: Mapping[str, Meter],
+    stack: ExitStack,
+    watch: Callable[[Source], Watchdog],
+    speed: float = 1.0,
 ) -> Bench:
-    stack.callback(link.close)
-    source = Keysight33500(link, clock, step_v=config.amplifier.step_v)
+    if config.source.kind != "card-output":
+        _must_be(
+            source.identity, config.wire.serial, "[supply]" if config.source.kind == "dc-supply" else "[generator]"
+        )
+    _must_be(digitizer.identity, config.card.serial, "[card]")
+    watchdog = watch(source)
+    stack.callback(watchdog.close)
     identities = {
-        "generator": str(source.identity),
-        "amplifier": config.amplifier.name,
+        "generator": str(source.identity),  # of whatever kind the source is
+        "amplifier": " ".join(
+            filter(None, (config.amplifier.name, config.amplifier.serial and f"#{config.amplifier.serial}"))
+        ),
         "card": str(digitizer.identity),
         "sensor": config.sensor.name,
+        **{name: str(meter.identity) for name, meter in meters.items()},
     }
     return Bench(
-        amplifier=HvAmplifier(source, config.amplifier.map, config.amplifier.limits, clock),
+        amplifier=HvAmplifier(source, config.amplifier.map, config.amplifier.limits, clock, watchdog),
         digitizer=digitizer,
         sensor=config.sensor.sensor,
         clock=clock,
         block_s=BLOCK_S if speed <= 1 else max(BLOCK_S, 0.02 * speed),
         simulated=config.simulated,
         record={**config.model_dump(mode="json"), "identities": identities, "speed": speed},
+        meters=meters,
         name=config.name,
+        watchdog=watchdog,
     )

@@ -4,7 +4,7 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -41,16 +41,16 @@ def protocol_names() -> str:
 
 def run(options: argparse.Namespace) -> int:
     """`tactor-bench run PROTOCOL`."""
-    config, speed = _bench(options)
+    config, speed = chosen_bench(options)
     protocol = make_protocol(options.protocol, options.settings)
-    return _run_headless(config, speed, options, protocol)[0]
+    return run_headless(config, speed, options, protocol, planned=options.faults)[0]
 
 
 def window(options: argparse.Namespace) -> int:
     """`tactor-bench [window]`."""
     from app.screen import why_no_window
 
-    config, speed = _bench(options)
+    config, speed = chosen_bench(options)
     protocol = make_protocol(options.protocol, options.settings)
     if why := why_no_window():
         raise UsageError(f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'")
@@ -61,7 +61,7 @@ def demo(options: argparse.Namespace) -> int:
     """`tactor-bench demo`: the main job, with or without a screen."""
     from app.screen import why_no_window
 
-    config, speed = _bench(options)
+    config, speed = chosen_bench(options)
     protocol = make_protocol("sine-dwell", [])
     why = "" if not options.no_window else "--no-window was given"
     why = why or why_no_window()
@@ -69,7 +69,7 @@ def demo(options: argparse.Namespace) -> int:
         return _open_window(config, speed, options, protocol, autostart=True)
     sys.stderr.write(f"No window: {why}. The same job follows without one.\n")
     options.json = False
-    code, path = _run_headless(config, speed, options, protocol)
+    code, path = run_headless(config, speed, options, protocol)
     if path is not None and path.exists():
         _draw(path, path.with_suffix(".png"))
     return code
@@ -123,7 +123,7 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
     return protocol
 
 
-def _bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
+def chosen_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
     """The bench and its speed; None is the virtual clock."""
     try:
         config = load_bench(options.bench)
@@ -149,18 +149,32 @@ def _bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
     return config, number
 
 
-def _run_headless(
-    config: BenchConfig, speed: float | None, options: argparse.Namespace, protocol: Protocol
+def run_headless(
+    config: BenchConfig,
+    speed: float | None,
+    options: argparse.Namespace,
+    protocol: Protocol,
+    listeners: Sequence[Callable[[Any], None]] = (),
+    planned: Sequence[str] = (),
 ) -> tuple[int, Path | None]:
+    """Run a protocol with the terminal as front end; the exit code and the run file.
+
+    `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`.
+    """
+    if planned and not config.simulated:
+        raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
     from rich.console import Console
 
     from app.build import connect
     from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
+    from app.fault_plan import FaultPlan, planned_fault
     from app.session import Session
 
+    plan = FaultPlan([planned_fault(text) for text in planned])
     observer = JsonObserver() if options.json else ConsoleObserver(Console(stderr=True))
     with observer:
-        session = Session(lambda: connect(config, speed), [observer], ConsoleOperator())
+        way = plan.around(lambda: connect(config, speed))
+        session = Session(way, [observer, plan, *listeners], ConsoleOperator())
         with _stop_on_signal(session):
             session.start()
             session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed")

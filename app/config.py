@@ -5,16 +5,21 @@ Validated whole: unknown keys are refused, and every fault is listed at once wit
 
 import re
 import tomllib
+from dataclasses import asdict
+from datetime import date
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
-from app.units import read_value
+from app import drivers
+from app.config_source import MeterTable, SourceTable, SupplyTable
+from app.table import Table
 from drivers.amplifier import DriveLimits
 from drivers.sensor import LaserSensor
+from drivers.sensor_presets import PRESETS
 from model.amplifier import AmplifierMap
 from sim_hardware.truth import BenchTruth
 
@@ -23,27 +28,28 @@ class ConfigError(Exception):
     """A bench file is wrong. The text lists every fault with line and remedy."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _unit(cls, value: Any, info: ValidationInfo) -> Any:
-        return read_value(cls, info.field_name or "", value)
+SERIAL = "serial number; where it is given, another instrument at this address is refused"
 
 
-class GeneratorTable(_Table):
+class GeneratorTable(Table):
     """The function generator."""
 
-    driver: Literal["keysight-33500"] = "keysight-33500"
+    driver: Annotated[str, "which driver: auto asks the instrument who it is"] = drivers.AUTO
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.7::5025::SOCKET"] = ""
     timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    serial: Annotated[str, SERIAL] = ""
+
+    @field_validator("driver")
+    @classmethod
+    def _driver_is_known(cls, name: str) -> str:
+        return drivers.known(drivers.SOURCES, name)
 
 
-class AmplifierTable(_Table):
+class AmplifierTable(Table):
     """The high-voltage amplifier."""
 
     name: str = "AMT2012-CE3"
+    serial: Annotated[str, "serial number, copied into every run"] = ""
     rest_v: Annotated[float, Unit("V"), "input that gives 0 V on the specimen"] = 2.5
     low_v: Annotated[float, Unit("V"), "lowest input"] = 0.0
     high_v: Annotated[float, Unit("V"), "highest input"] = 5.0
@@ -67,21 +73,28 @@ class AmplifierTable(_Table):
         return self
 
 
-class CardTable(_Table):
+class CardTable(Table):
     """The data acquisition card."""
 
-    driver: Literal["ni"] = "ni"
+    driver: str = "ni"
     device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
+    serial: Annotated[str, SERIAL] = ""
     drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
     displacement_channel: Annotated[str, "terminal that sees the displacement sensor"] = "ai1"
     server: Annotated[str, "host:port of NI's gRPC device server; empty for a local card"] = ""
     range_v: Annotated[float, Unit("V"), Interval(gt=0, le=10), "input range, plus and minus"] = 10.0
     terminal: Literal["DEFAULT", "DIFF", "RSE", "NRSE", "PSEUDO_DIFF"] = "DEFAULT"
 
+    @field_validator("driver")
+    @classmethod
+    def _driver_is_known(cls, name: str) -> str:
+        return drivers.known(drivers.DIGITIZERS, name)
 
-class SensorTable(_Table):
+
+class SensorTable(Table):
     """The laser displacement sensor's calibration."""
 
+    preset: Annotated[str, "a sensor by name; what is written here besides wins over it"] = ""
     name: str = "laser displacement sensor"
     gain_m_per_v: Annotated[float, Unit("m/V"), "displacement per volt; negative where closer gives more volts"] = 1e-4
     zero_v: Annotated[float, Unit("V"), "volts at zero displacement"] = 0.0
@@ -93,10 +106,37 @@ class SensorTable(_Table):
     ] = 0.0
     serial: str = ""
     calibrated: Annotated[str, "date of calibration, YYYY-MM-DD"] = ""
+    expires: Annotated[str, "last day on which the calibration holds, YYYY-MM-DD; later every run is flagged"] = ""
+
+    @field_validator("calibrated", "expires", mode="before")
+    @classmethod
+    def _is_a_day(cls, day: Any) -> Any:
+        if isinstance(day, date):  # TOML has dates of its own
+            return day.isoformat()
+        if isinstance(day, str) and day:
+            try:
+                date.fromisoformat(day)
+            except ValueError:
+                raise ValueError(f"must be a day, for example 2026-11-21, not {day!r}") from None
+        return day
 
     @property
     def sensor(self) -> LaserSensor:
-        return LaserSensor(**self.model_dump())
+        return LaserSensor(**self.model_dump(exclude={"preset"}))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_fills_in(cls, data: Any) -> Any:
+        name = data.get("preset") if isinstance(data, dict) else None
+        if not name:
+            return data
+        if name not in PRESETS:
+            raise ValueError(
+                f"there is no preset {name!r}; choose from {', '.join(PRESETS)}, or write the values yourself"
+            )
+        filled = asdict(PRESETS[name])
+        del filled["confirmed"]
+        return {**filled, **data}
 
     @model_validator(mode="after")
     def _band_is_open(self) -> "SensorTable":
@@ -107,14 +147,36 @@ class SensorTable(_Table):
         return self
 
 
-class BenchConfig(_Table):
+class WatchdogTable(Table):
+    """The process that brings the source to rest if the program dies or hangs while the bench is live."""
+
+    enabled: bool = True
+    silence_s: Annotated[
+        float, Unit("s"), Interval(ge=0.2, le=10), "the program counts as dead when it says nothing for so long"
+    ] = 0.4
+    own_connection: Annotated[
+        bool,
+        "whether the source takes a second connection (LAN: yes; USB and serial: no, a program that hangs is ended)",
+    ] = True
+    patience_s: Annotated[
+        float, Unit("s"), Interval(ge=1, le=600), "how long it goes on trying where the source does not answer"
+    ] = 30.0
+
+
+class BenchConfig(Table):
     """One bench file."""
 
     name: Annotated[str, "what the lab calls this bench"] = "bench"
+    source: SourceTable = Field(default_factory=SourceTable)
     generator: GeneratorTable = Field(default_factory=GeneratorTable)
+    supply: SupplyTable = Field(default_factory=SupplyTable)
     amplifier: AmplifierTable = Field(default_factory=AmplifierTable)
     card: CardTable = Field(default_factory=CardTable)
     sensor: SensorTable = Field(default_factory=SensorTable)
+    meters: Annotated[dict[str, MeterTable], "serial sensors by a name of your own: [meters.laser]"] = Field(
+        default_factory=dict
+    )
+    watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
     simulation: Annotated[dict[str, Any] | None, "the truth of a simulated bench; a real bench has no such table"] = (
         None
     )
@@ -126,17 +188,27 @@ class BenchConfig(_Table):
     @property
     def truth(self) -> BenchTruth:
         """The simulated bench's truth."""
-        return BenchTruth.from_record(dict(self.simulation or {}))
+        at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
+        return BenchTruth.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
+
+    @property
+    def wire(self) -> GeneratorTable | SupplyTable:
+        """The table that names the source's own wire."""
+        return self.supply if self.source.kind == "dc-supply" else self.generator
 
     @model_validator(mode="after")
     def _kind_is_clear(self) -> "BenchConfig":
         if self.simulated:
             self.truth  # noqa: B018 - raises a sentence where the truth is malformed
-        elif not self.generator.resource:
+            return self
+        if self.source.kind != "card-output" and not self.wire.resource:
+            table = "supply" if self.source.kind == "dc-supply" else "generator"
             raise ValueError(
-                "generator.resource is missing; give the VISA resource of the generator, "
+                f"{table}.resource is missing; give the VISA resource of the {table}, "
                 "or a [simulation] table for a simulated bench"
             )
+        if silent := [name for name, meter in self.meters.items() if not meter.port]:
+            raise ValueError(f"meters.{silent[0]}.port is missing; give the name of its serial port, e.g. COM3")
         return self
 
 

@@ -53,6 +53,7 @@ def entry() -> NoReturn:
 
 def _parser() -> argparse.ArgumentParser:
     from app import commands
+    from app.bench_parser import add_bench_commands, add_fault_option
     from app.model_parser import add_model_commands
 
     parser = _Parser(
@@ -86,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     _bench_options(run)
     _setting_option(run)
     run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
+    add_fault_option(run)
     run.set_defaults(command=commands.run)
 
     window = known.add_parser(
@@ -123,6 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
     show.add_argument("--picture", type=Path, metavar="PNG", help="also draw it into this PNG file")
     show.set_defaults(command=commands.show)
+    add_bench_commands(known, _bench_options, _setting_option)
     add_model_commands(known)
     return parser
 

@@ -83,11 +83,17 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
 
 def point_words(point: Any) -> str:
     """One point with its value, its uncertainty and what is wrong with it."""
-    flags = Quality(point.quality) & ~Quality.SIMULATED
+    quality = Quality(point.quality)
+    flags, said = quality & ~Quality.SIMULATED, getattr(point, "words", "")
+    if not said:
+        said = _dwell_words(point)
+    return f"{said}; {'' if quality.usable else 'not usable: '}{flags.words}" if flags else said
+
+
+def _dwell_words(point: Any) -> str:
     peaks = uncertain(1e6 * point.peak_to_peak, 1e6 * point.peak_to_peak_errors, "µm")
     twice = uncertain(2e6 * point.fundamental, 2e6 * point.fundamental_errors, "µm")
-    said = f"{point.frequency:.4g} Hz: max − min {peaks}, 2 × fundamental {twice}"
-    return f"{said}; not usable: {flags.words}" if flags else said
+    return f"{point.frequency:.4g} Hz: max − min {peaks}, 2 × fundamental {twice}"
 
 
 def estimate_words(estimate: Estimate) -> str:

@@ -15,7 +15,8 @@ from typing import Protocol
 
 from drivers.bench import Bench
 from drivers.errors import BenchError
-from protocols.events import Event, RunEnded, Status
+from drivers.watchdog_log import untold
+from protocols.events import Event, Noted, RunEnded, Status
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
 from protocols.runfile import Header, RunFile, StoreError
@@ -152,6 +153,9 @@ class Session:
 
     def _run(self, connected: Connected, job: _Job) -> None:
         self._become(State.RUNNING)
+        for note in watchdog_notes(job.folder):
+            self._tell(note)
+        connected.bench.watchdog.log_to(job.folder)
         try:
             store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen))
         except StoreError as error:
@@ -182,6 +186,11 @@ class Session:
                 observer(event)
             except Exception:
                 log.exception("an observer failed on %s", type(event).__name__)
+
+
+def watchdog_notes(folder: Path) -> list[Noted]:
+    """What the watchdog of an earlier program left to be told beside these runs; told once."""
+    return [Noted(f"Since the last start the watchdog wrote: {line}") for line in untold(folder)]
 
 
 def header(protocol: Measurement, bench: Bench, specimen: str) -> Header:

@@ -7,6 +7,8 @@ from typing import Any, get_origin
 from annotated_types import Unit
 from pydantic import BaseModel
 
+PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
 LONGEST = 60
 TOWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
 """Powers of powers, which the unit library would compute to the last digit, for ever."""
@@ -64,13 +66,16 @@ def read_value(model: type[BaseModel], name: str, value: Any) -> Any:
         return tuple(to_number(item, unit) if isinstance(item, str) else item for item in items)
     if isinstance(value, str):
         number = to_number(value, unit)
-        return int(number) if field.annotation is int and number == int(number) else number
+        return int(number) if field.annotation is int and number.is_integer() else number
     return value
 
 
 def _split(text: str) -> list[str]:
-    separator = "," if "," in text else None
-    return [item.strip() for item in text.split(separator) if item.strip()]
+    """Items between commas, or plain numbers between spaces: `100 Hz` is one number, not 100 and one hertz."""
+    if "," in text:
+        return [item.strip() for item in text.split(",") if item.strip()]
+    words = text.split()
+    return words if all(PLAIN.fullmatch(word) for word in words) else [text.strip()]
 
 
 @cache

@@ -36,8 +36,10 @@ def uncertain(value: float, standard_error: float, unit: str) -> str:
 
 
 def point_line(point: Any) -> str:
-    """One point of a sine dwell in a line."""
+    """One point in a line: in its own words where it has some, else as one of a sine dwell."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
+    if words := getattr(point, "words", ""):
+        return words + (f"  {flags.words}" if flags else "")
     return (
         f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
         f"2 x fund. {2e6 * point.fundamental:6.1f} ± {2e6 * point.fundamental_errors:.2g} µm  "

@@ -60,7 +60,7 @@ class Playing:
 
 @dataclass(frozen=True, slots=True)
 class SettleEnded:
-    """The response became steady, or the limit came first."""
+    """The wait before a recording is over: the response became steady, the limit came first, or a fixed wait has passed."""
 
     settled: bool
     after_s: float

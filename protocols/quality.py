@@ -18,6 +18,8 @@ class Quality(IntFlag):
     DRIVE_OFF = 16
     """The drive read back is not the drive commanded."""
     SIMULATED = 32
+    CALIBRATION_EXPIRED = 64
+    """The displacement sensor's calibration was past its day: a warning, the value stays usable."""
 
     @property
     def words(self) -> str:
@@ -27,4 +29,4 @@ class Quality(IntFlag):
     @property
     def usable(self) -> bool:
         """Whether fits and summaries may use the value."""
-        return not self & ~Quality.SIMULATED
+        return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED)

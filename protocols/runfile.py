@@ -13,6 +13,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Self
@@ -70,6 +71,7 @@ def software() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
 
 
+@cache
 def _version(package: str) -> str:
     try:
         return metadata.version(package)
@@ -265,11 +267,8 @@ class RunFile:
             ("valid_high", header.sensor.valid_high_v, "V"),
         ):
             sensor.create_dataset(name, data=value).attrs["units"] = unit
-        sensor["name"], sensor["serial"], sensor["calibrated"] = (
-            header.sensor.name,
-            header.sensor.serial,
-            header.sensor.calibrated,
-        )
+        for name in ("name", "serial", "calibrated", "expires"):
+            sensor[name] = getattr(header.sensor, name)
         for role, identity in dict(header.bench.get("identities", {})).items():
             _group(instrument, role, "NXcollection")["name"] = str(identity)
 

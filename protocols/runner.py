@@ -5,11 +5,12 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
-from drivers.bench import DISPLACEMENT, DRIVE, Bench
+from drivers.bench import DISPLACEMENT, DRIVE, Bench, drive_volts
 from drivers.bench import Armed as ArmedBench
 from drivers.drive import Drive, Sine
 from drivers.errors import BenchError, UnsafeError
@@ -38,11 +39,17 @@ from protocols.protocol import Protocol, rehearse
 from protocols.quality import Quality
 from protocols.runfile import RunFile, StoreError
 from protocols.signals import SettlingDetector
-from protocols.steps import Ask, Measured, Note, Prompt, Read, Record, Settle, Settled, Step
+from protocols.steps import Ask, Measured, Note, Play, Prompt, Read, Record, Settle, Settled, Step
 from protocols.values import Estimate, Recording
 
 FRESH_S = 0.05
 """After a drive begins, scans older than this may still be on their way to us."""
+
+DRIVE_LOST_V = 0.25
+"""A drive that the card sees further off than this does not reach the amplifier; nothing is measured under it."""
+
+THINKING_S = 20.0
+"""How long the run thread may work on numbers, while what plays plays on, before the watchdog takes it for hung."""
 
 log = logging.getLogger(__name__)
 
@@ -85,6 +92,7 @@ class Runner:
         self._recordings = 0
         self._store_error: StoreError | None = None
         self._next_scan = 0
+        self._expired = bench.sensor.expired(datetime.now(UTC).date())
 
     def run(self) -> tuple[Status, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
@@ -101,6 +109,9 @@ class Runner:
                     self._bench.simulated,
                 )
             )
+            for words in (self._bench.watchdog.words, self._expired):
+                if words:
+                    self._publish(Noted(words))
             with self._bench.armed(self._protocol.sample_rate_hz, self._take, self, self._started) as armed:
                 self._publish(Armed())
                 self._progress()
@@ -142,13 +153,17 @@ class Runner:
             while True:
                 self._check_cancel()
                 try:
-                    step: Step = steps.send(answer)
+                    with self._bench.watchdog.allow(THINKING_S):  # a long record takes its time to become a point
+                        step: Step = steps.send(answer)
                 except StopIteration:
                     return
                 match step:
                     case Settle():
                         drive = step.drive
                         answer = settled = self._settle(armed, step)
+                    case Play():
+                        drive = step.drive
+                        answer = settled = self._play(armed, step)
                     case Record(duration_s):
                         if drive is None:
                             raise BenchError(f"protocol {self._protocol.name} records before anything was played")
@@ -192,6 +207,24 @@ class Runner:
         self._publish(SettleEnded(answer.settled, answer.after_s))
         return answer
 
+    def _play(self, armed: ArmedBench, step: Play) -> Settled:
+        armed.play(step.drive)
+        self._publish(Playing(step.drive))
+        wait_s = max(step.wait_s, FRESH_S)
+        last = math.ceil((self._bench.clock.now() - armed.stream.started_s + wait_s) * armed.rate_hz)
+        block = self._read(armed)
+        while block.stop < last:
+            block = self._read(armed)
+        seen_v = float(drive_volts(block, armed.scales).mean())
+        low_v, high_v = step.drive.low_v, step.drive.high_v
+        if not low_v - DRIVE_LOST_V <= seen_v <= high_v + DRIVE_LOST_V:
+            raise BenchError(
+                f"the card sees {seen_v:.3f} V where {low_v:g} to {high_v:g} V are driven (limit +-{DRIVE_LOST_V:g} V); check the "
+                "cable from the generator to the amplifier and to the card"
+            )
+        self._publish(SettleEnded(True, wait_s))
+        return Settled(True, wait_s)
+
     def _record(self, armed: ArmedBench, drive: Drive, duration_s: float, settled: Settled) -> Recording:
         wanted = round(duration_s * armed.rate_hz)
         start_row, start_scan = self._store.rows, self._next_scan
@@ -201,8 +234,9 @@ class Runner:
             block = self._read(armed)
             blocks.append(block)
             have += block.raw.shape[1]
-        raw = np.concatenate([block.raw for block in blocks], axis=1)[:, :wanted]
-        drive_v, displacement_m, quality = self._units(armed, raw)
+        with self._bench.watchdog.allow(THINKING_S):
+            raw = np.concatenate([block.raw for block in blocks], axis=1)[:, :wanted]
+            drive_v, displacement_m, quality = self._units(armed, raw)
         if not settled.settled:
             quality |= Quality.UNSETTLED
         if blocks[-1].stop - start_scan != have:
@@ -238,7 +272,7 @@ class Runner:
             self._check_cancel()
             # The card must be emptied while a person takes their time; what it sees then is no measurement.
             if self._armed is not None:
-                self._next_scan = self._armed.stream.read().stop
+                self._next_scan = self._armed.skip().stop
             else:
                 self._bench.clock.sleep(0.05)
         self._publish(Answered(ask_id, words))
@@ -273,7 +307,7 @@ class Runner:
         """Drive in volts, displacement in metres, and what is wrong with these samples."""
         sensor = self._bench.sensor
         volts = [scale.volts(raw[i]) for i, scale in enumerate(armed.scales)]
-        quality = Quality.GOOD
+        quality = Quality.CALIBRATION_EXPIRED if self._expired else Quality.GOOD
         if any(armed.scales[i].clipped(raw[i]).any() for i in (DRIVE, DISPLACEMENT)):
             quality |= Quality.CLIPPED
         if not sensor.valid(volts[DISPLACEMENT]).all():

@@ -23,6 +23,9 @@ from protocols.values import Estimate, Planned, Recording
 HARMONICS = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
 
+SAMPLES_A_CYCLE = 20
+"""Least samples in a cycle: what the paper has at 250 Hz and 5 kS/s."""
+
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
 
 
@@ -32,7 +35,9 @@ class SinePoint:
 
     frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
     peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement: the paper's amplitude"]
-    peak_to_peak_errors: Annotated[float, Unit("m"), "standard uncertainty of max - min (noise can only widen it)"]
+    peak_to_peak_errors: Annotated[
+        float, Unit("m"), "standard uncertainty of max - min: noise widens it, sampling narrows it"
+    ]
     fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental by least-squares sine fit"]
     fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the fundamental"]
     phase: Annotated[float, Unit("rad"), "phase of the fundamental against the recorded drive, sensor delay removed"]
@@ -79,10 +84,11 @@ class SineDwell(Protocol):
     @model_validator(mode="after")
     def _rate_suffices(self) -> Self:
         highest = max(self.frequencies_hz)
-        if self.sample_rate_hz < 4 * highest:
+        # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
+        if self.sample_rate_hz < SAMPLES_A_CYCLE * highest:
             raise ValueError(
                 f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a sine of {highest:g} Hz; "
-                f"at least {4 * highest:g} Hz is needed"
+                f"at least {SAMPLES_A_CYCLE * highest:g} Hz is needed"
             )
         return self
 
@@ -117,8 +123,14 @@ class SineDwell(Protocol):
         return SinePoint(
             frequency=frequency,
             peak_to_peak=float(np.ptp(recording.displacement_m)),
-            # The extremes of n noisy samples lie up to sigma sqrt(2 ln n) outside on either side; taken as rectangular.
-            peak_to_peak_errors=2 * moved.noise * math.sqrt(2 * math.log(n)) / math.sqrt(3),
+            # The extremes of n noisy samples lie up to sigma sqrt(2 ln n) outside on either side, and up to half a
+            # sample beside the true extremes; both taken as rectangular.
+            peak_to_peak_errors=2
+            * math.hypot(
+                moved.noise * math.sqrt(2 * math.log(n)),
+                abs(moved.fundamental) * (1 - math.cos(math.pi * frequency / rate)),
+            )
+            / math.sqrt(3),
             fundamental=abs(moved.fundamental),
             fundamental_errors=moved.standard_error,
             phase=float(np.angle(np.exp(1j * turn))),

@@ -29,6 +29,14 @@ class Settled:
 
 
 @dataclass(frozen=True, slots=True)
+class Play:
+    """Play a drive and let `wait_s` pass, whatever the response does. Answered with `Settled`."""
+
+    drive: Drive
+    wait_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Record:
     """Keep the next `duration_s` of samples under the drive that plays. Answered with a `Recording`."""
 
@@ -71,4 +79,4 @@ class Note:
     text: str
 
 
-Step = Settle | Record | Measured | Ask | Read | Note
+Step = Settle | Play | Record | Measured | Ask | Read | Note

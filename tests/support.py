@@ -14,10 +14,8 @@ from protocols.events import Event, PointMeasured, Status
 from protocols.protocol import Protocol
 from protocols.runfile import RunFile
 from protocols.runner import Runner
+from sim_hardware.contract.volts import volts_are_safe
 from sim_hardware.history_report import HistoryReport
-
-STEP_V = 0.05
-"""Largest jump the guard's limits allow; what is measured on the plant's grid may exceed it by rounding only."""
 
 
 @dataclass
@@ -48,20 +46,24 @@ def simulated(**truth: Any) -> BenchConfig:
     return config.model_copy(update={"simulation": record})
 
 
-def volts_are_safe(report: HistoryReport) -> None:
-    """What every run owes the specimen, read from the volts that left the simulated generator."""
-    assert report.lowest_v >= -1e-9, report
-    assert report.highest_v <= 5 + 1e-9, report
-    assert report.largest_jump_v <= STEP_V + 1e-6, report
-    assert report.steepest_v_per_s <= 10_000, report
-    assert report.switched_at_rest, report
-    assert report.ends_at_rest or report.live_s == 0, report  # a bench that never went live owes nothing
-
-
 @contextmanager
 def laboratory(config: BenchConfig | None = None) -> Iterator[Laboratory]:
     with connect(config or simulated(), None) as lab:
         yield lab
+
+
+@contextmanager
+def installed(library: Any) -> Iterator[None]:
+    """NI's driver on this computer, or what stands in for it: the package loads `library` as it would NI's own."""
+    from nidaqmx._lib import DaqFunctionImporter, lib_importer
+
+    before = lib_importer._windll, lib_importer._cdll, lib_importer._encoding
+    lib_importer._windll = lib_importer._cdll = DaqFunctionImporter(library)
+    lib_importer._encoding = "utf-8"
+    try:
+        yield
+    finally:
+        lib_importer._windll, lib_importer._cdll, lib_importer._encoding = before
 
 
 @dataclass

@@ -52,6 +52,7 @@ class ResponsePlot(QWidget):
         self._theme = theme
         self._curve: Curve | None = None
         self._points: Sequence[Any] = ()
+        self._told: Sequence[Any] = ()
         self._top_hz = 250.0
         self.canvas = pg.PlotWidget(enableMenu=False)
         self._plot = self.canvas.getPlotItem()
@@ -117,9 +118,11 @@ class ResponsePlot(QWidget):
 
     def show_points(self, points: Sequence[Any]) -> None:
         """Draw the points of the present run."""
-        if points is self._points:
+        if points is self._told:
             return
-        self._points = points
+        self._told = points
+        # Other protocols measure other things (the wiring check); they are told in the log.
+        self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
         self._draw_points()
         self._scale()
 

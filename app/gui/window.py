@@ -18,6 +18,7 @@ from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
 from app.overlay import Overlay
 from app.reducer import reduce
+from app.session import watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, RunAsked, StopAsked, ViewEvent, opening
 from drivers.amplifier import HvAmplifier
 from protocols.protocol import Protocol
@@ -54,6 +55,8 @@ class MainWindow(QMainWindow):
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
+        for note in watchdog_notes(self._folder):
+            link.observe(note)
         self.set_theme(self.theme)
         self._show()
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system)
@@ -69,7 +72,7 @@ class MainWindow(QMainWindow):
         protocol = self.measure.panel.protocol
         if protocol is None or not self.measure.panel.ready or self._leaving:
             return
-        folder = Path(self.measure.panel.folder.text().strip()).expanduser()
+        folder = self._folder
         self._tell(RunAsked(protocol.title))
         self.link.session.run(protocol, folder, self.measure.panel.specimen.text().strip() or "unnamed")
 
@@ -207,6 +210,10 @@ class MainWindow(QMainWindow):
                 shortcut = QShortcut(QKeySequence(sequence), self)
                 shortcut.setAutoRepeat(False)
                 shortcut.activated.connect(do)
+
+    @property
+    def _folder(self) -> Path:
+        return Path(self.measure.panel.folder.text().strip()).expanduser()
 
     def _restore(self, folder: Path | None, specimen: str | None) -> None:
         geometry = self._settings.value("window/geometry")

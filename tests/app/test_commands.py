@@ -61,6 +61,8 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
         (["run", "sine-dwell", "--set", "volts=3"], "has no parameter 'volts'; it has:"),
         (["run", "sine-dwell", "--set", "volts"], "write NAME=VALUE"),
         (["run", "sine-dwell", "--set", "peak_to_peak_v=7 V"], "peak_to_peak_v: must be at most 5, not 7.0"),
+        (["run", "sine-dwell", "--set", "min_cycles=inf"], "min_cycles"),
+        (["run", "sine-dwell", "--set", "frequencies_hz=9 kHz"], "frequencies_hz.0: must be at most 2000, not 9000.0"),
         (["run", "sine-dwell", "--set", "record_s=3 kg"], "record_s: '3 kg' is no quantity in s"),
         (["run", "sine-dwell", "--speed", "99"], "--speed 99: give a number from 1 to 20, or 'max'"),
         (["run", "sine-dwell", "--bench", "/nowhere.toml"], "cannot be read: No such file"),

@@ -132,7 +132,7 @@ def test_rehearsal_tells_what_the_run_then_needs(tmp_path: Path) -> None:
     [
         ({"frequencies_hz": (100, 3000)}, "less than or equal to 2000"),
         ({"frequencies_hz": ()}, "at least 1"),
-        ({"frequencies_hz": (1500,)}, "too low for a sine of 1500 Hz; at least 6000 Hz is needed"),
+        ({"frequencies_hz": (1500,)}, "too low for a sine of 1500 Hz; at least 30000 Hz is needed"),
         ({"peak_to_peak_v": 5.1}, "less than or equal to 5"),
         ({"record_s": float("nan")}, "finite"),
         ({"voltage": 3}, "Extra inputs are not permitted"),

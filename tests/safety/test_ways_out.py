@@ -1,119 +1,14 @@
 """Every way out of a run, on real wires: the program is a process of its own, the volts are looked at in ours."""
 
-import os
 import signal
-import subprocess
-import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from app.exits import DONE, FAILED, UNSAFE
-from drivers.clock import WallClock
 from protocols.events import Status
 from protocols.runreader import Run
-from sim_hardware.bench import VirtualBench
-from sim_hardware.history_report import HistoryReport
-from sim_hardware.served import ServedBench
-from tests.support import simulated, volts_are_safe
-
-SPEED = 4.0
-
-
-class Program:
-    """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
-
-    def __init__(self, bench: VirtualBench, process: subprocess.Popen[str]) -> None:
-        self.bench, self.process = bench, process
-        self.said: list[str] = []
-        self._grew = threading.Condition()
-        self._reader = threading.Thread(target=self._listen)
-        self._reader.start()
-
-    def _listen(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            with self._grew:
-                self.said.append(line.rstrip())
-                self._grew.notify_all()
-
-    def wait_for(self, words: str) -> None:
-        """Until the program has said `words`."""
-        with self._grew:
-            found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=40)
-        assert found, "\n".join(self.said)
-
-    def answer(self, words: str, act: object = None) -> None:
-        """Do what the prompt says, then press Enter."""
-        self.wait_for(words)
-        if callable(act):
-            act()
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-
-    def arm(self) -> None:
-        self.answer("high voltage OFF", self.bench.disable_hv)
-        self.answer("must be ON now", self.bench.enable_hv)
-
-    def end(self) -> int:
-        code = self.process.wait(timeout=60)
-        self._reader.join()
-        return code
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.said).split())
-
-    @property
-    def file(self) -> Path:
-        return next(self.folder.glob("*.h5"))
-
-    folder: Path
-
-
-@contextmanager
-def program(folder: Path, *settings: str) -> Iterator[tuple[Program, ServedBench]]:
-    bench = VirtualBench(simulated().truth, WallClock(1.0))
-    with ServedBench(bench) as served:
-        file = folder / "bench.toml"
-        file.write_text(
-            f'name = "bench under test"\n'
-            f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 0.5\n'
-            f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
-            f'[sensor]\ndelay_s = "100 us"\n'
-        )
-        command = [sys.executable, "-c", "from app.main import entry; entry()"]
-        options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
-        chosen = [part for setting in settings for part in ("--set", setting)]
-        process = subprocess.Popen(
-            [*command, *options, *chosen],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"},
-        )
-        running = Program(bench, process)
-        running.folder = folder
-        try:
-            yield running, served
-        finally:
-            process.kill()
-            running.end()
-            assert process.stdin is not None
-            process.stdin.close()
-            assert process.stdout is not None
-            process.stdout.close()
-
-
-def safe(bench: VirtualBench) -> HistoryReport:
-    report = bench.report()
-    volts_are_safe(report)
-    return report
+from tests.safety.program import program, safe
 
 
 def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> None:
@@ -143,8 +38,11 @@ def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, m
 
 
 def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself(tmp_path: Path) -> None:
-    with program(tmp_path, "frequencies_hz=100", "settle_limit_s=0.5", "record_s=1") as (run, _):
+    """Even without a watchdog."""
+    settings = ("frequencies_hz=100", "settle_limit_s=0.5", "record_s=1")
+    with program(tmp_path, *settings, watchdog="enabled = false") as (run, _):
         run.arm()
+        run.wait_for("No watchdog: the bench file switches it off")
         run.wait_for("high voltage is on")
         while run.bench.report().outside_rest_s < 0.2:
             pass

@@ -58,7 +58,7 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
         ("frequencies_hz", "25, 3 kHz", "3000 Hz is outside the range: 1 to 2000 Hz"),
         ("frequencies_hz", ",", "at least 1"),
         ("min_cycles", "20.5", "not a whole number"),
-        ("sample_rate_hz", "800", "at least 1000 Hz is needed"),
+        ("sample_rate_hz", "800", "at least 5000 Hz is needed"),
     ],
 )
 def test_a_fault_is_told_at_its_field(name: str, text: str, words: str) -> None:

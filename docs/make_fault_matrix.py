@@ -1,0 +1,87 @@
+"""Runs the fault matrix and writes docs/fault-matrix.md. `python docs/make_fault_matrix.py`, two minutes; exit code 1
+if the program owes something in any cell."""
+
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+from protocols.registry import PROTOCOLS  # noqa: E402
+from sim_hardware.faults import FAULTS  # noqa: E402
+from tests.safety.fault_matrix import MOMENTS, Cell, cell  # noqa: E402
+
+ON_WIRES = (
+    ("grpc-gone", "recording"),
+    ("scpi-dropped", "settling"),
+    ("scpi-silent", "stopping"),
+    ("scpi-garbled", "ramp"),
+    ("generator-power-off", "recording"),
+    ("card-unplugged", "settling"),
+    ("card-overrun", "arming"),
+)
+
+HEAD = """# The fault matrix
+
+Written by `python docs/make_fault_matrix.py`, which runs every cell on the simulated bench: the fault is broken at that
+moment of a real run and stays broken. Looked at is the world: the volts at the simulated amplifier's input, and the run
+file, which is opened afterwards. A cell says how the run ended and where the input stood then.
+
+- **at rest**: the input stands still at rest and nothing will move it.
+- **unsafe**: rest could not be confirmed by measurement. The program says so (exit code 3) and what to do by hand. The input
+  may be at rest all the same, as where only the card was lost.
+- **completed** after a fault on the way out: everything was measured, and rest was seen by the card although the source no
+  longer answered.
+
+Where the generator loses its power, its cable or its output, the input is pulled to -500 V on the specimen and no software
+brings it back: see [safety](safety.md) for the hardware remedy.
+"""
+
+
+def main() -> int:
+    bad: list[str] = []
+    lines = [HEAD, "## Every fault, every protocol, every moment (virtual clock)", ""]
+    lines += [f"| protocol | fault | {' | '.join(MOMENTS)} |", "|---|---|" + "---|" * len(MOMENTS)]
+    for name in PROTOCOLS:
+        for fault in FAULTS:
+            cells = [_run(fault, name, moment) for moment in MOMENTS]
+            lines.append(f"| {name} | {fault} | {' | '.join(one.words for one in cells)} |")
+            bad += [f"{name}, {fault}: {one.words}" for one in cells if one.faults]
+            print(lines[-1], flush=True)
+    lines += ["", "## On real wires, with the watchdog's process", ""]
+    lines += ["| protocol | fault | moment | outcome | the watchdog's log |", "|---|---|---|---|---|"]
+    for name in PROTOCOLS:
+        for fault, moment in ON_WIRES:
+            one = _run(fault, name, moment, wires=True)
+            lines.append(f"| {name} | {fault} | {moment} | {one.words} | {_log(one)} |")
+            bad += [f"{name}, {fault}, on wires: {one.words}" for one in [one] if one.faults]
+            print(lines[-1], flush=True)
+    lines += ["", "## The faults", "", "| fault | what it is |", "|---|---|"]
+    lines += [f"| {name} | {words} |" for name, words in FAULTS.items()]
+    (HERE / "fault-matrix.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(f"{len(bad)} cells in which the program owes something", *bad, sep="\n")
+    return int(bool(bad))
+
+
+def _run(fault: str, name: str, moment: str, wires: bool = False) -> Cell:
+    with tempfile.TemporaryDirectory() as folder:
+        return cell(fault, name, moment, Path(folder), wires)
+
+
+def _log(one: Cell) -> str:
+    """The log without its times, addresses and what repeats itself."""
+    said = []
+    for line in one.watchdog_log.splitlines():
+        words = line.partition("  ")[2]
+        if "could not confirm rest" in words:
+            said.append("the program could not confirm rest")
+        elif "could NOT be brought to rest" in words:
+            said.append("asked for help; the source could NOT be brought to rest: it does not answer")
+        elif "was brought to rest" in words:
+            said.append("asked for help; the source was brought to rest")
+    return "; ".join(said) or "nothing"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

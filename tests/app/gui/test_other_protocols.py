@@ -1,0 +1,26 @@
+"""The window with what is no sine dwell: the wiring check's points, and what a watchdog left to be told."""
+
+from pathlib import Path
+from typing import Any
+
+from drivers.watchdog_log import LOG_NAME
+from protocols.events import PointMeasured, RunStarted
+from protocols.wiring_check import WiringPoint
+from tests.app.gui.stage import until
+
+POINT = WiringPoint(
+    2.6, 0.0, float("nan"), 2.6, 0.0, 3e-4, float("nan"), 1.4e-5, 7e-9, 0.0, float("nan"), 0.0, 5e-7, 32
+)
+
+
+def test_points_of_the_wiring_check_are_told_and_break_nothing(open_stage: Any) -> None:
+    stage = open_stage()
+    stage.window.link.observe(RunStarted("wiring-check", "run.h5", 6.0, 4, True))
+    stage.window.link.observe(PointMeasured(0, POINT))
+    until(lambda: any("drive reads back 2.6000 V" in m.words for m in stage.window.view.messages))
+
+
+def test_what_a_watchdog_wrote_is_told_when_the_window_opens(open_stage: Any, tmp_path: Path) -> None:
+    (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
+    stage = open_stage()
+    until(lambda: any("the watchdog wrote: 2026-11-21" in m.words for m in stage.window.view.messages))

@@ -1,0 +1,203 @@
+"""check, devices, bench new, faults, run --fault: what a technician sees, and the exit code a script sees."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.build import connect
+from app.config import load_bench
+from app.exits import DONE, FAILED, UNSAFE, USAGE
+from app.fault_plan import FaultPlan
+from app.main import main
+from drivers.clock import WallClock
+from drivers.errors import InstrumentError
+from drivers.visa import resources
+from protocols.events import Noted, Status
+from protocols.quality import Quality
+from protocols.runreader import Run
+from protocols.sine_dwell import SineDwell
+from sim_hardware.bench import VirtualBench
+from sim_hardware.faults import FAULTS
+from sim_hardware.served import ServedBench
+from tests.support import laboratory, run, simulated
+
+QUICK = ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1")
+
+
+def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path, capsys: Any) -> None:
+    assert main(["check", *QUICK, "--out", str(tmp_path)]) == DONE
+    out = capsys.readouterr().out
+    for words in ("gain above rest", "latency beyond", "noise floor", "drive read back", "polarity", "rest confirmed"):
+        assert words in out
+    assert "FAIL" not in out
+    assert out.count("pass") == 13
+
+
+@pytest.mark.parametrize(
+    ("fault", "failing", "remedy"),
+    [
+        ("sensor-out-of-range", "recordings out of range", "move the sensor"),
+        ("sensor-stuck", "gain above rest", "check the sensor's distance and wiring"),
+    ],
+)
+def test_what_does_not_pass_is_named_with_what_to_look_at(
+    fault: str, failing: str, remedy: str, tmp_path: Path, capsys: Any
+) -> None:
+    assert main(["check", *QUICK, "--json", "--fault", f"{fault}@1", "--out", str(tmp_path)]) == FAILED
+    told = json.loads(capsys.readouterr().out)
+    assert told["status"] == "completed"
+    assert not told["passed"]
+    line = next(check for check in told["checks"] if check["name"] == failing)
+    assert not line["passed"]
+    assert remedy in line["remedy"]
+
+
+@pytest.mark.breaks_the_drive
+def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsys: Any) -> None:
+    assert main(["check", *QUICK, "--fault", "drive-cable-off@2", "--out", str(tmp_path)]) == UNSAFE
+    said = capsys.readouterr()
+    assert "switch the high voltage OFF at the amplifier itself" in " ".join(said.err.split())
+    assert "The check was not carried to its end" in said.out
+
+
+def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, capsys: Any) -> None:
+    arguments = ["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,150,200"]
+    assert main([*arguments, "--fault", "card-overrun@3"]) == UNSAFE
+    with Run(next(tmp_path.glob("*.h5"))) as file:
+        assert 2.0 < file.samples / file.rate_hz <= 3.1
+    assert "lost samples" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("coffee", "there is no fault 'coffee'"),
+        ("scpi-late@soon", "write NAME@SECONDS"),
+        ("scpi-late@-1", "write NAME@"),
+    ],
+)
+def test_a_fault_that_makes_no_sense_is_a_sentence(fault: str, says: str, tmp_path: Path, capsys: Any) -> None:
+    assert main(["run", "sine-dwell", "--fault", fault, "--out", str(tmp_path)]) == USAGE
+    assert says in capsys.readouterr().err
+
+
+def test_a_real_bench_cannot_be_broken_on_purpose(tmp_path: Path, capsys: Any) -> None:
+    file = tmp_path / "bench.toml"
+    file.write_text('[generator]\nresource = "TCPIP::192.0.2.1::5025::SOCKET"\n')
+    assert main(["--bench", str(file), "run", "sine-dwell", "--fault", "scpi-late"]) == USAGE
+    assert "--fault is for a simulated bench" in capsys.readouterr().err
+
+
+def test_the_faults_are_listed_with_words(capsys: Any) -> None:
+    assert main(["faults"]) == DONE
+    out = capsys.readouterr().out
+    assert all(name in out and words in out for name, words in FAULTS.items())
+
+
+def test_a_plan_reaches_the_hands_of_an_open_bench_for_the_window() -> None:
+    plan = FaultPlan()
+    with plan.around(lambda: connect(simulated(), None))() as lab:
+        plan.inject("sensor-stuck")
+        assert lab.control.faults.all_active() == ("sensor-stuck",)
+        plan.clear()
+        assert lab.control.faults.all_active() == ()
+    with pytest.raises(Exception, match="only an open simulated bench can be broken"):
+        plan.inject("sensor-stuck")
+
+
+# -- finding ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[ServedBench]:
+    with ServedBench(VirtualBench(clock=WallClock(1.0))) as bench:
+        yield bench
+
+
+@pytest.fixture
+def addresses(served: ServedBench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))  # its search of the LAN takes a second
+    return ["--host", f"127.0.0.1:{served.scpi.port}", "--server", f"127.0.0.1:{served.card.port}"]
+
+
+def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
+    assert main(["devices", "--json", *addresses]) == DONE
+    found = json.loads(capsys.readouterr().out)["found"]
+    generator, card = found[:2]
+    assert (generator["role"], generator["driver"], generator["serial"]) == (
+        "generator",
+        "keysight-33500",
+        "MY00000001",
+    )
+    assert (card["role"], card["where"], card["serial"]) == ("card", "Dev1", "1A2B3C4")
+
+
+def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], capsys: Any) -> None:
+    assert main(["devices", "--host", "127.0.0.1:9"]) == DONE
+    said = capsys.readouterr().err
+    assert "cannot be reached" in said
+    assert "the NI-DAQmx driver is not installed on this computer" in said
+
+
+def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
+    names, notes = resources()
+    assert all("::" in name for name in names)
+    assert all(note.endswith(("libusb", "host you name")) for note in notes)
+
+
+def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str], tmp_path: Path, capsys: Any) -> None:
+    file = tmp_path / "bench1.toml"
+    assert main(["bench", "new", str(file), *addresses]) == DONE
+    config = load_bench(str(file))
+    assert config.generator.serial == "MY00000001"
+    assert config.card.device == "Dev1"
+    assert config.watchdog.own_connection
+    before = file.read_text()
+    assert main(["bench", "new", str(file), *addresses]) == USAGE
+    assert file.read_text() == before
+    assert "is not overwritten" in capsys.readouterr().err
+
+
+def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.device_commands.find", lambda hosts, server: ([], []))
+    assert main(["bench", "new", str(tmp_path / "b.toml")]) == DONE
+    assert not load_bench(str(tmp_path / "b.toml")).simulated
+
+
+def test_another_instrument_at_the_address_is_refused() -> None:
+    config = simulated()
+    wrong = config.model_copy(update={"generator": config.generator.model_copy(update={"serial": "MY99999999"})})
+    with (
+        pytest.raises(InstrumentError, match=r"#MY00000001 answers where .* serial number MY99999999; .*\[generator\]"),
+        laboratory(wrong),
+    ):
+        pass
+
+
+# -- calibration --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("day", "flagged"), [("2020-01-31", True), ("2999-01-31", False), ("", False)])
+def test_an_expired_calibration_is_a_warning_in_events_points_and_file(day: str, flagged: bool, tmp_path: Path) -> None:
+    config = simulated()
+    config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"expires": day})})
+    with laboratory(config) as lab:
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.1), tmp_path, lab)
+    assert ran.status == Status.COMPLETED
+    assert any("expired on 2020-01-31" in e.text for e in ran.events if isinstance(e, Noted)) == flagged
+    quality = Quality(ran.points[0].quality)
+    assert (Quality.CALIBRATION_EXPIRED in quality) == flagged
+    assert quality.usable
+    with Run(ran.path) as file:
+        assert file.configuration["sensor"]["expires"] == day
+        assert any(event.kind == "Noted" for event in file.events()) == flagged
+
+
+def test_a_day_that_is_none_is_a_fault_of_the_bench_file(tmp_path: Path, capsys: Any) -> None:
+    file = tmp_path / "bench.toml"
+    file.write_text('[generator]\nresource = "x"\n[sensor]\nexpires = "next year"\ncalibrated = 2026-01-31\n')
+    assert main(["--bench", str(file), "check"]) == USAGE
+    assert "line 4: sensor.expires: must be a day, for example 2026-11-21, not 'next year'" in capsys.readouterr().err

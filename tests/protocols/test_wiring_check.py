@@ -1,0 +1,110 @@
+"""The wiring check finds the truth of the simulated bench, and the wrong wire on a wrong one."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from protocols.events import Status
+from protocols.protocol import rehearse
+from protocols.registry import PROTOCOLS
+from protocols.runreader import Run
+from protocols.wiring_check import WiringCheck
+from tests.support import laboratory, run, simulated
+
+CHECK = WiringCheck(record_s=0.5, wait_s=0.2)
+
+
+def failing(check: WiringCheck, points: list[Any]) -> set[str]:
+    return {verdict.name for verdict in check.verdicts(points) if not verdict.passed}
+
+
+def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
+    with laboratory(simulated(generator={"clock_ppm": 50.0})) as lab:
+        ran = run(CHECK, tmp_path, lab)
+        truth = lab.control.truth
+    assert ran.status == Status.COMPLETED
+    found = {verdict.name: verdict.value for verdict in CHECK.verdicts(ran.points)}
+    assert failing(CHECK, ran.points) == set()
+    assert found["gain above / below"] == pytest.approx(3.0, rel=0.02)  # 600 and 200 V per volt
+    assert found["clock difference"] == pytest.approx(50e-6, abs=20e-6)
+    assert found["noise floor"] == pytest.approx(truth.sensor.noise_m, rel=0.1)
+    assert 0 < found["latency beyond the sensor's"] < 1e-3
+    assert ran.report.highest_v <= 2.6 + 1e-6
+    assert ran.report.lowest_v >= 2.4 - 1e-6
+    with Run(ran.path) as file:
+        assert file.points()["commanded"].tolist() == [2.5, 2.6, 2.4, 2.5]
+        names = {estimate.name.replace("_", " ") for estimate in file.estimates()}
+        assert names == {"gain above rest", "gain below rest", "latency", "noise floor"}
+        again = [CHECK.point(recording, simulated=True) for recording in file.recordings()]
+    assert [p.displacement for p in again] == pytest.approx([p.displacement for p in ran.points], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("truth", "names"),
+    [
+        ({"sensor": {"noise_m": 2e-5}}, {"noise floor"}),
+        ({"sensor": {"delay_s": 0.02}}, {"latency beyond the sensor's"}),
+        ({"generator": {"clock_ppm": 1000.0}}, {"clock difference"}),
+        ({"amplifier": {"map": {"slope_above": 200.0}}}, {"gain above / below"}),
+    ],
+)
+def test_what_is_wrong_with_a_bench_is_named(truth: dict[str, Any], names: set[str], tmp_path: Path) -> None:
+    with laboratory(simulated(**truth)) as lab:
+        ran = run(CHECK, tmp_path, lab)
+    assert failing(CHECK, ran.points) == names
+
+
+def test_the_delay_of_the_sensor_that_the_bench_file_tells_is_no_latency(tmp_path: Path) -> None:
+    config = simulated(sensor={"delay_s": 0.02})
+    config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"delay_s": 0.02})})
+    with laboratory(config) as lab:
+        ran = run(CHECK, tmp_path, lab)
+    assert failing(CHECK, ran.points) == set()
+
+
+def test_a_swapped_sign_is_wrong_polarity_and_no_latency(tmp_path: Path) -> None:
+    with laboratory(simulated(sensor={"gain_m_per_v": -1e-4})) as lab:
+        ran = run(CHECK, tmp_path, lab)
+    assert failing(CHECK, ran.points) == {"polarity (1 right, -1 wrong)"}
+    assert failing(WiringCheck(polarity=-1), ran.points) == set()
+
+
+def test_high_voltage_that_is_off_leaves_no_gain(tmp_path: Path) -> None:
+    class Forgetful:
+        def show(self, ask_id: int, prompt: object) -> None: ...
+
+        def answer(self, ask_id: int) -> str:
+            return "yes yes"
+
+    with laboratory() as lab:
+        ran = run(CHECK, tmp_path, lab, operator=Forgetful())
+    assert {"gain above rest", "gain below rest"} <= failing(CHECK, ran.points)
+
+
+def test_it_is_one_of_the_protocols_and_can_be_rehearsed() -> None:
+    assert PROTOCOLS["wiring-check"] is WiringCheck
+    with laboratory() as lab:
+        rehearsal = rehearse(WiringCheck(), lab.bench.amplifier)
+    assert rehearsal.entries == 4
+    assert rehearsal.highest_specimen_v == pytest.approx(60)
+    assert rehearsal.lowest_specimen_v == pytest.approx(-20)
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"level_v": 2.0}, "less than or equal to 0.5"),
+        ({"frequency_hz": 100, "sample_rate_hz": 1000}, "too low to see the latency"),
+        ({"slopes_low": 7}, "slopes_low must lie below slopes_high"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(settings: dict[str, float], says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        WiringCheck(**settings)
+
+
+def test_a_check_that_was_broken_off_has_no_table() -> None:
+    assert CHECK.verdicts([]) == ()
+    assert CHECK.estimates([]) == ()

@@ -1,0 +1,118 @@
+"""`tactor-bench run` in a process of its own, on a bench file that names a simulated bench in ours."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drivers.clock import WallClock
+from sim_hardware.bench import VirtualBench
+from sim_hardware.history_report import HistoryReport
+from sim_hardware.served import ServedBench
+from tests.support import simulated, volts_are_safe
+
+
+class Program:
+    """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
+
+    def __init__(self, bench: VirtualBench, process: subprocess.Popen[str]) -> None:
+        self.bench, self.process = bench, process
+        self.said: list[str] = []
+        self._grew = threading.Condition()
+        self._reader = threading.Thread(target=self._listen)
+        self._reader.start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._grew:
+                self.said.append(line.rstrip())
+                self._grew.notify_all()
+
+    def wait_for(self, words: str) -> None:
+        """Until the program has said `words`."""
+        with self._grew:
+            found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=40)
+        assert found, "\n".join(self.said)
+
+    def answer(self, words: str, act: object = None) -> None:
+        """Do what the prompt says, then press Enter."""
+        self.wait_for(words)
+        if callable(act):
+            act()
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def arm(self) -> None:
+        self.answer("high voltage OFF", self.bench.disable_hv)
+        self.answer("must be ON now", self.bench.enable_hv)
+
+    def go_live(self) -> None:
+        """Until a drive has been on the specimen for a while."""
+        self.arm()
+        self.wait_for("high voltage is on")
+        while self.bench.report().outside_rest_s < 0.2:
+            assert self.process.poll() is None, self.text
+            time.sleep(0.02)
+
+    def end(self) -> int:
+        code = self.process.wait(timeout=60)
+        self._reader.join()
+        return code
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.said).split())
+
+    @property
+    def file(self) -> Path:
+        return next(self.folder.glob("*.h5"))
+
+    folder: Path
+
+
+@contextmanager
+def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[Program, ServedBench]]:
+    bench = VirtualBench(simulated().truth, WallClock(1.0))
+    with ServedBench(bench) as served:
+        file = folder / "bench.toml"
+        file.write_text(
+            f'name = "bench under test"\n'
+            f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 0.5\n'
+            f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
+            f'[sensor]\ndelay_s = "100 us"\n'
+            f"[watchdog]\n{watchdog}\n"
+        )
+        command = [sys.executable, "-c", "from app.main import entry; entry()"]
+        options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
+        chosen = [part for setting in settings for part in ("--set", setting)]
+        process = subprocess.Popen(
+            [*command, *options, *chosen],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"},
+        )
+        running = Program(bench, process)
+        running.folder = folder
+        try:
+            yield running, served
+        finally:
+            process.kill()
+            running.end()
+            assert process.stdin is not None
+            process.stdin.close()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+def safe(bench: VirtualBench) -> HistoryReport:
+    report = bench.report()
+    volts_are_safe(report)
+    return report

@@ -1,0 +1,79 @@
+"""Whatever breaks, in whatever protocol, at whatever moment: rest, or `unsafe`; a file that opens; never a traceback."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from protocols.events import Status
+from protocols.registry import PROTOCOLS
+from sim_hardware.contract.volts import STEP_V
+from sim_hardware.faults import FAULTS
+from tests.safety import fault_matrix
+from tests.safety.fault_matrix import MOMENTS, TAKES_THE_DRIVE, cell
+
+pytestmark = pytest.mark.breaks_the_drive
+
+ON_WIRES = [
+    ("grpc-gone", "sine-dwell", "recording"),
+    ("card-unplugged", "wiring-check", "settling"),
+]
+"""What the virtual clock cannot show, and what the watchdog's log must tell; all of it is in docs/fault-matrix.md."""
+
+
+ALL = "TACTOR_BENCH_FULL_MATRIX"
+"""Set it to see every cell in the test, too; without, two moments of five for each pair keep the suite fast."""
+
+
+def moments(name: str, fault: str) -> tuple[str, ...]:
+    if os.environ.get(ALL):
+        return MOMENTS
+    first = list(PROTOCOLS).index(name) + list(FAULTS).index(fault)
+    return tuple(MOMENTS[(first + step) % len(MOMENTS)] for step in (0, 2))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_every_fault_in_every_protocol(name: str, fault: str, tmp_path: Path) -> None:
+    """Moments are dealt so that every fault meets four of five, every protocol all; the whole is in the docs."""
+    for moment in moments(name, fault):
+        seen = cell(fault, name, moment, tmp_path / moment)
+        assert not seen.faults, f"{moment}: {seen.faults}: {seen.reason}"
+        assert "an error of this program" not in seen.reason
+        if fault not in TAKES_THE_DRIVE:
+            assert seen.largest_jump_v <= STEP_V + 1e-6, moment
+
+
+@pytest.mark.parametrize("fault", ["scpi-late", "scpi-garbled", "scpi-half"])
+def test_a_level_near_rest_that_nobody_brought_back_is_not_rest(
+    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found by the matrix: a ramp broken off after its first step left 33 mV at the input, 20 V on the specimen."""
+    monkeypatch.setattr(fault_matrix, "ON_THE_WAY", 1)
+    seen = cell(fault, "wiring-check", "ramp", tmp_path)
+    assert 0.02 < abs(seen.end_v - 2.5) < 0.05
+    assert seen.status is Status.UNSAFE
+
+
+def test_a_small_sine_that_still_plays_is_not_rest(tmp_path: Path) -> None:
+    """Found by the matrix: its mean is rest, and every sample of it was near enough."""
+    seen = cell("scpi-garbled", "wiring-check", "stopping", tmp_path)
+    assert seen.at_rest
+    assert seen.status is Status.COMPLETED
+
+
+@pytest.mark.parametrize(("fault", "name", "moment"), ON_WIRES)
+def test_on_real_wires_with_the_watchdog(fault: str, name: str, moment: str, tmp_path: Path) -> None:
+    seen = cell(fault, name, moment, tmp_path, wires=True)
+    assert not seen.faults, f"{seen.faults}: {seen.reason}"
+    if seen.status is Status.UNSAFE:
+        assert "the program could not confirm rest" in seen.watchdog_log
+
+
+def test_the_table_in_the_documentation_is_whole_and_without_a_fault() -> None:
+    """`python docs/make_fault_matrix.py` runs every cell and writes it."""
+    text = (Path(__file__).parents[2] / "docs" / "fault-matrix.md").read_text()
+    for name in PROTOCOLS:
+        for fault in FAULTS:
+            assert f"| {name} | {fault} |" in text, "a fault or a protocol is new: python docs/make_fault_matrix.py"
+    assert "FAULT" not in text

@@ -1,0 +1,320 @@
+"""The watchdog: a program that dies or hangs while live leaves a source at rest, and the next start says so."""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+from app.exits import FAILED
+from app.session import Session
+from drivers.amplifier import DriveLimits, HvAmplifier
+from drivers.drive import Drive, Hold, Sine
+from drivers.errors import BenchError
+from drivers.keysight_33500 import Keysight33500
+from drivers.visa import VisaLink
+from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog
+from drivers.watchdog import Charge, WatchdogProcess
+from drivers.watchdog_log import LOG_NAME, untold
+from model.amplifier import AmplifierMap
+from protocols.events import AtRest, Noted, Status
+from protocols.sine_dwell import SineDwell
+from sim_hardware.bench import VirtualBench
+from sim_hardware.served import ServedBench
+from tests.safety.program import program, safe
+from tests.support import laboratory, run, volts_are_safe
+
+LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
+"""A drive that would go on for 13 s by itself."""
+
+QUIET_S = 2.5
+"""A second on a quiet computer (figures in docs/decisions/0020-watchdog.md); tests may run beside other work."""
+
+
+def log(folder: Path) -> str:
+    file = folder / LOG_NAME
+    return file.read_text() if file.exists() else ""
+
+
+def wait(until: object, seconds: float = 10.0) -> float:
+    begin = time.monotonic()
+    while not until():
+        assert time.monotonic() - begin < seconds
+        time.sleep(0.02)
+    return time.monotonic() - begin
+
+
+# -- the whole program ----------------------------------------------------------------------------------------------
+
+
+def test_a_program_killed_while_live_is_followed_by_rest_within_a_second(tmp_path: Path) -> None:
+    with program(tmp_path, *LONG) as (tactor_bench, _):
+        tactor_bench.go_live()
+        tactor_bench.process.kill()
+        assert wait(lambda: tactor_bench.bench.report().ends_at_rest) < QUIET_S
+        safe(tactor_bench.bench)
+        wait(lambda: "the program ended without a word while the bench was live" in log(tmp_path))
+        assert "was brought to rest" in log(tmp_path)
+
+
+def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_when_it_goes_on(tmp_path: Path) -> None:
+    with program(tmp_path, *LONG) as (tactor_bench, _):
+        tactor_bench.go_live()
+        tactor_bench.process.send_signal(signal.SIGSTOP)
+        assert wait(lambda: tactor_bench.bench.report().ends_at_rest) < QUIET_S
+        wait(lambda: "was brought to rest" in log(tmp_path))
+        tactor_bench.process.send_signal(signal.SIGCONT)
+        assert tactor_bench.end() == FAILED, tactor_bench.text
+        assert "the watchdog took the source over" in tactor_bench.text
+        assert "at rest: the card sees 2.500 V" in tactor_bench.text
+        safe(tactor_bench.bench)
+
+
+def test_where_the_wire_takes_one_connection_only_a_program_that_hangs_is_ended_first(tmp_path: Path) -> None:
+    with program(tmp_path, *LONG, watchdog="own_connection = false") as (tactor_bench, _):
+        tactor_bench.go_live()
+        tactor_bench.process.send_signal(signal.SIGSTOP)
+        wait(lambda: "was brought to rest" in log(tmp_path))
+        assert tactor_bench.end() == -signal.SIGKILL
+        safe(tactor_bench.bench)
+
+
+# -- the watchdog and a source, without the rest of the program -----------------------------------------------------
+
+
+class Live:
+    """A live bench of which the test is the program: a source that plays, and a watchdog that watches."""
+
+    def __init__(self, folder: Path, served: ServedBench, charge: Charge) -> None:
+        self.folder, self.bench = folder, served.bench
+        self.charge = replace(charge, resource=f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET")
+        self.watchdog = WatchdogProcess(self.charge)
+        self.watchdog.log_to(folder)
+        clock = BeatingClock()
+        clock.watchdog = self.watchdog
+        self.source = Keysight33500(VisaLink(self.charge.resource, 0.5), clock)
+        self.amplifier = HvAmplifier(self.source, AmplifierMap(), DriveLimits(), clock, self.watchdog)
+        self.amplifier.prepare()
+        self.watchdog.arm()
+        self.bench.enable_hv()
+
+    def play(self, drive: Drive) -> None:
+        self.amplifier.play(drive)
+        wait(lambda: self.bench.report().outside_rest_s > 0.05)
+
+    def die(self) -> None:
+        """What a dead program leaves: a closed pipe."""
+        assert self.watchdog._child.stdin is not None
+        self.watchdog._live.clear()
+        self.watchdog._child.stdin.close()
+
+    def at_rest(self) -> bool:
+        return self.bench.report().ends_at_rest
+
+
+CHARGE = Charge("drivers.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
+
+
+@contextmanager
+def live(folder: Path, charge: Charge = CHARGE) -> Iterator[Live]:
+    with ServedBench(VirtualBench()) as served:
+        bench = Live(folder, served, charge)
+        try:
+            yield bench
+        finally:
+            bench.watchdog.close()
+            bench.amplifier.close()
+
+
+def test_a_held_level_that_would_stay_for_ever_is_brought_down_by_the_guards_steps(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Hold(5.0, 60.0))
+        bench.die()
+        assert wait(bench.at_rest) < QUIET_S
+        volts_are_safe(bench.bench.report())
+
+
+def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Sine(100, 2.5, 2.5, 2000))
+        wait(bench.at_rest)  # the test does not beat any more
+        volts_are_safe(bench.bench.report())
+        wait(lambda: "the thread that reads the card said nothing" in log(tmp_path))
+        with pytest.raises(BenchError, match="the watchdog took the source over: the thread that reads the card"):
+            bench.watchdog.check()
+        pieces = len(bench.bench.history.pieces())
+        with pytest.raises(BenchError, match="the watchdog took the source over"):
+            bench.amplifier.play(Sine(100, 2.5, 2.5, 2000))
+        assert len(bench.bench.history.pieces()) == pieces  # nothing reached the source
+
+
+def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awaited(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Sine(100, 2.5, 2.5, 2000))
+        with bench.watchdog.allow(60.0):
+            bench.watchdog._closing.set()  # the interpreter's pulse stands still
+            wait(bench.at_rest)
+        wait(lambda: "the program was frozen" in log(tmp_path))
+
+
+def test_it_is_deaf_to_the_terminal_and_goes_with_the_program_without_a_word(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        watchdog = psutil.Process(bench.watchdog.pid)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            watchdog.send_signal(number)
+        assert os.getpgid(watchdog.pid) != os.getpgid(0)  # a Ctrl-Z stops the program, not the watchdog
+        bench.watchdog.check()
+        bench.watchdog.disarm()
+        bench.watchdog.close()
+        assert not watchdog.is_running()
+        assert log(tmp_path) == ""
+
+
+def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with live(tmp_path) as bench:
+        watchdog = psutil.Process(bench.watchdog.pid)
+        bench.watchdog.check()
+        with monkeypatch.context() as impatient:
+            impatient.setattr("drivers.watchdog.DEAF_S", -1.0)
+            with pytest.raises(BenchError, match="the watchdog has said nothing for -1 s"):
+                bench.watchdog.check()
+        watchdog.kill()
+        wait(lambda: bench.watchdog._ended)
+        with pytest.raises(BenchError, match=r"has ended .code -9., and the bench does not stay live without it"):
+            bench.watchdog.check()
+        bench.watchdog.disarm()
+        bench.watchdog.arm()  # for the next run it is replaced
+        bench.play(Hold(4.0, 60.0))
+        bench.die()
+        wait(bench.at_rest)
+
+
+def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) -> None:
+    class Lost(NoWatchdog):
+        blocks = 0
+
+        def check(self) -> None:
+            self.blocks += 1
+            if self.blocks > 30:
+                raise BenchError("the watchdog has ended (code -9)")
+
+    with laboratory() as lab:
+        lab.bench.watchdog = Lost()
+        ran = run(SineDwell(frequencies_hz=(100, 200)), tmp_path, lab)
+    assert (ran.status, ran.reason) == (Status.FAILED, "the watchdog has ended (code -9)")
+    assert ran.report.outside_rest_s > 0.5
+    assert any(isinstance(event, AtRest) and event.confirmed for event in ran.events)
+
+
+def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Sine(100, 1.0, 2.5, 2000))
+        for _ in range(15):  # longer than it would bear in silence
+            time.sleep(0.05)
+            bench.watchdog.beat()
+            bench.watchdog.check()
+        assert not bench.at_rest()
+        bench.amplifier.to_rest()
+        bench.watchdog.disarm()
+        time.sleep(0.6)  # silence at rest means nothing
+        bench.watchdog.close()
+        assert log(tmp_path) == ""
+
+
+def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -> None:
+    """The program stops inside a ramp and goes on after the watchdog has been there: its next step would be a jump."""
+    with live(tmp_path) as bench:
+        bench.play(Hold(4.0, 60.0))
+        tell, told = bench.source._scpi.tell, []
+
+        def slow(command: str) -> None:
+            told.append(command)
+            tell(command)
+            if len(told) == 10:
+                bench.watchdog._closing.set()  # the interpreter's pulse stands still, as it does in a stopped program
+                wait(lambda: "was brought to rest" in log(tmp_path))
+
+        bench.source._scpi.tell = slow
+        with pytest.raises(BenchError, match="the watchdog took the source over"):
+            bench.amplifier.play(Hold(1.0, 60.0))
+        assert len(told) == 10
+        assert bench.at_rest()
+        volts_are_safe(bench.bench.report())
+
+
+def test_a_program_that_dies_at_rest_needs_nothing_but_a_line_in_the_log(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.watchdog.disarm()
+        bench.die()
+        wait(lambda: "the source was at rest, nothing was to be done" in log(tmp_path))
+
+
+def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Sine(100, 1.0, 2.5, 150))
+        bench.bench.inject("scpi-dropped")
+        bench.die()
+        wait(lambda: "could NOT be brought to rest" in log(tmp_path))
+        assert "the program ended without a word while the bench was live" in log(tmp_path)
+        assert "no answer to 'VOLT?'" in log(tmp_path)
+        assert "Switch the high voltage OFF at the amplifier itself" in log(tmp_path)
+        wait(bench.at_rest)  # the burst ends by itself all the same
+
+
+def test_a_wire_that_comes_back_in_time_is_used(tmp_path: Path) -> None:
+    with live(tmp_path, replace(CHARGE, patience_s=20.0)) as bench:
+        bench.play(Hold(4.0, 60.0))
+        bench.bench.inject("scpi-dropped")
+        bench.die()
+        time.sleep(0.6)
+        assert not bench.at_rest()
+        bench.bench.clear()
+        wait(bench.at_rest)
+        volts_are_safe(bench.bench.report())
+
+
+def test_a_program_that_cannot_command_the_source_asks_it_for_help(tmp_path: Path) -> None:
+    with live(tmp_path) as bench:
+        bench.play(Hold(4.0, 60.0))
+        bench.source._scpi.link.close()
+        assert "was brought to rest" in bench.watchdog.rescue("no answer to 'VOLT?'")
+        assert bench.at_rest()
+        volts_are_safe(bench.bench.report())
+
+
+def test_a_bench_whose_watchdog_cannot_reach_the_source_does_not_go_live(tmp_path: Path) -> None:
+    watchdog = WatchdogProcess(replace(CHARGE, resource="TCPIP::127.0.0.1::9::SOCKET"))
+    with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*enabled = false"):
+        watchdog.arm()
+    watchdog.close()
+
+
+# -- telling ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
+    (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
+    for told in (1, 0):
+        events: list[object] = []
+        with laboratory() as lab:
+            session = Session(lambda lab=lab: nullcontext(lab), [events.append], lab.operator)
+            session.start()
+            session.run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T")
+            session.finished.wait(60)
+            session.close()
+        notes = [e.text for e in events if isinstance(e, Noted) and "the watchdog wrote" in e.text]
+        assert len(notes) == told
+        assert all("was brought to rest" in note for note in notes)
+    assert untold(tmp_path) == []
+
+
+def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_so() -> None:
+    with laboratory() as lab:
+        assert isinstance(lab.bench.watchdog, NoWatchdog)
+        assert lab.bench.watchdog.words == ""
+    assert "a held level stays on the specimen" in SWITCHED_OFF
