@@ -16,6 +16,7 @@ from typing import Protocol
 from drivers.bench import Bench
 from drivers.errors import BenchError
 from drivers.watchdog_log import untold
+from protocols.continuation import Earlier
 from protocols.events import Event, Noted, RunEnded, Status
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
@@ -78,6 +79,7 @@ class _Job:
     protocol: Measurement
     folder: Path
     specimen: str
+    earlier: Earlier | None = None
 
 
 class Session:
@@ -97,7 +99,7 @@ class Session:
     ) -> None:
         self._connect, self._observers, self._operator = connect, tuple(observers), operator
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._cancel = threading.Event()
+        self._cancel, self._pause = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = State.CONNECTING
         self.outcome: tuple[Status, str] | None = None
@@ -110,18 +112,27 @@ class Session:
         """Begin to connect; returns at once."""
         self._thread.start()
 
-    def run(self, protocol: Measurement, folder: Path, specimen: str) -> None:
-        """Queue a run; returns at once."""
+    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: Earlier | None = None) -> None:
+        """Queue a run, or one that goes on with an earlier one; returns at once."""
         self._cancel.clear()
+        self._pause.clear()
         self.outcome = None
         self.finished.clear()
-        self._jobs.put(_Job(protocol, folder, specimen))
+        self._jobs.put(_Job(protocol, folder, specimen, earlier))
         if self.state in (State.NO_BENCH, State.CLOSED):
             self.finished.set()
 
     def stop(self) -> None:
         """Ask the present run to go to rest and end; returns at once."""
         self._cancel.set()
+
+    def pause(self) -> None:
+        """Ask the present run to go to rest and wait there; returns at once."""
+        self._pause.set()
+
+    def resume(self) -> None:
+        """Let a paused run go on; returns at once."""
+        self._pause.clear()
 
     def close(self, timeout_s: float | None = None) -> bool:
         """Stop, go to rest, let go of the bench; whether the thread has ended within `timeout_s`."""
@@ -157,7 +168,8 @@ class Session:
             self._tell(note)
         connected.bench.watchdog.log_to(job.folder)
         try:
-            store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen))
+            continues = job.earlier.path if job.earlier else None
+            store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen, continues))
         except StoreError as error:
             self.outcome = (Status.FAILED, str(error))
             self._become(State.IDLE)
@@ -165,7 +177,18 @@ class Session:
         else:
             self.path = store.path
             operator = connected.operator or self._operator
-            self.outcome = Runner(job.protocol, connected.bench, store, operator, [self._pass_on], self._cancel).run()
+            continuation = job.earlier.continuation if job.earlier else None
+            runner = Runner(
+                job.protocol,
+                connected.bench,
+                store,
+                operator,
+                [self._pass_on],
+                self._cancel,
+                self._pause,
+                continuation,
+            )
+            self.outcome = runner.run()
         self.finished.set()
 
     def _pass_on(self, event: Event) -> None:
@@ -193,7 +216,7 @@ def watchdog_notes(folder: Path) -> list[Noted]:
     return [Noted(f"Since the last start the watchdog wrote: {line}") for line in untold(folder)]
 
 
-def header(protocol: Measurement, bench: Bench, specimen: str) -> Header:
+def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> Header:
     """What the run file says about a run before it begins."""
     return Header(
         protocol=protocol.name,
@@ -205,4 +228,5 @@ def header(protocol: Measurement, bench: Bench, specimen: str) -> Header:
         bench=bench.record,
         simulated=bench.simulated,
         specimen=specimen,
+        continues=continues,
     )

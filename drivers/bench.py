@@ -55,6 +55,7 @@ class Armed:
     stream: Stream
     sink: Callable[[Block], None]
     watchdog: Watchdog
+    measure_rest: Callable[[], Rest]
     energised: bool = False
     """Whether high voltage may be on: from then on, every way out must measure rest."""
     before: Rest | None = None
@@ -73,8 +74,29 @@ class Armed:
     def play(self, drive: Drive) -> None:
         self.amplifier.play(drive)
 
-    def to_rest(self) -> None:
+    def to_rest(self) -> Rest:
+        """Go to rest and see it there.
+
+        Raises:
+            BenchError: the card does not see rest; leaving the `with` block then tries everything else.
+        """
         self.amplifier.to_rest()
+        rest = self.measure_rest()
+        if not rest.confirmed:
+            raise BenchError(f"the source was told to rest, but {rest.words}")
+        return rest
+
+    @contextlib.contextmanager
+    def hands_on(self, switch: HighVoltageSwitch) -> Iterator[None]:
+        """Let a person touch the specimen: rest measured, high voltage off; and both again before anything moves."""
+        self.to_rest()
+        switch.disable()
+        yield
+        if not (rest := self.measure_rest()).confirmed:
+            raise BenchError(f"high voltage stays off: {rest.words}")
+        switch.enable()
+        if not (rest := self.measure_rest()).confirmed:
+            raise BenchError(f"after high voltage was enabled, {rest.words}")
 
     def read(self) -> Block:
         block = self.skip()
@@ -128,6 +150,7 @@ class Bench:
         sink: Callable[[Block], None],
         switch: HighVoltageSwitch,
         started: Callable[[Armed], None] = lambda _: None,
+        high_voltage: bool = True,
     ) -> Iterator[Armed]:
         """The bench at rest and live, with the card running.
 
@@ -136,6 +159,7 @@ class Bench:
             sink: receives every block, in order, before anybody else sees it.
             switch: asked to disable high voltage before the output comes up, and to enable it when rest is measured.
             started: told before the first block, when the card runs (its true rate and scales are known).
+            high_voltage: whether it shall come on; where not, it is switched off, and the drive is seen at rest.
 
         Raises:
             BenchError: an instrument is absent or refuses; high voltage was not enabled, or rest was confirmed.
@@ -143,11 +167,11 @@ class Bench:
         """
         with contextlib.ExitStack() as stack:
             stream = stack.enter_context(self.open_stream(rate_hz))
-            armed = Armed(self.amplifier, stream, sink, self.watchdog)
+            armed = Armed(self.amplifier, stream, sink, self.watchdog, lambda: self._see_rest(armed))
             started(armed)
             failure: BaseException | None = None
             try:
-                self._arm(armed, switch)
+                self._arm(armed, switch, high_voltage)
                 yield armed
             except BaseException as error:
                 failure = error
@@ -162,7 +186,10 @@ class Bench:
                 if failure is None and lost is not None:
                     raise lost
 
-    def _arm(self, armed: Armed, switch: HighVoltageSwitch) -> None:
+    def _see_rest(self, armed: Armed) -> Rest:
+        return self._watch(armed.skip, armed.stream, PATIENCE_S, armed.before)
+
+    def _arm(self, armed: Armed, switch: HighVoltageSwitch, high_voltage: bool) -> None:
         armed.energised = (
             self._switched_on
         )  # an earlier run left it on: then any failure from here on must measure rest
@@ -182,6 +209,13 @@ class Bench:
                 f"not armed, high voltage stays disabled: {rest.words}. Check the cable from the generator to the amplifier "
                 "and to the card's drive channel"
             )
+        if not high_voltage:
+            if says_rest:
+                switch.disable()
+            armed.energised = self._switched_on = False
+            self.watchdog.disarm()
+            armed.before = rest
+            return
         # Before every run, also where the source rests from the last one: nobody may be surprised by a drive, and whoever
         # was told to switch high voltage off has to be told to switch it on.
         armed.energised = self._switched_on = True

@@ -52,6 +52,15 @@ class BlockTaken:
 
 
 @dataclass(frozen=True, slots=True)
+class EntryBegan:
+    """An entry of the plan is being measured; `index` counts the plan's entries from 0."""
+
+    index: int
+    label: str
+    key: tuple[float | str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Playing:
     """The guard admitted a drive and the source began it."""
 
@@ -74,14 +83,29 @@ class Recorded:
     rows: tuple[int, int]
     quality: int
     drive: Drive
+    entry: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class PointMeasured:
-    """A point is in the file."""
+    """A point is in the file, as row `index`; `replaces` is the row of an earlier one of the same entry."""
 
     index: int
     point: Any
+    entry: int = 0
+    replaces: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Somebody paused the run: the source rests, as measured; high voltage is still on."""
+
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The run goes on, with the entry that was interrupted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +169,14 @@ Event = (
     RunStarted
     | StreamStarted
     | Armed
+    | EntryBegan
     | BlockTaken
     | Playing
     | SettleEnded
     | Recorded
     | PointMeasured
+    | Paused
+    | Resumed
     | Progressed
     | Asked
     | Answered

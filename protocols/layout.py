@@ -11,14 +11,18 @@ import numpy as np
 from annotated_types import Unit
 
 FORMAT = "tactor-bench-run"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 TEXT_BYTES = 1000
 """Longest text of one event row; longer texts go on in rows of kind `+`."""
 
 EVENT = np.dtype([("time_s", "f8"), ("row", "i8"), ("kind", "S24"), ("text", f"S{TEXT_BYTES}")])
 BLOCK = np.dtype([("row", "i8"), ("scan", "i8"), ("time_s", "f8")])
-RECORDING = np.dtype([("start_row", "i8"), ("stop_row", "i8"), ("quality", "i8"), ("drive", f"S{TEXT_BYTES}")])
+RECORDING = np.dtype(
+    [("start_row", "i8"), ("stop_row", "i8"), ("quality", "i8"), ("entry", "i8"), ("drive", f"S{TEXT_BYTES}")]
+)
+ENTRY = "entry"
+"""Column of the points beside those of their type: the entry of the plan each belongs to."""
 
 CHANNELS = ("drive", "displacement")
 LARGEST_POLYNOMIAL = 4

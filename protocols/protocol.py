@@ -1,17 +1,18 @@
-"""What every protocol is: frozen parameters with units, a plan, steps, and a pure analysis.
+"""What every protocol is: frozen parameters with units, a plan of entries, steps for each, and a pure analysis.
 
 A protocol is one file: a subclass of `Protocol` whose annotated fields become its form, its command-line settings and
-its file attributes, and whose `steps()` yields what shall be done.
+its file attributes. Its plan is a list of entries; each is measured whole and gives one point. That is what makes
+pausing, resuming after a crash and measuring a point again the same for all of them.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Sequence
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
 from drivers.amplifier import HvAmplifier
-from protocols.steps import Step
+from protocols.steps import Redo, Step
 from protocols.values import Estimate, Planned, Recording, Rehearsal
 
 
@@ -23,23 +24,33 @@ class Protocol(BaseModel, ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     point_type: ClassVar[type]
-    """Frozen dataclass of annotated quantities; its fields are the columns of the run's points."""
+    """Frozen dataclass of annotated quantities, `quality` among them; its fields are the columns of the run's points."""
     axes: ClassVar[tuple[str, str]]
-    """The columns that the live plot and a NeXus viewer draw: x and y."""
+    """The columns that the live plot and a NeXus viewer draw: x and y. The error of y is the column `<y>_errors`."""
+    high_voltage: ClassVar[bool] = True
+    """Whether the specimen gets high voltage. Where not, the amplifier stays disabled, and the drive must read rest."""
 
     sample_rate_hz: float
 
     @abstractmethod
     def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        """All drives this protocol will play, in order."""
+        """All entries that are known beforehand, in order; the same for the same parameters."""
+
+    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+        """Further entries once all entries so far are measured; none ends the run. Pure: the same for the same points."""
+        return ()
 
     @abstractmethod
-    def steps(self, rest_v: float, simulated: bool) -> Generator[Step, Any, None]:
-        """What shall be done. May branch on what the steps are answered with."""
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        """What shall be done for one entry. May branch on what the steps are answered with."""
 
     @abstractmethod
-    def point(self, recording: Recording, simulated: bool) -> Any:
-        """The point that one recording gives: pure, so that a file gives the numbers of the live run."""
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Any:
+        """The point of one entry from its recordings: pure, so that a file gives the numbers of the live run.
+
+        Raises:
+            ValueError: these recordings give none; the sentence says why.
+        """
 
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
@@ -52,18 +63,34 @@ def rehearse(protocol: Protocol, amplifier: HvAmplifier, channels: int = 2) -> R
     Raises:
         DriveRefused: a drive is not admissible.
     """
-    plan = protocol.plan(amplifier.map.rest_v)
-    for entry in plan:
-        amplifier.admit(entry.drive)
+    rest_v = amplifier.map.rest_v
+    plan = protocol.plan(rest_v)
+    drives = [(entry, drive) for entry in plan for drive in entry.drives]
+    for _, drive in drives:
+        amplifier.admit(drive)
     limits, volts = amplifier.limits, amplifier.map.specimen_v
-    steepest = max(plan, key=lambda entry: entry.drive.slew_v_per_s)
     duration_s = sum(entry.expected_s for entry in plan)
+    worst = "nothing is driven"
+    if drives:
+        entry, steepest = max(drives, key=lambda pair: pair[1].slew_v_per_s)
+        worst = f"{entry.label}: slope {100 * steepest.slew_v_per_s / limits.slew_v_per_s:.0f} % of the limit"
     return Rehearsal(
         duration_s=duration_s,
         entries=len(plan),
-        prompts=0,
-        highest_specimen_v=float(volts(max(entry.drive.high_v for entry in plan))),
-        lowest_specimen_v=float(volts(min(entry.drive.low_v for entry in plan))),
+        prompts=_prompts(plan, protocol.high_voltage),
+        highest_specimen_v=float(volts(max((drive.high_v for _, drive in drives), default=rest_v))),
+        lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
         file_bytes=round(duration_s * protocol.sample_rate_hz * channels * 2) + 200_000,
-        worst=f"{steepest.label}: slope {100 * steepest.drive.slew_v_per_s / limits.slew_v_per_s:.0f} % of the limit",
+        worst=worst,
     )
+
+
+def _prompts(plan: Sequence[Planned], high_voltage: bool) -> int:
+    """How often a person is asked: high voltage off and on, every set-up (with both around it), and what entries ask."""
+    asked, standing = (2 if high_voltage else 1), None
+    for entry in plan:
+        if entry.setup is not None and entry.setup != standing:
+            standing = entry.setup
+            asked += 3 if high_voltage and standing.hands_on else 1
+        asked += entry.prompts
+    return asked

@@ -20,6 +20,8 @@ class Quality(IntFlag):
     SIMULATED = 32
     CALIBRATION_EXPIRED = 64
     """The displacement sensor's calibration was past its day: a warning, the value stays usable."""
+    SUPERSEDED = 128
+    """The same entry was measured again later; that value counts."""
 
     @property
     def words(self) -> str:

@@ -29,6 +29,7 @@ from protocols.events import Event, Status, event_record
 from protocols.layout import (
     BLOCK,
     CHANNELS,
+    ENTRY,
     EVENT,
     FORMAT,
     FORMAT_VERSION,
@@ -37,6 +38,7 @@ from protocols.layout import (
     TEXT_BYTES,
     columns,
 )
+from protocols.quality import Quality
 from protocols.values import Estimate
 
 RAW_CHUNK = 16_384
@@ -63,6 +65,8 @@ class Header:
     bench: Mapping[str, Any]
     simulated: bool
     specimen: str = "unnamed"
+    continues: Path | None = None
+    """The run this one goes on with: its points are carried over, its raw data is linked to."""
 
 
 def software() -> dict[str, str]:
@@ -97,6 +101,7 @@ class RunFile:
         self.path = path
         self.rows = 0
         self._columns = columns(header.point_type)
+        self._points = 0
         self._closed = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -161,15 +166,27 @@ class RunFile:
                 piece = text[start : start + TEXT_BYTES]
                 self._append("events", np.array((time_s, self.rows, kind if start == 0 else "+", piece), EVENT))
 
-    def recording(self, rows: tuple[int, int], quality: int, drive: Drive) -> None:
+    def recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         with self._storing():
-            self._append("recordings", np.array((*rows, quality, json.dumps(as_record(drive))), RECORDING))
+            self._append("recordings", np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING))
 
-    def point(self, point: Any) -> None:
-        """Append one row to every column of the points."""
+    def point(self, point: Any, entry: int = 0) -> int:
+        """Append one row to every column of the points; its index."""
+        row = self._points
         with self._storing():
             for name in self._columns:
                 self._append(f"points/{name}", np.asarray(getattr(point, name), np.float64))
+            self._append(f"points/{ENTRY}", np.asarray(entry))
+        self._points += 1
+        return row
+
+    def supersede(self, row: int) -> None:
+        """Flag a point whose entry was measured again. The one thing that is ever changed in place: a flag."""
+        if "quality" in self._columns:
+            with self._storing():
+                quality = self._file["entry/points/quality"]
+                quality[row] = int(quality[row]) | Quality.SUPERSEDED
+                quality.flush()
 
     def finish(self, status: Status, reason: str, estimates: Sequence[Estimate] = ()) -> None:
         """Say how the run ended and append what was identified. The file is closed whatever happens."""
@@ -223,6 +240,11 @@ class RunFile:
             entry.create_dataset(name, data=value)
         entry["process_id"] = os.getpid()
         entry["simulated"] = header.simulated
+        # Relative, so that a folder of runs can be moved.
+        earlier = os.path.relpath(header.continues, self.path.parent) if header.continues else ""
+        entry["continues"] = earlier
+        if earlier:
+            entry["earlier"] = h5py.ExternalLink(earlier, "/entry")
         self._create_trace(entry, header.sensor)
         self._create_points(entry, header)
         for name, kind in (("events", EVENT), ("blocks", BLOCK), ("recordings", RECORDING)):
@@ -254,6 +276,8 @@ class RunFile:
             shape, longest = ((0, width), (None, width)) if width else ((0,), (None,))
             column = points.create_dataset(name, shape, "f8", maxshape=longest, chunks=(TABLE_CHUNK, *shape[1:]))
             column.attrs.update({"units": unit, "long_name": f"{words} ({unit})"})
+        entries = points.create_dataset(ENTRY, (0,), "i8", maxshape=(None,), chunks=(TABLE_CHUNK,))
+        entries.attrs.update({"units": "1", "long_name": "entry of the plan"})
 
     def _create_instrument(self, entry: h5py.Group, header: Header) -> None:
         instrument = _group(entry, "instrument", "NXinstrument")

@@ -1,55 +1,40 @@
-"""Executes a protocol's steps on an armed bench; owns storing, cancelling, prompting and the way to rest."""
+"""Carries one protocol out on an armed bench; owns storing, pausing, cancelling, prompting and the way to rest."""
 
 import contextlib
 import logging
-import math
 import threading
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-import numpy as np
-
-from drivers.bench import DISPLACEMENT, DRIVE, Bench, drive_volts
 from drivers.bench import Armed as ArmedBench
-from drivers.drive import Drive, Sine
+from drivers.bench import Bench
 from drivers.errors import BenchError, UnsafeError
-from drivers.ports import Block, Reading
+from drivers.ports import Block
+from protocols.continuation import Continuation, drifted
 from protocols.events import (
-    Answered,
     Armed,
-    Asked,
     AtRest,
     BlockTaken,
+    EntryBegan,
     Event,
     GoingToRest,
     Noted,
-    Playing,
+    Paused,
     PointMeasured,
     Progressed,
-    Recorded,
+    Resumed,
     RunEnded,
     RunStarted,
-    SettleEnded,
     Status,
     StreamStarted,
 )
+from protocols.executor import THINKING_S, Executor
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
 from protocols.protocol import Protocol, rehearse
-from protocols.quality import Quality
 from protocols.runfile import RunFile, StoreError
-from protocols.signals import SettlingDetector
-from protocols.steps import Ask, Measured, Note, Play, Prompt, Read, Record, Settle, Settled, Step
-from protocols.values import Estimate, Recording
-
-FRESH_S = 0.05
-"""After a drive begins, scans older than this may still be on their way to us."""
-
-DRIVE_LOST_V = 0.25
-"""A drive that the card sees further off than this does not reach the amplifier; nothing is measured under it."""
-
-THINKING_S = 20.0
-"""How long the run thread may work on numbers, while what plays plays on, before the watchdog takes it for hung."""
+from protocols.steps import Prompt, Redo
+from protocols.values import Estimate, Planned, Recording
 
 log = logging.getLogger(__name__)
 
@@ -60,16 +45,21 @@ class Cancelled(Exception):
     """Somebody asked the run to stop."""
 
 
+class PauseAsked(Exception):
+    """Somebody asked the run to pause."""
+
+
 class Runner:
     r"""Runs one protocol once: created -> run() -> ended, in the thread that calls it.
 
     ::
 
-        file open -> card running -> armed at rest -> steps ... -> to rest, measured -> file finished
-                 \____________ any failure, Stop, Ctrl-C ____________/
+        file open -> card running -> armed at rest -> entry after entry ... -> to rest, measured -> file finished
+                 \_______________ any failure, Stop, Ctrl-C _______________/
 
     Every event is stored first and then told to the observers. A store error fails the run; an observer error is
-    logged and never does. `cancel` may be set from any thread; it is looked at after every block and in every wait.
+    logged and never does. `cancel` and `pause` may be set from any thread; they are looked at after every block and in
+    every wait. A paused run goes to rest, and measures the interrupted entry from its beginning once it goes on.
     """
 
     def __init__(
@@ -80,47 +70,44 @@ class Runner:
         operator: Operator,
         observers: Sequence[Observer] = (),
         cancel: threading.Event | None = None,
+        pause: threading.Event | None = None,
+        continuation: Continuation | None = None,
     ) -> None:
-        self._protocol, self._bench, self._store, self._operator = protocol, bench, store, operator
+        self._protocol, self._bench, self._store = protocol, bench, store
         self._observers = tuple(observers)
-        self._cancel = cancel or threading.Event()
+        self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
+        self._continuation = continuation or Continuation()
         self._begin_s = bench.clock.now()
         self._armed: ArmedBench | None = None
-        self._asked = 0
-        self._done = 0
-        self._points: list[Any] = []
-        self._recordings = 0
         self._store_error: StoreError | None = None
-        self._next_scan = 0
+        self._plan: list[Planned] = []
+        self._measured: dict[int, tuple[int, Any]] = {}
+        """Row in the file and point, by entry."""
+        self._without: list[str] = []
+        """Entries that gave no point."""
+        self._todo: list[int] = []
+        self._setup: Prompt | None = None
+        self._pausable = False
         self._expired = bench.sensor.expired(datetime.now(UTC).date())
+        self._executor = Executor(bench, store, operator, self._publish, self._look_up, self._expired)
 
     def run(self) -> tuple[Status, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
-        status, reason = Status.COMPLETED, "all points measured"
         try:
-            rehearsal = rehearse(self._protocol, self._bench.amplifier)
-            self._plan = self._protocol.plan(self._bench.amplifier.map.rest_v)
-            self._publish(
-                RunStarted(
-                    self._protocol.name,
-                    str(self._store.path),
-                    rehearsal.duration_s,
-                    rehearsal.entries,
-                    self._bench.simulated,
-                )
-            )
-            for words in (self._bench.watchdog.words, self._expired):
-                if words:
-                    self._publish(Noted(words))
-            with self._bench.armed(self._protocol.sample_rate_hz, self._take, self, self._started) as armed:
+            self._begin()
+            protocol = self._protocol
+            with self._bench.armed(
+                protocol.sample_rate_hz, self._take, self, self._started, protocol.high_voltage
+            ) as armed:
                 self._publish(Armed())
-                self._progress()
                 try:
-                    self._execute(armed)
+                    self._carry_out(armed)
                 finally:
                     self._tell(GoingToRest())
+            status, reason = Status.COMPLETED, self._all_done()
         except Cancelled:
-            status, reason = Status.STOPPED, f"stopped by the operator after {self._done} of {len(self._plan)} points"
+            done = f"{len(self._measured)} of {len(self._plan)} points"
+            status, reason = Status.STOPPED, f"stopped by the operator after {done}"
         except UnsafeError as error:
             status, reason = Status.UNSAFE, str(error)
             if isinstance(error.__cause__, (BenchError, StoreError)):
@@ -128,7 +115,7 @@ class Runner:
         except (BenchError, StoreError) as error:
             status, reason = Status.FAILED, str(error)
         except KeyboardInterrupt:
-            status, reason = Status.STOPPED, f"interrupted after {self._done} points"
+            status, reason = Status.STOPPED, f"interrupted after {len(self._measured)} points"
         except Exception as error:
             log.exception("the run failed by an error of this program")
             status, reason = Status.FAILED, f"an error of this program: {type(error).__name__}: {error}"
@@ -137,192 +124,145 @@ class Runner:
     # -- the operator's switch: a HighVoltageSwitch whose hands are prompts --------------------------------------------
 
     def disable(self) -> None:
-        self._ask(DISABLE_HIGH_VOLTAGE)
+        self._executor.ask(DISABLE_HIGH_VOLTAGE)
 
     def enable(self) -> None:
-        self._ask(ENABLE_HIGH_VOLTAGE)
+        self._executor.ask(ENABLE_HIGH_VOLTAGE)
 
-    # -- steps ---------------------------------------------------------------------------------------------------------
+    # -- entries -------------------------------------------------------------------------------------------------------
 
-    def _execute(self, armed: ArmedBench) -> None:
-        rest_v = self._bench.amplifier.map.rest_v
-        with contextlib.closing(self._protocol.steps(rest_v, self._bench.simulated)) as steps:
-            answer: Any = None
-            settled = Settled(True, 0.0)
-            drive: Drive | None = None
-            while True:
-                self._check_cancel()
-                try:
-                    with self._bench.watchdog.allow(THINKING_S):  # a long record takes its time to become a point
-                        step: Step = steps.send(answer)
-                except StopIteration:
-                    return
-                match step:
-                    case Settle():
-                        drive = step.drive
-                        answer = settled = self._settle(armed, step)
-                    case Play():
-                        drive = step.drive
-                        answer = settled = self._play(armed, step)
-                    case Record(duration_s):
-                        if drive is None:
-                            raise BenchError(f"protocol {self._protocol.name} records before anything was played")
-                        answer = self._record(armed, drive, duration_s, settled)
-                    case Measured(point):
-                        self._measured(point)
-                        answer = None
-                    case Ask(prompt):
-                        answer = self._ask(prompt)
-                    case Read(meter):
-                        answer = self._read_meter(meter)
-                    case Note(text):
-                        self._publish(Noted(text))
-                        answer = None
-
-    def _settle(self, armed: ArmedBench, step: Settle) -> Settled:
-        if not isinstance(step.drive, Sine):
-            raise BenchError(f"settling is detected under a sine, not under {type(step.drive).__name__}")
-        armed.play(step.drive)
-        self._publish(Playing(step.drive))
-        rate = armed.rate_hz
-        begin_s = self._bench.clock.now()
-        first = math.ceil((begin_s - armed.stream.started_s + FRESH_S) * rate)
-        last = first + math.ceil(step.limit_s * rate)
-        detector = SettlingDetector(
-            rate, step.drive.frequency_hz, round(step.window_s * rate), step.drive.amplitude_v, step.tolerance
+    def _begin(self) -> None:
+        rehearsal = rehearse(self._protocol, self._bench.amplifier)
+        self._plan = list(self._protocol.plan(self._bench.amplifier.map.rest_v))
+        path = str(self._store.path)
+        self._publish(
+            RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
-        while True:
-            block = self._read(armed)
-            fresh = slice(max(first - block.start, 0), None)
-            drive_v, displacement_m, _ = self._units(armed, block.raw[:, fresh])
-            done = detector.feed(drive_v, displacement_m)
-            if done or block.stop >= last:
-                break
-        if detector.drive_seen_v < 0.5 * step.drive.amplitude_v:
-            raise BenchError(
-                f"the card sees a sine of {detector.drive_seen_v:.3f} V where {step.drive.amplitude_v:g} V at "
-                f"{step.drive.frequency_hz:g} Hz is driven; check the cable from the generator to the card"
-            )
-        answer = Settled(done, (block.stop - first) / rate)
-        self._publish(SettleEnded(answer.settled, answer.after_s))
-        return answer
+        for words in (self._bench.watchdog.words, self._expired, self._continuation.words):
+            if words:
+                self._publish(Noted(words))
+        for entry, point in self._continuation.points:
+            self._keep(entry, point)
 
-    def _play(self, armed: ArmedBench, step: Play) -> Settled:
-        armed.play(step.drive)
-        self._publish(Playing(step.drive))
-        wait_s = max(step.wait_s, FRESH_S)
-        last = math.ceil((self._bench.clock.now() - armed.stream.started_s + wait_s) * armed.rate_hz)
-        block = self._read(armed)
-        while block.stop < last:
-            block = self._read(armed)
-        seen_v = float(drive_volts(block, armed.scales).mean())
-        low_v, high_v = step.drive.low_v, step.drive.high_v
-        if not low_v - DRIVE_LOST_V <= seen_v <= high_v + DRIVE_LOST_V:
-            raise BenchError(
-                f"the card sees {seen_v:.3f} V where {low_v:g} to {high_v:g} V are driven (limit +-{DRIVE_LOST_V:g} V); check the "
-                "cable from the generator to the amplifier and to the card"
-            )
-        self._publish(SettleEnded(True, wait_s))
-        return Settled(True, wait_s)
-
-    def _record(self, armed: ArmedBench, drive: Drive, duration_s: float, settled: Settled) -> Recording:
-        wanted = round(duration_s * armed.rate_hz)
-        start_row, start_scan = self._store.rows, self._next_scan
-        blocks: list[Block] = []
-        have = 0
-        while have < wanted:
-            block = self._read(armed)
-            blocks.append(block)
-            have += block.raw.shape[1]
-        with self._bench.watchdog.allow(THINKING_S):
-            raw = np.concatenate([block.raw for block in blocks], axis=1)[:, :wanted]
-            drive_v, displacement_m, quality = self._units(armed, raw)
-        if not settled.settled:
-            quality |= Quality.UNSETTLED
-        if blocks[-1].stop - start_scan != have:
-            quality |= Quality.DROPPED
-        recording = Recording(
-            index=self._recordings,
-            rows=(start_row, start_row + wanted),
-            rate_hz=armed.rate_hz,
-            drive=drive,
-            drive_v=drive_v,
-            displacement_m=displacement_m,
-            quality=quality,
-            sensor_delay_s=self._bench.sensor.delay_s,
-        )
-        self._recordings += 1
-        self._store.recording(recording.rows, int(quality), drive)
-        self._publish(Recorded(recording.index, recording.rows, int(quality), drive))
-        return recording
-
-    def _measured(self, point: Any) -> None:
-        self._store.point(point)
-        self._points.append(point)
-        self._publish(PointMeasured(len(self._points) - 1, point))
-        self._done += 1
+    def _carry_out(self, armed: ArmedBench) -> None:
+        self._extend()
+        again = self._continuation.again
+        self._todo = [i for i in range(len(self._plan)) if i not in self._measured or i in again]
         self._progress()
+        self._check_drift(armed)
+        while self._todo:
+            index = self._todo.pop(0)
+            if self._entry(armed, index) is Redo.PREVIOUS and index > 0:
+                self._todo[:0] = [index - 1, index]
+            if not self._todo:
+                self._todo = list(range(len(self._plan), self._extend()))
+            self._progress()
 
-    def _ask(self, prompt: Prompt) -> str:
-        self._asked += 1
-        ask_id = self._asked
-        self._publish(Asked(ask_id, prompt))
-        self._operator.show(ask_id, prompt)
-        while (words := self._operator.answer(ask_id)) is None:
-            self._check_cancel()
-            # The card must be emptied while a person takes their time; what it sees then is no measurement.
-            if self._armed is not None:
-                self._next_scan = self._armed.skip().stop
-            else:
-                self._bench.clock.sleep(0.05)
-        self._publish(Answered(ask_id, words))
-        return words
+    def _extend(self) -> int:
+        """Ask the protocol for further entries while all so far are measured; the length of the plan."""
+        rest_v = self._bench.amplifier.map.rest_v
+        while all(i in self._measured for i in range(len(self._plan))):
+            points = [self._measured[i][1] for i in range(len(self._plan))]
+            more = self._protocol.more(points, rest_v)
+            if not more:
+                break
+            self._plan += more
+        return len(self._plan)
 
-    def _read_meter(self, name: str) -> Reading:
-        meter = self._bench.meters.get(name)
-        if meter is None:
-            have = ", ".join(self._bench.meters) or "none"
-            raise BenchError(f"this bench has no meter '{name}' (it has: {have}); add it to the bench file")
-        return meter.read()
+    def _entry(self, armed: ArmedBench, index: int) -> Redo | None:
+        """Measure one entry, as often as pauses and the protocol ask for it."""
+        entry = self._plan[index]
+        while True:
+            try:
+                self._set_up(armed, entry.setup)
+                self._publish(EntryBegan(index, entry.label, entry.key))
+                self._pausable = True
+                recordings, redo = self._executor.carry_out(self._protocol, index, entry, armed)
+            except PauseAsked:
+                self._wait_at_rest(armed)
+                continue
+            finally:
+                self._pausable = False
+            if redo is not Redo.THIS:
+                break
+        if redo is None:
+            self._make_point(index, entry, recordings)
+        return redo
 
-    # -- blocks --------------------------------------------------------------------------------------------------------
+    def _make_point(self, index: int, entry: Planned, recordings: Sequence[Recording]) -> None:
+        try:
+            with self._bench.watchdog.allow(THINKING_S):
+                point = self._protocol.point(entry.key, recordings, self._bench.simulated)
+        except ValueError as error:
+            self._without.append(entry.label)
+            self._publish(Noted(f"{entry.label} gives no point: {error}"))
+        else:
+            self._keep(index, point)
+
+    def _keep(self, entry: int, point: Any) -> None:
+        row = self._store.point(point, entry)
+        replaces, _ = self._measured.get(entry, (None, None))
+        if replaces is not None:
+            self._store.supersede(replaces)
+        self._measured[entry] = (row, point)
+        self._publish(PointMeasured(row, point, entry, replaces))
+
+    def _set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
+        """Have a person set up what the entry needs, where that is not what stands there."""
+        if setup is None or setup == self._setup:
+            return
+        self._setup = None
+        with armed.hands_on(self) if setup.hands_on and self._protocol.high_voltage else contextlib.nullcontext():
+            self._executor.ask(setup)
+        self._setup = setup
+
+    def _wait_at_rest(self, armed: ArmedBench) -> None:
+        rest = armed.to_rest()
+        self._publish(Paused(rest.words))
+        while self._pause.is_set():
+            self._look_up()
+            armed.skip()
+        self._publish(Resumed())
+
+    def _check_drift(self, armed: ArmedBench) -> None:
+        """After an interruption, measure the last good entry again before going on."""
+        last = self._continuation.check
+        if last is None or last in self._continuation.again:
+            return
+        _, before = self._measured[last]
+        self._entry(armed, last)
+        _, now = self._measured[last]
+        words, question = drifted(self._protocol, self._plan[last].label, before, now)
+        self._publish(Noted(words))
+        if question is not None and self._executor.ask(question) != question.choices[0]:
+            raise Cancelled
+
+    def _all_done(self) -> str:
+        if not self._without:
+            return "all points measured"
+        return f"{len(self._measured)} of {len(self._plan)} points; none from {', '.join(self._without)}"
+
+    # -- blocks and events ---------------------------------------------------------------------------------------------
 
     def _started(self, armed: ArmedBench) -> None:
         self._armed = armed
+        self._executor.started(armed)
         self._store.begin(armed.rate_hz, armed.scales)
         self._publish(StreamStarted(armed.rate_hz, armed.scales))
-
-    def _read(self, armed: ArmedBench) -> Block:
-        block = armed.read()
-        self._check_cancel()
-        return block
 
     def _take(self, block: Block) -> None:
         """The bench's sink: into the file, then to the observers."""
         row = self._store.block(block, self._now())
-        self._next_scan = block.stop
         self._tell(BlockTaken(block, row))
-
-    def _units(self, armed: ArmedBench, raw: Any) -> tuple[Any, Any, Quality]:
-        """Drive in volts, displacement in metres, and what is wrong with these samples."""
-        sensor = self._bench.sensor
-        volts = [scale.volts(raw[i]) for i, scale in enumerate(armed.scales)]
-        quality = Quality.CALIBRATION_EXPIRED if self._expired else Quality.GOOD
-        if any(armed.scales[i].clipped(raw[i]).any() for i in (DRIVE, DISPLACEMENT)):
-            quality |= Quality.CLIPPED
-        if not sensor.valid(volts[DISPLACEMENT]).all():
-            quality |= Quality.OUT_OF_RANGE
-        return volts[DRIVE], sensor.displacement_m(volts[DISPLACEMENT]), quality
-
-    # -- events --------------------------------------------------------------------------------------------------------
 
     def _now(self) -> float:
         return self._bench.clock.now() - self._begin_s
 
     def _progress(self) -> None:
-        left_s = sum(entry.expected_s for entry in self._plan[self._done :])
-        label = self._plan[self._done].label if self._done < len(self._plan) else "done"
-        self._publish(Progressed(self._done, len(self._plan), left_s, label))
+        left = [self._plan[i] for i in self._todo]
+        label = left[0].label if left else "done"
+        left_s = sum(entry.expected_s for entry in left)
+        self._publish(Progressed(len(self._plan) - len(left), len(self._plan), left_s, label))
 
     def _publish(self, event: Event) -> None:
         """Store an event, then tell it. After the store failed once, only tell."""
@@ -341,9 +281,12 @@ class Runner:
             except Exception:
                 log.exception("an observer failed on %s", type(event).__name__)
 
-    def _check_cancel(self) -> None:
+    def _look_up(self) -> None:
+        """Whether somebody wants something else than to go on."""
         if self._cancel.is_set():
             raise Cancelled
+        if self._pausable and self._pause.is_set():
+            raise PauseAsked
 
     def _finish(self, status: Status, reason: str) -> tuple[Status, str]:
         """Say how it ended: in the file while it can be written, to the observers in any case."""
@@ -356,7 +299,7 @@ class Runner:
                 self._tell(event)  # whether it is safe must be heard, full disk or not
         estimates: tuple[Estimate, ...] = ()
         try:
-            estimates = self._protocol.estimates(self._points)
+            estimates = self._protocol.estimates([self._measured[i][1] for i in sorted(self._measured)])
         except Exception as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"

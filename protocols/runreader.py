@@ -17,7 +17,7 @@ from drivers.drive import from_record
 from drivers.ports import Scale
 from drivers.sensor import LaserSensor
 from protocols.events import Status
-from protocols.layout import CHANNELS, FORMAT, FORMAT_VERSION
+from protocols.layout import CHANNELS, ENTRY, FORMAT, FORMAT_VERSION
 from protocols.quality import Quality
 from protocols.values import Estimate, Recording
 
@@ -87,6 +87,12 @@ class Run:
     @property
     def reason(self) -> str:
         return self._text("reason")
+
+    @property
+    def continues(self) -> Path | None:
+        """The run this one goes on with."""
+        earlier = self._text("continues") if "continues" in self._entry else ""
+        return self.path.parent / earlier if earlier else None
 
     @property
     def protocol(self) -> str:
@@ -162,8 +168,13 @@ class Run:
         return self.sensor.displacement_m(self.scale("displacement").volts(self.raw("displacement", start, stop)))
 
     def recordings(self) -> Iterator[Recording]:
-        """What was kept, in order, exactly as the live run had it."""
-        for index, row in enumerate(self._entry["recordings"][:]):
+        """What was kept, in order, exactly as the live run had it; first that of the run this one goes on with."""
+        if (earlier := self.continues) is not None and earlier.exists():
+            with Run(earlier) as before:
+                yield from before.recordings()
+        table = self._entry["recordings"][:]
+        entries = table[ENTRY] if ENTRY in table.dtype.names else np.arange(len(table))  # format 1: one each
+        for index, row in enumerate(table):
             rows = (int(row["start_row"]), int(row["stop_row"]))
             yield Recording(
                 index=index,
@@ -174,13 +185,16 @@ class Run:
                 displacement_m=self.displacement_m(*rows),
                 quality=Quality(int(row["quality"])),
                 sensor_delay_s=self.sensor.delay_s,
+                entry=int(entries[index]),
             )
 
     def points(self) -> dict[str, Array]:
-        """The points' columns by name, all of the same length."""
+        """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""
         group = self._entry["points"]
         length = min((data.shape[0] for data in group.values()), default=0)
-        return {name: np.asarray(data[:length]) for name, data in group.items()}
+        columns = {name: np.asarray(data[:length]) for name, data in group.items()}
+        columns.setdefault(ENTRY, np.arange(length))  # format 1: one after the other
+        return columns
 
     def units(self) -> dict[str, str]:
         """Units of the points' columns."""

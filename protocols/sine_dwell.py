@@ -5,7 +5,7 @@ amplifier's two slopes make harmonics, and near half the resonance the two diffe
 """
 
 import math
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
@@ -17,7 +17,7 @@ from drivers.drive import Sine
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
-from protocols.steps import Measured, Record, Settle, Step
+from protocols.steps import Record, Settle, Step
 from protocols.values import Estimate, Planned, Recording
 
 HARMONICS = 8
@@ -94,18 +94,17 @@ class SineDwell(Protocol):
 
     def plan(self, rest_v: float) -> tuple[Planned, ...]:
         return tuple(
-            Planned(f"{f:g} Hz", self._drive(f, rest_v), 0.4 + 4 * self._window_s(f) + self._record_s(f))
+            Planned(f"{f:g} Hz", (self._drive(f, rest_v),), 0.4 + 4 * self._window_s(f) + self._record_s(f), (f,))
             for f in self.frequencies_hz
         )
 
-    def steps(self, rest_v: float, simulated: bool) -> Generator[Step, Any, None]:
-        for f in self.frequencies_hz:
-            drive = self._drive(f, rest_v)
-            yield Settle(drive, self._window_s(f), self.settle_tolerance, self.settle_limit_s)
-            recording = yield Record(self._record_s(f))
-            yield Measured(self.point(recording, simulated))
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        (f,) = (float(value) for value in entry.key)
+        yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
+        yield Record(self._record_s(f))
 
-    def point(self, recording: Recording, simulated: bool) -> SinePoint:
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SinePoint:
+        recording = recordings[-1]
         drive = recording.drive
         if not isinstance(drive, Sine):
             raise ValueError(f"a sine dwell cannot use a recording under {type(drive).__name__}")

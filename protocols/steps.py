@@ -1,7 +1,12 @@
 """What a protocol may ask of the runner: a closed union of steps, and what each is answered with."""
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.drive import Drive
 
@@ -38,24 +43,33 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Keep the next `duration_s` of samples under the drive that plays. Answered with a `Recording`."""
+    """Keep the next `duration_s` of samples, under the drive that plays or at rest. Answered with a `Recording`.
+
+    With `drive`, that drive is begun right after the recording has begun, so that its start is in it.
+    """
 
     duration_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A point is finished: `point` is a frozen dataclass of annotated quantities, one row of the run's points."""
-
-    point: Any
+    drive: Drive | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """Something only a person can do. `action` names it for a simulated operator; `text` is what a person reads."""
+    """Something only a person can do.
+
+    Attributes:
+        action: its name, for a simulated operator and for a drawing of the set-up.
+        text: what a person reads.
+        values: the action's numbers by name, for a simulated operator, e.g. `{"mass_kg": 0.05}`.
+        choices: possible answers, the expected one first; each begins with another letter, its key.
+        hands_on: whether the specimen must be touched; then rest is measured and high voltage switched off before,
+            and both again before anything moves.
+    """
 
     action: str
     text: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    choices: tuple[str, ...] = ("done",)
+    hands_on: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +77,32 @@ class Ask:
     """Wait until the operator has done what the prompt says. Answered with the operator's words."""
 
     prompt: Prompt
+
+
+class Detector(Protocol):
+    """Watches drive (V) and displacement (m), block by block, until it has seen what it looks for."""
+
+    def feed(self, drive_v: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> bool:
+        """Take more samples; True once it has seen it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Await:
+    """Show a prompt and watch the laser until `detector` has seen what was asked for, or the operator answers.
+
+    Answered with `Awaited`. What the card sees meanwhile is not kept: a person may take an hour.
+    """
+
+    prompt: Prompt
+    detector: Detector
+
+
+@dataclass(frozen=True, slots=True)
+class Awaited:
+    """How an `Await` ended: seen by the laser (`words` is None), or answered by the operator."""
+
+    seen: bool
+    words: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,4 +119,15 @@ class Note:
     text: str
 
 
-Step = Settle | Play | Record | Measured | Ask | Read | Note
+Step = Settle | Play | Record | Ask | Await | Read | Note
+
+
+class Redo(Enum):
+    """What `Protocol.measure` may return to have something measured again."""
+
+    THIS = "this entry"
+    PREVIOUS = "the entry before, then this one"
+
+
+Answer = Any
+"""What a step is answered with, as its docstring says."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.drive import Drive
 from protocols.quality import Quality
+from protocols.steps import Prompt
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,8 @@ class Recording:
     displacement_m: Array
     quality: Quality
     sensor_delay_s: float = 0.0
+    entry: int = 0
+    """The entry of the plan it was taken for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +46,23 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """One entry of a protocol's plan: a drive it will play and about how long the entry takes."""
+    """One entry of a protocol's plan: what gives one point, and is measured whole or not at all.
+
+    Attributes:
+        label: the entry in a few words.
+        drives: every drive it will play; empty where nothing moves.
+        expected_s: about how long it takes, without the operator's time.
+        key: what tells this entry from the others, as plain values: a frequency, a mass, a repeat. Kept in the file.
+        setup: what a person must have set up before; asked for where it differs from the entry before.
+        prompts: how many more prompts the entry has.
+    """
 
     label: str
-    drive: Drive
+    drives: tuple[Drive, ...]
     expected_s: float
+    key: tuple[float | str, ...] = ()
+    setup: Prompt | None = None
+    prompts: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from drivers.drive import Drive, Hold, Sine
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.signals import fit_frequency, fit_sine
-from protocols.steps import Measured, Play, Record, Step
+from protocols.steps import Play, Record, Step
 from protocols.values import Estimate, Planned, Recording
 
 SOURCE = "wiring check"
@@ -116,15 +116,14 @@ class WiringCheck(Protocol):
 
     def plan(self, rest_v: float) -> tuple[Planned, ...]:
         each_s = self.wait_s + self.record_s + 0.2
-        return tuple(Planned(label, drive, each_s) for label, drive in self._drives(rest_v))
+        return tuple(Planned(label, (drive,), each_s, (label,)) for label, drive in self._drives(rest_v))
 
-    def steps(self, rest_v: float, simulated: bool) -> Generator[Step, Any, None]:
-        for _, drive in self._drives(rest_v):
-            yield Play(drive, self.wait_s)
-            recording = yield Record(self._recorded_s)
-            yield Measured(self.point(recording, simulated))
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        yield Play(entry.drives[0], self.wait_s)
+        yield Record(self._recorded_s)
 
-    def point(self, recording: Recording, simulated: bool) -> WiringPoint:
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> WiringPoint:
+        recording = recordings[-1]
         drive, rate, n = recording.drive, recording.rate_hz, len(recording.drive_v)
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         seen_v, moved = float(recording.drive_v.mean()), float(recording.displacement_m.mean())

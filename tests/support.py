@@ -86,15 +86,15 @@ def run(
     lab: Laboratory,
     *observers: Callable[[Event], None],
     cancel: threading.Event | None = None,
+    pause: threading.Event | None = None,
     safe: bool = True,
     operator: Any = None,
 ) -> Ran:
     """Run a protocol on a virtual bench; unless the test says otherwise, the volts must have been safe."""
     events: list[Event] = []
     store = RunFile.new(folder, header(protocol, lab.bench, "T1"))
-    runner = Runner(
-        protocol, lab.bench, store, operator or lab.operator, [events.append, *observers], cancel or threading.Event()
-    )
+    told = [events.append, *observers]
+    runner = Runner(protocol, lab.bench, store, operator or lab.operator, told, cancel, pause)
     status, reason = runner.run()
     report = lab.control.report()
     if safe:

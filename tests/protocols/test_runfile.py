@@ -81,7 +81,7 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
         (recording,) = run.recordings()
         assert (recording.drive, recording.quality, recording.sensor_delay_s) == (drive, Quality(quality), 1e-4)
         assert run.points()["height"].tolist() == [2.5e-6]
-        assert run.units() == {"frequency": "Hz", "height": "m"}
+        assert run.units() == {"frequency": "Hz", "height": "m", "entry": "1"}
         assert run.estimates() == (Estimate("c0", 159.0, 0.5, "kg/(m s)", "here"),)
         assert run.sensor == SENSOR
         assert run.specimen == "T 1/µ"
@@ -213,7 +213,7 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
         (tmp_path / "none.h5", "there is no file"),
         (text, "cannot be read as a run file"),
         (other, "not a run of this program"),
-        (newer, "run format 99; this program reads up to 1: install a newer version"),
+        (newer, "run format 99; this program reads up to 2: install a newer version"),
     ):
         with pytest.raises(RunError, match=says):
             Run(path)
@@ -258,7 +258,7 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
     assert unitless == []
     with Run(ran.path) as run_:
         assert scaled == pytest.approx(run_.displacement_m(), abs=1e-9)
-        assert set(run_.points()) == set(SinePoint.__slots__)
+        assert set(run_.points()) == {*SinePoint.__slots__, "entry"}
 
 
 def test_everything_exists_before_the_first_volt(tmp_path: Path) -> None:

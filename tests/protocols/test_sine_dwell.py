@@ -72,7 +72,7 @@ def test_resonance_and_damping_are_those_of_the_first_pole(ran) -> None:
 def test_the_file_gives_the_numbers_of_the_live_run(ran) -> None:
     protocol = SineDwell()
     with Run(ran.path) as file:
-        again = [protocol.point(recording, file.simulated) for recording in file.recordings()]
+        again = [protocol.point((), [recording], file.simulated) for recording in file.recordings()]
         columns = file.points()
     assert again == ran.points
     assert columns["fundamental"].tolist() == [p.fundamental for p in ran.points]

@@ -37,7 +37,7 @@ def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
         assert file.points()["commanded"].tolist() == [2.5, 2.6, 2.4, 2.5]
         names = {estimate.name.replace("_", " ") for estimate in file.estimates()}
         assert names == {"gain above rest", "gain below rest", "latency", "noise floor"}
-        again = [CHECK.point(recording, simulated=True) for recording in file.recordings()]
+        again = [CHECK.point((), [recording], simulated=True) for recording in file.recordings()]
     assert [p.displacement for p in again] == pytest.approx([p.displacement for p in ran.points], rel=1e-9)
 
 

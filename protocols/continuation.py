@@ -1,0 +1,102 @@
+"""Going on with a run that was stopped, failed or lost its program; or measuring some of its entries again.
+
+The new file carries every point over, links to the raw data of the old one, and is one run to its readers. Before it
+goes on, the last good entry is measured again: what changed meanwhile - temperature, a bumped sensor, creep - shows.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from protocols.events import Status
+from protocols.layout import ENTRY
+from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
+from protocols.runreader import Run, RunError
+from protocols.steps import Prompt
+
+DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
+"""A change counts as drift if it is larger than both: than errors explain, and than would matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """What a run begins with: points by entry, which entry to check first, and which to measure again."""
+
+    points: tuple[tuple[int, Any], ...] = ()
+    check: int | None = None
+    again: frozenset[int] = frozenset()
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """A run that can be gone on with."""
+
+    path: Path
+    protocol: Protocol
+    specimen: str
+    continuation: Continuation
+
+
+def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
+    """What `path` has measured, to go on with the rest, or to measure the entries `again` once more.
+
+    Raises:
+        RunError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
+    """
+    with Run(path) as run:
+        if run.status is Status.RUNNING and not run.crashed:
+            raise RunError(f"{path} is still being written; stop that run first")
+        if run.status is Status.COMPLETED and not again:
+            raise RunError(f"{path} is complete: there is nothing to resume")
+        kind = PROTOCOLS.get(run.protocol)
+        if kind is None:
+            raise RunError(f"{path} is a run of '{run.protocol}', a protocol that is not known here")
+        try:
+            protocol = kind(**run.parameters)
+        except ValidationError as error:
+            raise RunError(f"{path} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+        points = {int(entry): point for entry, point in _points(run, kind.point_type)}
+        if unknown := [i for i in again if i not in points]:
+            raise RunError(f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points")
+        words = f"Goes on with {path.name} ({run.state}), {len(points)} points carried over"
+        check = max(points) if points and not again else None
+        continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words)
+        return Earlier(path, protocol, run.specimen, continuation)
+
+
+def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str, Prompt | None]:
+    """What an entry measured twice says about the time between, and what to ask where it is too much."""
+    column = protocol.axes[1]
+    old, new = float(getattr(before, column)), float(getattr(now, column))
+    error = math.hypot(float(getattr(before, f"{column}_errors", 0.0)), float(getattr(now, f"{column}_errors", 0.0)))
+    change = new - old
+    relative = abs(change / old) if old else math.inf
+    sigmas = abs(change) / error if error > 0 else math.inf
+    words = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
+    words += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
+    if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
+        return words, None
+    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
+    return words, Prompt("drifted", question, choices=("go on", "stop"))
+
+
+def _points(run: Run, kind: type) -> Sequence[tuple[int, Any]]:
+    """Points with their entries, in the order they were measured; a later one of the same entry counts."""
+    columns = run.points()
+    entries = columns.pop(ENTRY)
+    found = []
+    for row, entry in enumerate(entries):
+        values: dict[str, Any] = {}
+        for field in fields(kind):
+            value = columns[field.name][row]
+            values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
+        if "quality" in values:
+            values["quality"] = int(values["quality"])
+        found.append((int(entry), kind(**values)))
+    return found

@@ -1,0 +1,243 @@
+"""Carries out the steps of one entry on an armed bench, and answers each."""
+
+import itertools
+import math
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from drivers.bench import DISPLACEMENT, DRIVE, Bench, drive_volts
+from drivers.bench import Armed as ArmedBench
+from drivers.drive import Drive, Hold, Sine
+from drivers.errors import BenchError
+from drivers.ports import Block, Reading
+from protocols.events import Answered, Asked, Event, Noted, Playing, Recorded, SettleEnded
+from protocols.operator import Operator
+from protocols.protocol import Protocol
+from protocols.quality import Quality
+from protocols.runfile import RunFile
+from protocols.signals import SettlingDetector
+from protocols.steps import Answer, Ask, Await, Awaited, Note, Play, Prompt, Read, Record, Redo, Settle, Settled
+from protocols.values import Planned, Recording
+
+FRESH_S = 0.05
+"""After a drive begins, scans older than this may still be on their way to us."""
+
+DRIVE_LOST_V = 0.25
+"""A drive that the card sees further off than this does not reach the amplifier; nothing is measured under it."""
+
+THINKING_S = 20.0
+"""How long the run thread may work on numbers, while what plays plays on, before the watchdog takes it for hung."""
+
+_ASK_IDS = itertools.count(1)
+"""Unique in the program, so that a late answer to an earlier run's prompt is never taken for one of this run."""
+
+
+class Executor:
+    """The steps of one run, entry by entry.
+
+    Args:
+        publish: stores an event and tells it.
+        interrupted: called after every block and in every wait; raises where the run shall not go on.
+        expired: why the sensor's calibration is out of date; empty where it is not.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        store: RunFile,
+        operator: Operator,
+        publish: Callable[[Event], None],
+        interrupted: Callable[[], None],
+        expired: str,
+    ) -> None:
+        self._bench, self._store, self._operator = bench, store, operator
+        self._publish, self._interrupted, self._expired = publish, interrupted, expired
+        self._armed: ArmedBench | None = None
+        self._recordings = 0
+        self._rest_v = bench.amplifier.map.rest_v
+
+    def started(self, armed: ArmedBench) -> None:
+        """The card runs."""
+        self._armed = armed
+
+    def carry_out(
+        self, protocol: Protocol, index: int, entry: Planned, armed: ArmedBench
+    ) -> tuple[list[Recording], Redo | None]:
+        """All steps of an entry: what was recorded, and what shall be measured again."""
+        recordings: list[Recording] = []
+        settled, drive = Settled(True, 0.0), None
+        answer: Answer = None
+        with closing(protocol.measure(entry, self._rest_v)) as steps:
+            while True:
+                self._interrupted()
+                try:
+                    with self._bench.watchdog.allow(THINKING_S):  # a long record takes its time to become a number
+                        step = steps.send(answer)
+                except StopIteration as end:
+                    return recordings, end.value
+                match step:
+                    case Settle():
+                        drive = step.drive
+                        answer = settled = self._settle(armed, step)
+                    case Play():
+                        drive = step.drive
+                        answer = settled = self._play(armed, step)
+                    case Record():
+                        if step.drive is not None:
+                            drive, settled = step.drive, Settled(True, 0.0)
+                        answer = self._record(armed, drive, step, settled, index)
+                        recordings.append(answer)
+                    case Ask(prompt):
+                        answer = self.ask(prompt)
+                    case Await():
+                        answer = self._await(armed, step)
+                    case Read(meter):
+                        answer = self._read_meter(meter)
+                    case Note(text):
+                        self._publish(Noted(text))
+                        answer = None
+
+    def ask(self, prompt: Prompt) -> str:
+        """Show a prompt and wait for the answer, however long it takes."""
+        ask_id = self._show(prompt)
+        while (words := self._operator.answer(ask_id)) is None:
+            self._interrupted()
+            # The card must be emptied while a person takes their time; what it sees then is no measurement.
+            if self._armed is not None:
+                self._armed.skip()
+            else:
+                self._bench.clock.sleep(0.05)
+        self._publish(Answered(ask_id, words))
+        return words
+
+    def _show(self, prompt: Prompt) -> int:
+        ask_id = next(_ASK_IDS)
+        self._publish(Asked(ask_id, prompt))
+        self._operator.show(ask_id, prompt)
+        return ask_id
+
+    def _await(self, armed: ArmedBench, step: Await) -> Awaited:
+        ask_id = self._show(step.prompt)
+        while (words := self._operator.answer(ask_id)) is None:
+            self._interrupted()
+            block = armed.skip()
+            drive_v, displacement_m, _ = self._units(armed, block.raw)
+            if step.detector.feed(drive_v, displacement_m):
+                self._publish(Answered(ask_id, "seen by the laser"))
+                return Awaited(True, None)
+        self._publish(Answered(ask_id, words))
+        return Awaited(False, words)
+
+    def _settle(self, armed: ArmedBench, step: Settle) -> Settled:
+        if not isinstance(step.drive, Sine):
+            raise BenchError(f"settling is detected under a sine, not under {type(step.drive).__name__}")
+        self._begin(armed, step.drive)
+        rate = armed.rate_hz
+        first = self._scan_now(armed, FRESH_S)
+        last = first + math.ceil(step.limit_s * rate)
+        detector = SettlingDetector(
+            rate, step.drive.frequency_hz, round(step.window_s * rate), step.drive.amplitude_v, step.tolerance
+        )
+        while True:
+            block = self._read(armed)
+            fresh = slice(max(first - block.start, 0), None)
+            drive_v, displacement_m, _ = self._units(armed, block.raw[:, fresh])
+            done = detector.feed(drive_v, displacement_m)
+            if done or block.stop >= last:
+                break
+        if detector.drive_seen_v < 0.5 * step.drive.amplitude_v:
+            raise BenchError(
+                f"the card sees a sine of {detector.drive_seen_v:.3f} V where {step.drive.amplitude_v:g} V at "
+                f"{step.drive.frequency_hz:g} Hz is driven; check the cable from the generator to the card"
+            )
+        answer = Settled(done, (block.stop - first) / rate)
+        self._publish(SettleEnded(answer.settled, answer.after_s))
+        return answer
+
+    def _play(self, armed: ArmedBench, step: Play) -> Settled:
+        self._begin(armed, step.drive)
+        wait_s = max(step.wait_s, FRESH_S)
+        last = self._scan_now(armed, wait_s)
+        block = self._read(armed)
+        while block.stop < last:
+            block = self._read(armed)
+        self._check_drive(armed, step.drive, block)
+        self._publish(SettleEnded(True, wait_s))
+        return Settled(True, wait_s)
+
+    def _record(self, armed: ArmedBench, drive: Drive | None, step: Record, settled: Settled, entry: int) -> Recording:
+        start_row = self._store.rows
+        wanted = math.ceil(step.duration_s * armed.rate_hz)
+        blocks = [self._read(armed)]
+        if step.drive is not None:
+            self._begin(armed, step.drive)
+            # The card ran on while the source was told; what it saw meanwhile is the rest before the drive.
+            wanted += max(self._scan_now(armed, FRESH_S) - blocks[0].start, 0)
+        have = blocks[0].raw.shape[1]
+        while have < wanted:
+            blocks.append(self._read(armed))
+            have += blocks[-1].raw.shape[1]
+        with self._bench.watchdog.allow(THINKING_S):
+            raw = np.concatenate([block.raw for block in blocks], axis=1)[:, :wanted]
+            drive_v, displacement_m, quality = self._units(armed, raw)
+        if not settled.settled:
+            quality |= Quality.UNSETTLED
+        if blocks[-1].stop - blocks[0].start != have:
+            quality |= Quality.DROPPED
+        recording = Recording(
+            index=self._recordings,
+            rows=(start_row, start_row + wanted),
+            rate_hz=armed.rate_hz,
+            drive=drive or Hold(self._rest_v, step.duration_s),
+            drive_v=drive_v,
+            displacement_m=displacement_m,
+            quality=quality,
+            sensor_delay_s=self._bench.sensor.delay_s,
+            entry=entry,
+        )
+        self._recordings += 1
+        self._store.recording(recording.rows, int(quality), recording.drive, entry)
+        self._publish(Recorded(recording.index, recording.rows, int(quality), recording.drive, entry))
+        return recording
+
+    def _begin(self, armed: ArmedBench, drive: Drive) -> None:
+        armed.play(drive)
+        self._publish(Playing(drive))
+
+    def _scan_now(self, armed: ArmedBench, later_s: float) -> int:
+        """The scan that is taken `later_s` from now."""
+        return math.ceil((self._bench.clock.now() - armed.stream.started_s + later_s) * armed.rate_hz)
+
+    def _check_drive(self, armed: ArmedBench, drive: Drive, block: Block) -> None:
+        seen_v = float(drive_volts(block, armed.scales).mean())
+        if not drive.low_v - DRIVE_LOST_V <= seen_v <= drive.high_v + DRIVE_LOST_V:
+            raise BenchError(
+                f"the card sees {seen_v:.3f} V where {drive.low_v:g} to {drive.high_v:g} V are driven (limit "
+                f"+-{DRIVE_LOST_V:g} V); check the cable from the generator to the amplifier and to the card"
+            )
+
+    def _read_meter(self, name: str) -> Reading:
+        meter = self._bench.meters.get(name)
+        if meter is None:
+            have = ", ".join(self._bench.meters) or "none"
+            raise BenchError(f"this bench has no meter '{name}' (it has: {have}); add it to the bench file")
+        return meter.read()
+
+    def _read(self, armed: ArmedBench) -> Block:
+        block = armed.read()
+        self._interrupted()
+        return block
+
+    def _units(self, armed: ArmedBench, raw: Any) -> tuple[Any, Any, Quality]:
+        """Drive in volts, displacement in metres, and what is wrong with these samples."""
+        sensor = self._bench.sensor
+        volts = [scale.volts(raw[i]) for i, scale in enumerate(armed.scales)]
+        quality = Quality.CALIBRATION_EXPIRED if self._expired else Quality.GOOD
+        if any(armed.scales[i].clipped(raw[i]).any() for i in (DRIVE, DISPLACEMENT)):
+            quality |= Quality.CLIPPED
+        if not sensor.valid(volts[DISPLACEMENT]).all():
+            quality |= Quality.OUT_OF_RANGE
+        return volts[DRIVE], sensor.displacement_m(volts[DISPLACEMENT]), quality
