@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
-from drivers.errors import DriveRefused
+from drivers.errors import DriveRefused, InstrumentError, LinkError
 from drivers.ports import Identity, Source
 from drivers.watch import NoWatchdog, Watchdog
 from model.amplifier import AmplifierMap
@@ -86,7 +86,7 @@ class HvAmplifier:
     def source_at_rest(self) -> bool:
         """Whether the source says of itself that it idles at rest with its output on."""
         with self._watchdog.allow():
-            return self._source.at_rest(self.map.rest_v)
+            return self._source.at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def prepare(self) -> None:
         """Bring the source up at rest. Only with high voltage disabled."""
@@ -127,10 +127,20 @@ class HvAmplifier:
             self.force_rest()
 
     def force_rest(self) -> None:
-        """Go to rest whatever this object believes to be playing: for whoever did not begin it."""
+        """Go to rest whatever this object believes to be playing: for whoever did not begin it.
+
+        Raises:
+            InstrumentError: something went wrong; what could be sent was sent all the same.
+        """
         with self._watchdog.allow():
-            self._source.stop()
-            self._ramp(self.map.rest_v)
+            failure: InstrumentError | None = None
+            for way in (self._source.stop, self._ramp_to_rest):
+                try:
+                    way()
+                except InstrumentError as error:
+                    failure = failure or error
+            if failure is not None:
+                raise failure
             self._until_s = 0.0
 
     def recover(self) -> None:
@@ -142,6 +152,13 @@ class HvAmplifier:
     def close(self) -> None:
         """Let go of the source's wire; its output stays at rest, on."""
         self._source.close()
+
+    def _ramp_to_rest(self) -> None:
+        try:
+            self._ramp(self.map.rest_v)
+        except LinkError:  # where it idles cannot be asked: as if it were the furthest way
+            furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
+            self._source.move(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
 
     def _ramp(self, level_v: float) -> None:
         distance = abs(self._source.idle_v() - level_v)

@@ -13,19 +13,20 @@ one amplitude for ever, carry a drive's amplitude in the waveform's points, and 
 
 import hashlib
 import math
-from abc import ABC, abstractmethod
-from typing import ClassVar
+from functools import partial
 
-from drivers.clock import Clock
+from drivers.burst_dialect import BurstDialect
+from drivers.descent import Descent
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.ports import Identity
-from drivers.scpi import Link, Scpi
 from drivers.waveform import SINE, Points, rendered
 
 LEVEL_TOLERANCE_V = 1e-3
 SMALLEST_VPP = 0.01
 """What a box that carries the drive in its amplitude idles with: too little to matter."""
+
+CALM_V_PER_S = 5.0
+"""How fast a level that an earlier program left is brought to rest before the box is set up anew."""
 
 LONGEST_WAIT_S = 9.0
 """Longest drive of a box that can only be stopped by waiting: the card's buffer holds ten seconds."""
@@ -34,62 +35,43 @@ SMOOTHED = 0.1
 """Share of its span that a waveform may move from point to point where a filter smooths it."""
 
 
-class BurstGenerator(ABC):
-    """A `Source` (see drivers.ports) over one dialect: a subclass says the words, this class knows what to say when.
+class BurstGenerator(BurstDialect):
+    """A `Source` (see drivers.ports) over one dialect."""
 
-    Args:
-        link: the wire.
-        clock: bench time, which paces the staircases.
-        step_v: largest single step of a staircase in volts.
-        pace_s: time between the steps of a staircase.
+    _ends_s: float | None = None
+    """When what we began ends; unknown at first."""
+    _rest_v: float | None = None
+    """Where rest is: on the way there nothing is a reason to stay away from it."""
+    _vpp_told: float | None = None
+    _offset_told: float | None = None
+    """What the box was told last, for when it cannot be asked."""
 
-    Raises:
-        LinkError: nothing answers on the wire.
-        InstrumentError: another instrument answers.
-    """
-
-    MODELS: ClassVar[tuple[str, ...]]
-    """How the model names begin that this dialect is for, in capitals."""
-    SOLD_AS: ClassVar[str]
-    HOLDS_RANGE: ClassVar[bool]
-    SMOOTHS: ClassVar[bool] = False
-    """Whether a filter smooths the waveform from point to point."""
-    MOST_CYCLES: ClassVar[int] = 1_000_000
-
-    def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, pace_s: float = 0.002) -> None:
-        self._scpi = Scpi(link, f"function generator at {link.name}")
-        self._clock = clock
-        self._step_v = step_v
-        self._pace_s = pace_s
-        self.identity: Identity = self._scpi.identify()
-        if not self.identity.model.upper().startswith(self.MODELS):
-            link.close()
-            raise InstrumentError(
-                f"{link.name} answered as '{self.identity}'; this driver is for {self.SOLD_AS}. "
-                "Correct the driver or the resource in the bench file"
-            )
-        self._scpi.instrument = f"function generator {self.identity.model}"
-        self._held: str | None = None  # what is in the waveform memory; unknown at first
-        self._ends_s: float | None = None  # when what we began ends; unknown at first
-
-    def at_rest(self, rest_v: float) -> bool:
-        return (
-            self._is_armed()
-            and abs(self.idle_v() - rest_v) <= LEVEL_TOLERANCE_V
-            and (not self.HOLDS_RANGE or self._amplitude() <= 2 * SMALLEST_VPP)
-        )
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        self._rest_v = rest_v
+        self._held = None  # whoever used the front panel may have put another waveform there
+        if not self._output_is_on() or self._wrong(rest_v, low_v, high_v):
+            return False
+        if not self.HOLDS_RANGE:
+            self.stop()  # a burst that somebody else began is seen in no setting
+        return True
 
     def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
-        self._set_up(rest_v, low_v, high_v)
-        self._agree(self.idle_v(), rest_v, LEVEL_TOLERANCE_V, "the offset in volts")
-        if not self._is_armed(output=False):
-            raise InstrumentError(
-                f"{self._scpi.instrument} does not read back as an armed burst into an infinite load; the output was not "
-                "brought up. Look at its front panel, and switch it off and on"
-            )
-        self._output_on()
-        if not self._is_armed():
-            raise InstrumentError(f"{self._scpi.instrument}: its output did not come on; look at its front panel")
+        self._rest_v, self._held = rest_v, None
+        self._forget_errors()
+        limits = rest_v, low_v, high_v
+        if self._output_is_on() and self._is_ours(*limits):
+            self._calm(rest_v)
+        if not self._output_is_on() or self._wrong(*limits):  # or else nothing that could drop the output is touched
+            self._set_up(*limits)
+            if wrong := self._wrong(*limits):
+                output = "is on as it was found" if self._output_is_on() else "was not brought up"
+                raise InstrumentError(
+                    f"{self._scpi.instrument} does not read back as it was set up ({wrong}); its output {output}. Look at "
+                    "its front panel, and switch it off and on"
+                )
+            self._output_on()
+            if not self._output_is_on():
+                raise InstrumentError(f"{self._scpi.instrument}: its output did not come on; look at its front panel")
         self._ends_s = self._clock.now()
 
     def play(self, drive: Drive) -> None:
@@ -108,41 +90,90 @@ class BurstGenerator(ABC):
 
     def stop(self) -> None:
         if not self.HOLDS_RANGE:
-            if self._ends_s is None:  # begun by somebody else: at the worst just now
-                self._ends_s = self._clock.now() + min(self._longest_s(), LONGEST_WAIT_S)
-            self._clock.sleep(self._ends_s - self._clock.now())
+            self._wait_for_the_end()
+            return
+        way = Descent(self._scpi.link)
+        way.ask(self._forget_errors)  # or the first step would be answered by what somebody else left in the queue
+        amplitude = way.ask(self._amplitude)
+        if amplitude is None:
+            amplitude = self._vpp_told
+        if amplitude is None:
+            way.end()  # neither asked nor told: a step could be one up
             return
         # What cutting a running cycle leaves on the output is a few millivolts then, whatever the firmware makes of it.
-        amplitude = self._amplitude()
         steps = max(math.ceil((amplitude - SMALLEST_VPP) / 2 / self._step_v), 0)
         for i in range(1, steps + 1):
-            self._set_amplitude(amplitude + (SMALLEST_VPP - amplitude) * i / steps)
+            self._vpp_told = vpp = amplitude + (SMALLEST_VPP - amplitude) * i / steps
+            way.step(self._amplitude_words(vpp), partial(self._set_amplitude, vpp))
             self._clock.sleep(self._pace_s)
-        self._cut()
+        for words in self._cut_words():
+            way.step(words, partial(self._say, words))
+        left = way.ask(self._amplitude)
+        way.end()
+        if left is not None:
+            self._agree(left, SMALLEST_VPP, SMALLEST_VPP, "the amplitude in volts peak to peak")
 
     def move(self, level_v: float, duration_s: float) -> None:
-        if not self.HOLDS_RANGE:  # whoever has to stop a held level later need not wait for a burst that is long over
-            self._set_cycles(1)
-            self._set_rate(1000.0, SINE.size)
-        start = self.idle_v()
+        way = Descent(self._scpi.link, stubborn=level_v == self._rest_v)
+        if not self.HOLDS_RANGE:
+            way.ask(self._make_next_burst_short)
+        start = way.ask(self.idle_v)
+        if start is None:
+            start = self._offset_told
+        if start is None:
+            way.end()
+            return
         steps = max(math.ceil(abs(level_v - start) / self._step_v), math.ceil(duration_s / (4 * self._pace_s)), 1)
         for i in range(1, steps + 1):
-            self._set_offset(start + (level_v - start) * i / steps)
+            volts = start + (level_v - start) * i / steps
+            self._offset_told = volts  # before it is told: if its answer is lost, we must assume that it obeyed
+            way.step(self._offset_words(volts), partial(self._set_offset, volts))
             self._clock.sleep(duration_s / steps)
-        self._idle_must_be(level_v)
+        reached = way.ask(self.idle_v)
+        way.end()
+        if reached is not None:
+            self._agree(reached, level_v, LEVEL_TOLERANCE_V, "the offset in volts")
 
-    @abstractmethod
-    def idle_v(self) -> float: ...
+    def _wrong(self, rest_v: float, low_v: float, high_v: float) -> str:
+        """The first setting that is not as it should be when armed and at rest, in words; empty where all are."""
+        for setting in self._armed_state(rest_v, low_v, high_v):
+            answer = self._answer(setting.name)
+            if not setting.holds(answer):
+                return f"{setting.name} is {answer[:40]}, not {setting.wanted}"
+        return ""
 
-    def reconnect(self) -> None:
-        self._scpi.link.reopen()
-        seen = self._scpi.identify()
-        if seen != self.identity:
-            raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
-        self._held = None  # it may have been without power in between
+    def _is_ours(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        """Whether it is armed as we arm it, whatever it plays or holds. In another state our volts may mean others."""
+        how = (s for s in self._armed_state(rest_v, low_v, high_v) if s.words or math.isinf(s.high))
+        return all(setting.holds(self._answer(setting.name)) for setting in how)
 
-    def close(self) -> None:
-        self._scpi.link.close()
+    def _calm(self, rest_v: float) -> None:
+        """What an earlier program left playing or holding comes to rest as any drive does.
+
+        High voltage is disabled here, and everything is set anew afterwards. But a person may have switched the wrong
+        amplifier, and a specimen survives a mistake that is made gently.
+        """
+        self.stop()
+        self.move(rest_v, abs(self.idle_v() - rest_v) / CALM_V_PER_S)
+
+    def _wait_for_the_end(self) -> None:
+        if self._ends_s is None:  # begun by somebody else: at the worst just now
+            try:
+                longest_s = self._longest_s()
+            except LinkError:
+                longest_s = LONGEST_WAIT_S
+            self._ends_s = self._clock.now() + min(longest_s, LONGEST_WAIT_S)
+        self._clock.sleep(self._ends_s - self._clock.now())
+        Descent(self._scpi.link).ask(self._make_next_burst_short)
+
+    def _make_next_burst_short(self) -> None:
+        """Whoever finds the box idle later, and cannot know since when, need not wait long for a burst that is over."""
+        self._set_cycles(1)
+        self._set_rate(1000.0, SINE.size)
+
+    def _change_amplitude(self, vpp: float) -> None:
+        self._vpp_told = vpp
+        self._set_amplitude(vpp)
 
     def _begin(self, points: Points, full_v: float, rate_hz: float, cycles: int, idle_v: float) -> None:
         """Play the waveform so many times, its whole period `rate_hz` times a second, a full point being `full_v`."""
@@ -170,7 +201,7 @@ class BurstGenerator(ABC):
         self._set_cycles(cycles)
         if self.HOLDS_RANGE:
             wanted = self._vpp(points, full_v)
-            self._set_amplitude(wanted)
+            self._change_amplitude(wanted)
             self._agree(self._amplitude(), wanted, LEVEL_TOLERANCE_V, "the amplitude in volts peak to peak")
         self._ends_s = self._clock.now() + seconds  # before it is told: if its answer is lost, we must assume it plays
         self._trigger()
@@ -181,20 +212,16 @@ class BurstGenerator(ABC):
         if wanted == self._held:
             return
         if self.HOLDS_RANGE:
-            self._set_amplitude(SMALLEST_VPP)  # whatever a box does while it takes a waveform, it does it with this
+            self._change_amplitude(SMALLEST_VPP)  # whatever a box does while it takes a waveform, it does it with this
         self._held = None
         self._store(points)
         self._held = wanted
-
-    def _vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some boxes mean the points' own span
-        """The amplitude setting at which a full point is `full_v` away from the offset."""
-        return 2 * full_v
 
     def _agree(self, seen: float, wanted: float, tolerance: float, what: str) -> None:
         if not abs(seen - wanted) <= tolerance:
             raise InstrumentError(
                 f"{self._scpi.instrument}: {what} was set to {wanted:.6g} and reads back {seen:.6g} (limit +-{tolerance:.2g}); "
-                "it was not played. Look at the instrument's front panel for what it did instead"
+                "nothing more was sent. Look at the instrument's front panel for what it did instead"
             )
 
     def _idle_must_be(self, level_v: float) -> None:
@@ -203,48 +230,3 @@ class BurstGenerator(ABC):
             raise InstrumentError(
                 f"{self._scpi.instrument} idles at {seen:.4f} V where the drive begins at {level_v:.4f} V; nothing was sent"
             )
-
-    @abstractmethod
-    def _is_armed(self, *, output: bool = True) -> bool:
-        """Whether it reads back as an armed burst of a waveform into an infinite load, with its output on if asked."""
-
-    @abstractmethod
-    def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
-        """Everything but switching the output on."""
-
-    @abstractmethod
-    def _output_on(self) -> None: ...
-
-    @abstractmethod
-    def _set_offset(self, volts: float) -> None: ...
-
-    @abstractmethod
-    def _amplitude(self) -> float: ...
-
-    @abstractmethod
-    def _set_amplitude(self, vpp: float) -> None: ...
-
-    @abstractmethod
-    def _set_rate(self, rate_hz: float, size: int) -> None:
-        """Play the whole period of a waveform of `size` points so many times a second, and read that back."""
-
-    @abstractmethod
-    def _set_cycles(self, cycles: int) -> None: ...
-
-    @abstractmethod
-    def _longest_s(self) -> float:
-        """How long a burst with the present settings lasts; asked of boxes that cannot hold their range."""
-
-    @abstractmethod
-    def _trigger(self) -> None: ...
-
-    @abstractmethod
-    def _cut(self) -> None:
-        """End a running burst at once; its amplitude is next to nothing by then."""
-
-    @abstractmethod
-    def _store(self, points: Points) -> None:
-        """Make this the waveform, without touching what the output shows at idle."""
-
-    @abstractmethod
-    def _most_points(self) -> int: ...

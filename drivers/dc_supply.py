@@ -11,15 +11,16 @@ specimen. Over-voltage protection trips the output off and so does the same: it 
 import math
 import re
 import threading
-
-import numpy as np
+from functools import partial
 
 from drivers.clock import Clock
+from drivers.descent import Descent
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.ports import Identity
 from drivers.scpi import Link, Scpi
 from drivers.supply_dialects import DIALECTS
+from drivers.supply_stairs import Stairs
 
 LEVEL_TOLERANCE_V = 0.02
 """Programming and read-back accuracy of a bench supply at 5 V, together."""
@@ -27,6 +28,7 @@ LEVEL_TOLERANCE_V = 0.02
 STILL_V = 2e-3
 """Two readings that differ by less: the output has stopped falling."""
 
+CURRENT_TOLERANCE_A = 0.01
 OVP_MARGIN_V = 0.3
 POLL_S = 0.01
 
@@ -74,17 +76,29 @@ class DcSupply:
         self._words = fits[0]
         self._scpi.instrument = f"DC supply {self.identity.model}"
         self._level_v = math.nan
+        self._rest_v: float | None = None
         self._lock = threading.RLock()
-        self._stairs: _Stairs | None = None
+        self._stairs: Stairs | None = None
         self.fall_s = 0.0
 
-    def at_rest(self, rest_v: float) -> bool:
-        return not self._plays() and self._is_on() and abs(self._measure() - rest_v) <= LEVEL_TOLERANCE_V
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v
+        self._rest_v = rest_v
+        return (
+            not self._plays()
+            and self._is_on()
+            and abs(self._measure() - rest_v) <= LEVEL_TOLERANCE_V
+            and abs(self._number(self._words.current_is) - self._current_a) <= CURRENT_TOLERANCE_A
+            and not self._could_trip(high_v)
+        )
 
     def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v
+        self._rest_v = rest_v
         self._stop_stairs()
-        self._protection_must_allow(high_v)
+        self._forget_errors()
+        if trouble := self._could_trip(high_v):
+            raise InstrumentError(f"{self._scpi.instrument}: {trouble}")
         self._tell(self._words.current, self._current_a)
         self.set_level(rest_v)
         self._tell(self._words.on, 0.0)
@@ -98,7 +112,7 @@ class DcSupply:
                 self._must_begin_here(drive)
             case Ramp() | Steps():
                 self._must_begin_here(drive)
-                self._stairs = _Stairs(self, drive, self._clock)
+                self._stairs = Stairs(self, drive, self._clock)
             case Sine() | LinearSweep():
                 raise InstrumentError(
                     f"{self._scpi.instrument} can hold and step, but not play a {type(drive).__name__}: its output falls "
@@ -107,15 +121,20 @@ class DcSupply:
 
     def stop(self) -> None:
         self._stop_stairs()
+        Descent(self._scpi.link).ask(self._forget_errors)
         self._arrive(self.idle_v())
 
     def move(self, level_v: float, duration_s: float) -> None:
         self._stop_stairs()
+        way = Descent(self._scpi.link, stubborn=level_v == self._rest_v)
         start_v = self.idle_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)
         for i in range(1, steps + 1):
-            self.set_level(start_v + (level_v - start_v) * i / steps)
+            volts = start_v + (level_v - start_v) * i / steps
+            way.step(self._command(self._words.volts, volts), partial(self.set_level, volts))
+            self._level_v = volts
             self._clock.sleep(duration_s / steps)
+        way.end()
         self._arrive(level_v)
 
     def idle_v(self) -> float:
@@ -145,7 +164,7 @@ class DcSupply:
     def towards(self, wanted_v: float) -> float:
         """The level at most one step from the present one."""
         idle_v = self.idle_v()
-        return idle_v + float(np.clip(wanted_v - idle_v, -self._step_v, self._step_v))
+        return idle_v + min(max(wanted_v - idle_v, -self._step_v), self._step_v)
 
     def _arrive(self, level_v: float) -> None:
         """Wait until the output measures its level; falling takes a while."""
@@ -166,19 +185,19 @@ class DcSupply:
             self._clock.sleep(POLL_S)
         self.fall_s = max(self.fall_s, self._clock.now() - began_s)
 
-    def _protection_must_allow(self, high_v: float) -> None:
+    def _could_trip(self, high_v: float) -> str:
+        """What is wrong with the over-voltage protection, in a sentence; empty where it cannot take the output off."""
         words = self._words
         if words.tripped and self._says_yes(words.tripped):
-            raise InstrumentError(
-                f"{self._scpi.instrument}: its over-voltage protection has tripped; clear it at the front panel"
-            )
+            return "its over-voltage protection has tripped; clear it at the front panel"
         if words.ovp and self._says_yes(words.ovp):
             ovp_v, least_v = self._number(words.ovp_v), high_v + OVP_MARGIN_V
             if ovp_v < least_v:
-                raise InstrumentError(
-                    f"{self._scpi.instrument}: its over-voltage protection at {ovp_v:g} V could trip within the amplifier's "
-                    f"{high_v:g} V. A trip is 0 V, -500 V on the specimen: set it to at least {least_v:g} V or off"
+                return (
+                    f"its over-voltage protection at {ovp_v:g} V could trip within the amplifier's {high_v:g} V. A trip is "
+                    f"0 V, -500 V on the specimen: set it to at least {least_v:g} V or off"
                 )
+        return ""
 
     def _must_begin_here(self, drive: Drive) -> None:
         if self._plays():
@@ -224,8 +243,14 @@ class DcSupply:
         with self._lock:
             return self._scpi.ask_number(query.format(ch=self._channel))
 
+    def _command(self, words: str, value: float) -> str:
+        return words.format(ch=self._channel, v=value)
+
+    def _forget_errors(self) -> None:
+        self._tell("*CLS", 0.0)
+
     def _tell(self, words: str, value: float) -> None:
-        command = words.format(ch=self._channel, v=value)
+        command = self._command(words, value)
         with self._lock:
             if self._words.compound:
                 self._scpi.tell(command)
@@ -237,33 +262,3 @@ class DcSupply:
             raise LinkError(f"{name}: '{command}' was answered by '{answer[:60]}', which is no error report")
         if int(code[0]):
             raise InstrumentError(f"{name} refused '{command}': {answer}")
-
-
-class _Stairs(threading.Thread):
-    """Walks a supply along a drive in steps while the run goes on; ends with the drive, or when it is told to."""
-
-    def __init__(self, supply: DcSupply, drive: Ramp | Steps, clock: Clock) -> None:
-        super().__init__(name="DC supply steps", daemon=True)
-        self._supply, self._drive, self._clock = supply, drive, clock
-        self._told = threading.Event()
-        self._failure: BaseException | None = None
-        self._began_s = clock.now()
-        self.start()
-
-    def run(self) -> None:
-        try:
-            while not self._told.wait(2e-3):
-                t = self._clock.now() - self._began_s
-                level_v = self._supply.towards(float(self._drive.volts(np.array([t]))[0]))
-                if level_v != self._supply.idle_v():
-                    self._supply.set_level(level_v)
-                elif t >= self._drive.duration_s:
-                    return
-        except Exception as error:  # noqa: BLE001 - told by `end`, to whoever owns the run
-            self._failure = error
-
-    def end(self) -> BaseException | None:
-        """Stay where it is; what went wrong on the way."""
-        self._told.set()
-        self.join()
-        return self._failure

@@ -6,13 +6,13 @@ As a 33500B, but: one volatile waveform of 14-bit integers that each download ov
 Sources: 33220A User's Guide p. 227 (burst phase of waveforms) and chapter DATA; 33210A guide p. 166, p. 215.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 import numpy as np
 
 from drivers.burst_generator import SMALLEST_VPP
 from drivers.scpi_burst import ScpiBurstGenerator
+from drivers.setting import Setting, between, near, word
 from drivers.waveform import SINE, Points, block
 
 FULL_SCALE = 8191
@@ -25,18 +25,27 @@ class Keysight33200(ScpiBurstGenerator):
     SOLD_AS = "Agilent and Keysight 33210A, 33220A and 33250A"
     HOLDS_RANGE = True
     MOST_CYCLES = 50_000
-    ARMED: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "FUNC": ("USER",),
-        "FUNC:USER": ("VOLATILE",),
-        "BURS:STAT": ("1",),
-        "TRIG:SOUR": ("BUS",),
-    }
+
+    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
+        del low_v, high_v  # this box has no limits of its own
+        yield self._load_state()
+        yield from self._shared_state(rest_v)
+        yield from (
+            word("FUNC", "USER"),
+            word("FUNC:USER", "VOLATILE"),
+            word("UNIT:ANGL", "DEG"),
+            word("FORM:BORD", "NORM"),
+            word("SWE:STAT", "0"),
+            near("BURS:PHAS", 0.0, 1e-3),
+            word("TRIG:SOUR", "BUS"),
+            between("VOLT", 0.0, 2 * SMALLEST_VPP),
+            word("VOLT:RANG:AUTO", "0"),
+        )
 
     def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
-        self._tell("*CLS")
         self._declare_load()
         self._tell("VOLT:UNIT VPP", "UNIT:ANGL DEG", "VOLT:RANG:AUTO ON", "SWE:STAT OFF")
-        self._tell(f"VOLT {SMALLEST_VPP}", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD NORM")
+        self._tell(f"VOLT {SMALLEST_VPP}", "BURS:STAT OFF", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD NORM")
         self._held = None
         self._load(SINE)
         self._tell("FUNC:USER VOLATILE", "FUNC USER", "FREQ 100")

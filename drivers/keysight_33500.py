@@ -4,13 +4,13 @@ Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTP
 collected in docs/generators.md.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from drivers.burst_generator import SMALLEST_VPP
+from drivers.burst_generator import LEVEL_TOLERANCE_V, SMALLEST_VPP
 from drivers.scpi_burst import ScpiBurstGenerator
+from drivers.setting import Setting, between, near, word
 from drivers.waveform import SINE, Points, block
 
 
@@ -23,15 +23,32 @@ class Keysight33500(ScpiBurstGenerator):
     SMOOTHS = True
     RATE = "FUNC:ARB:SRAT"
     RATE_OF_SAMPLES = True
-    ARMED: ClassVar[Mapping[str, tuple[str, ...]]] = {"FUNC": ("ARB",), "BURS:STAT": ("1",), "TRIG:SOUR": ("BUS",)}
+
+    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
+        yield self._load_state()
+        yield from self._shared_state(rest_v)
+        yield from (
+            word("FUNC", "ARB"),
+            word("FUNC:ARB:FILT", "STEP"),
+            word("UNIT:ANGL", "DEG"),
+            word("FORM:BORD", "SWAP"),
+            word("SWE:STAT", "0"),
+            near("BURS:PHAS", 0.0, 1e-3),
+            word("TRIG:SOUR", "BUS"),
+            between("VOLT", 0.0, 2 * SMALLEST_VPP),
+            word("VOLT:RANG:AUTO", "0"),
+            near("VOLT:LIM:LOW", low_v - SMALLEST_VPP / 2, LEVEL_TOLERANCE_V),
+            near("VOLT:LIM:HIGH", high_v + SMALLEST_VPP / 2, LEVEL_TOLERANCE_V),
+            word("VOLT:LIM:STAT", "1"),
+        )
 
     def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
         # Limits forbid changing the load, so they come off first and on last.
-        self._tell("*CLS", "VOLT:LIM:STAT OFF")
+        self._tell("VOLT:LIM:STAT OFF")
         self._declare_load()
         self._tell("VOLT:UNIT VPP", "UNIT:ANGL DEG", "VOLT:RANG:AUTO ON", "SWE:STAT OFF")
         # In this order no intermediate setting conflicts with the box's present one.
-        self._tell(f"VOLT {SMALLEST_VPP}", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD SWAP", "DATA:VOL:CLE")
+        self._tell(f"VOLT {SMALLEST_VPP}", "ABOR", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD SWAP", "DATA:VOL:CLE")
         self._held = None
         self._load(SINE)
         # The step filter smooths without overshoot, and is not touched again.
@@ -54,8 +71,8 @@ class Keysight33500(ScpiBurstGenerator):
     def _vpp(self, points: Points, full_v: float) -> float:
         return float(np.ptp(points)) * full_v  # this box means the waveform's own span
 
-    def _cut(self) -> None:
-        self._tell("ABOR")
+    def _cut_words(self) -> Sequence[str]:
+        return ("ABOR",)
 
     def _most_points(self) -> int:
         return 1_000_000

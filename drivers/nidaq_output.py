@@ -74,7 +74,8 @@ class NiOutput:
         self._rest_v: float | None = None
         self._level_v = self._measured()
 
-    def at_rest(self, rest_v: float) -> bool:
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v, high_v  # the card's output range is fixed at +-10 V; the guard keeps the amplifier's
         if self._task is not None and not self._finished():
             return False
         rests = self._level_v is not None and abs(self.idle_v() - rest_v) <= LEVEL_TOLERANCE_V
@@ -82,7 +83,7 @@ class NiOutput:
         return rests
 
     def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
-        del low_v, high_v  # the card's output range is fixed at +-10 V; the guard keeps the amplifier's
+        del low_v, high_v
         self._let_go()
         self._rest_v = rest_v
         measured = self._measured()

@@ -103,11 +103,16 @@ class Source(Protocol):
 
     identity: Identity
 
-    def at_rest(self, rest_v: float) -> bool:
-        """Whether the instrument itself says: output on, high-impedance load, idle at `rest_v`."""
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        """Whether the instrument itself says that it is as `prepare` left it: output on, idle at `rest_v`, every setting.
+
+        What a hand at its front panel changed since must be noticed: then it is not at rest, and is prepared anew.
+        """
 
     def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
         """Bring the output up at rest. High voltage must be disabled: the level is undefined until this returns.
+
+        What an earlier program left playing or held comes down first, as gently as the instrument can.
 
         Raises:
             InstrumentError: a setting was refused or does not read back.
@@ -117,10 +122,16 @@ class Source(Protocol):
         """Begin a drive from the level where the source idles, and return at once."""
 
     def stop(self) -> None:
-        """Bring whatever plays down to its offset, gently, and return when the output idles."""
+        """Bring whatever plays down to its offset, gently, and return when the output idles.
+
+        Neither an error that others left in the instrument nor an answer that cannot be read keeps it from going down.
+
+        Raises:
+            InstrumentError: something went wrong on the way; told when all of the way has been sent.
+        """
 
     def move(self, level_v: float, duration_s: float) -> None:
-        """Move the idle level along a straight line, and return when it is there."""
+        """Move the idle level along a straight line, and return when it is there. To rest, it goes on as `stop` does."""
 
     def idle_v(self) -> float:
         """The level at which the instrument itself says it idles."""

@@ -7,14 +7,14 @@ itself, and one of more than 8192 points in the sample-rate mode, so that mode i
 Sources: DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold); DG800 Programming Guide 2-43, 2-47, 2-64.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 import numpy as np
 
-from drivers.burst_generator import SMALLEST_VPP
+from drivers.burst_generator import LEVEL_TOLERANCE_V, SMALLEST_VPP
 from drivers.errors import LinkError
 from drivers.scpi_burst import ScpiBurstGenerator
+from drivers.setting import Setting, between, near, word
 from drivers.waveform import SINE, Points, block
 
 FULL_SCALE = 16383
@@ -33,13 +33,24 @@ class RigolDg(ScpiBurstGenerator):
     RATE = "FUNC:ARB:SRAT"
     RATE_OF_SAMPLES = True
     TRIGGER = ":SOUR1:BURS:TRIG"
-    ARMED: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        ":SOUR1:FUNC": ("USER", "ARB"),
-        ":SOUR1:FUNC:ARB:MODE": ("SRAT", "SRATE"),
-        ":SOUR1:BURS:STAT": ("ON", "1"),
-        ":SOUR1:BURS:TRIG:SOUR": ("MAN",),
-        ":SOUR1:BURS:IDLE": ("CENTER",),
-    }
+
+    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
+        yield self._load_state()
+        yield from self._shared_state(rest_v)
+        yield from (
+            word(":SOUR1:FUNC", "USER", "ARB"),
+            word(":SOUR1:FUNC:ARB:MODE", "SRAT", "SRATE"),
+            word(":SOUR1:SWE:STAT", "OFF", "0"),
+            near(":SOUR1:BURS:PHAS", 0.0, 1e-3),
+            word(":SOUR1:BURS:TRIG:SOUR", "MAN"),
+            word(":SOUR1:BURS:IDLE", "CENTER"),
+            between(":SOUR1:VOLT", 0.0, 2 * SMALLEST_VPP),
+            word(":SOUR1:VOLT:RANG:AUTO", "OFF", "0"),
+        )
+        if self._limits_itself:
+            yield near(":OUTP1:VOLL:LOW", low_v - SMALLEST_VPP / 2, LEVEL_TOLERANCE_V)
+            yield near(":OUTP1:VOLL:HIGH", high_v + SMALLEST_VPP / 2, LEVEL_TOLERANCE_V)
+            yield word(":OUTP1:VOLL:STAT", "ON", "1")
 
     def idle_v(self) -> float:
         answer = self._scpi.ask(":SOUR1:APPL?")
@@ -58,12 +69,12 @@ class RigolDg(ScpiBurstGenerator):
         return self.identity.model.upper().startswith("DG8")
 
     def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
-        self._tell("*CLS")
         if self._limits_itself:
             self._tell(":OUTP1:VOLL:STAT OFF")
         self._declare_load()
         self._tell(":SOUR1:VOLT:UNIT VPP", ":SOUR1:VOLT:RANG:AUTO ON", ":SOUR1:SWE:STAT OFF")
-        self._tell(f":SOUR1:VOLT {SMALLEST_VPP}", f":SOUR1:VOLT:OFFS {rest_v:.6f}", ":SOUR1:FUNC:ARB:MODE SRAT")
+        self._tell(f":SOUR1:VOLT {SMALLEST_VPP}", ":SOUR1:BURS:STAT OFF")
+        self._tell(f":SOUR1:VOLT:OFFS {rest_v:.6f}", ":SOUR1:FUNC:ARB:MODE SRAT")
         self._held = None
         self._load(SINE)
         self._tell(":SOUR1:BURS:MODE TRIG", ":SOUR1:BURS:NCYC 1", ":SOUR1:BURS:PHAS 0", ":SOUR1:BURS:TRIG:SOUR MAN")

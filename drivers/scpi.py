@@ -88,19 +88,6 @@ class Scpi:
             words = words.strip().strip('"')
             raise InstrumentError(f"{self.instrument} refused '{shown}': {words} ({code})")
 
-    def confirm(self, query: str, wanted: float, tolerance: float, what: str) -> None:
-        """Read a number back and compare it with what was set.
-
-        Raises:
-            InstrumentError: it reads back differently.
-        """
-        seen = self.ask_number(query)
-        if not abs(seen - wanted) <= tolerance:
-            raise InstrumentError(
-                f"{self.instrument}: {what} was set to {wanted:g} and reads back {seen:g} (limit +-{tolerance:g}); "
-                "the output was not brought up"
-            )
-
     def identify(self) -> Identity:
         """Who answers, by `*IDN?`."""
         parts = [part.strip() for part in self.ask("*IDN?").split(",")]

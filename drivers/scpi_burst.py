@@ -1,9 +1,11 @@
 """Burst generators that speak SCPI: the settings that Keysight, Rigol and Tektronix share, with their headers as data."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
-from drivers.burst_generator import SMALLEST_VPP, BurstGenerator
+from drivers.burst_generator import LEVEL_TOLERANCE_V, SMALLEST_VPP, BurstGenerator
+from drivers.setting import Setting, between, near, word
 
 
 class ScpiBurstGenerator(BurstGenerator):
@@ -17,26 +19,36 @@ class ScpiBurstGenerator(BurstGenerator):
     RATE_OF_SAMPLES: ClassVar[bool] = False
     """Whether `RATE` counts samples a second, or whole periods."""
     TRIGGER: ClassVar[str] = "*TRG"
-    ARMED: ClassVar[Mapping[str, tuple[str, ...]]]
-    """Queries of the source subsystem, and the answers that an armed burst gives."""
 
     def idle_v(self) -> float:
         return self._scpi.ask_number(f"{self.SOURCE}VOLT:OFFS?")
 
-    def _is_armed(self, *, output: bool = True) -> bool:
-        return (
-            (not output or self._scpi.ask(f"{self.OUTPUT}?").upper() in ("1", "ON"))
-            and self._load_is_infinite()
-            and all(self._scpi.ask(f"{query}?").upper() in answers for query, answers in self.ARMED.items())
+    def _answer(self, name: str) -> str:
+        return self._scpi.ask(f"{name}?")
+
+    def _output_is_on(self) -> bool:
+        return self._answer(self.OUTPUT).upper() in ("1", "ON")
+
+    def _forget_errors(self) -> None:
+        self._tell("*CLS")
+
+    def _shared_state(self, rest_v: float) -> Iterable[Setting]:
+        """What every dialect of these is asked by the same words."""
+        source = self.SOURCE
+        yield from (
+            word(f"{source}VOLT:UNIT", "VPP"),
+            near(f"{source}VOLT:OFFS", rest_v, LEVEL_TOLERANCE_V),
+            word(f"{source}BURS:STAT", "1", "ON"),
+            word(f"{source}BURS:MODE", "TRIG", "TRIGGERED"),
+            between(f"{source}BURS:NCYC", 1, self.MOST_CYCLES),
         )
 
-    def _load_is_infinite(self) -> bool:
-        return self._scpi.ask_number(f"{self.LOAD}?") > 1e9
+    def _load_state(self) -> Setting:
+        return between(self.LOAD, 1e9, math.inf)
 
     def _declare_load(self) -> None:
         """High impedance: declared 50 ohm, the amplifier would get twice what is asked."""
         self._scpi.tell(f"{self.LOAD} INF")
-        self._agree(self._scpi.ask_number(f"{self.LOAD}?"), 9.9e37, 1e36, "the load in ohm (infinite)")
 
     def _freeze_range(self, rest_v: float, span_v: float) -> None:
         """Hold the attenuator at the range of the largest sine this bench may ask for.
@@ -54,14 +66,20 @@ class ScpiBurstGenerator(BurstGenerator):
     def _output_on(self) -> None:
         self._tell(f"{self.OUTPUT} ON")
 
+    def _offset_words(self, volts: float) -> str:
+        return f"{self.SOURCE}VOLT:OFFS {volts:.6f}"
+
     def _set_offset(self, volts: float) -> None:
-        self._tell(f"{self.SOURCE}VOLT:OFFS {volts:.6f}")
+        self._tell(self._offset_words(volts))
 
     def _amplitude(self) -> float:
         return self._scpi.ask_number(f"{self.SOURCE}VOLT?")
 
+    def _amplitude_words(self, vpp: float) -> str:
+        return f"{self.SOURCE}VOLT {vpp:.6f}"
+
     def _set_amplitude(self, vpp: float) -> None:
-        self._tell(f"{self.SOURCE}VOLT {vpp:.6f}")
+        self._tell(self._amplitude_words(vpp))
 
     def _set_rate(self, rate_hz: float, size: int) -> None:
         wanted = rate_hz * size if self.RATE_OF_SAMPLES else rate_hz
@@ -73,11 +91,16 @@ class ScpiBurstGenerator(BurstGenerator):
         self._tell(f"{self.SOURCE}BURS:NCYC {cycles:d}")
 
     def _longest_s(self) -> float:
+        if self._answer(f"{self.SOURCE}BURS:STAT").upper() not in ("1", "ON"):
+            return 0.0
         return self._scpi.ask_number(f"{self.SOURCE}BURS:NCYC?") / self._scpi.ask_number(f"{self.SOURCE}FREQ?")
 
     def _trigger(self) -> None:
         self._tell(self.TRIGGER)
 
-    def _cut(self) -> None:
+    def _say(self, words: str) -> None:
+        self._tell(words)
+
+    def _cut_words(self) -> Sequence[str]:
         # Burst mode that comes on anew waits for its trigger; in between the box plays its few millivolts.
-        self._tell(f"{self.SOURCE}BURS:STAT OFF", f"{self.SOURCE}BURS:STAT ON")
+        return f"{self.SOURCE}BURS:STAT OFF", f"{self.SOURCE}BURS:STAT ON"

@@ -9,12 +9,15 @@ Sources: SDG Series Programming Guide (BSWV, BTWV, WVDT, ARWV, OUTP); how WVDT f
 this driver states the length (`LENGTH,4096B`) and sends them bare. Try it once on your box before high voltage is on.
 """
 
+import math
 import re
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from drivers.burst_generator import BurstGenerator
+from drivers.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.errors import LinkError
+from drivers.setting import Setting, between, near, word
 from drivers.waveform import SINE, Points
 
 FULL_SCALE = 32767
@@ -47,16 +50,22 @@ class SiglentSdg(BurstGenerator):
         return dict(zip(words[::2], words[1::2], strict=False))
 
     def _number(self, command: str, name: str) -> float:
-        text = self._ask(command).get(name, "")
-        found = re.match(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?", text)
-        if not found:
+        text = self._answer(f"{command} {name}")
+        try:
+            return float(text)
+        except ValueError:
             raise LinkError(
                 f"{self._scpi.instrument}: 'C1:{command}?' names no {name} ('{text[:30]}'); is it in the mode it was set to?"
-            )
-        return float(found[0])
+            ) from None
+
+    def _answer(self, name: str) -> str:
+        command, _, parameter = name.partition(" ")
+        text = self._ask(command).get(parameter, "nothing")
+        number = re.match(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?(?=[A-Z]*$)", text)
+        return number[0] if number else text
 
     def _put(self, command: str, name: str, value: float, tolerance: float) -> None:
-        self._scpi.link.write(f"C1:{command} {name},{value:.10g}")
+        self._scpi.link.write(_words(command, name, value))
         self._agree(self._number(command, name), value, tolerance, f"{command} {name}")
 
     def _choose(self, command: str, **values: str) -> None:
@@ -67,41 +76,58 @@ class SiglentSdg(BurstGenerator):
             if seen.get(name) != value:
                 raise LinkError(
                     f"{self._scpi.instrument}: {command} {name} was set to {value} and reads back {seen.get(name, 'nothing')}; "
-                    "it was not played. Look at the instrument's front panel"
+                    "nothing more was sent. Look at the instrument's front panel"
                 )
 
-    def _is_armed(self, *, output: bool = True) -> bool:
-        at_output, basic, burst = self._ask("OUTP"), self._ask("BSWV"), self._ask("BTWV")
+    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
         return (
-            (not output or at_output.get("STATE") == "ON")
-            and at_output.get("LOAD") == "HZ"
-            and at_output.get("PLRT") == "NOR"
-            and basic.get("WVTP") == "ARB"
-            and (burst.get("STATE"), burst.get("GATE_NCYC"), burst.get("TRSR")) == ("ON", "NCYC", "MAN")
+            word("OUTP LOAD", "HZ"),
+            word("OUTP PLRT", "NOR"),
+            word("BSWV WVTP", "ARB"),
+            near("BSWV OFST", rest_v, LEVEL_TOLERANCE_V),
+            near("BSWV AMP", high_v - low_v, LEVEL_TOLERANCE_V),
+            word("BTWV STATE", "ON"),
+            word("BTWV GATE_NCYC", "NCYC"),
+            word("BTWV TRSR", "MAN"),
+            near("BTWV STPS", 0.0, 1e-3),
+            between("BTWV TIME", 1, self.MOST_CYCLES),
         )
+
+    def _output_is_on(self) -> bool:
+        return self._answer("OUTP STATE") == "ON"
+
+    def _forget_errors(self) -> None:
+        """Nothing: this box keeps no errors."""
 
     def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
         self._choose("OUTP", LOAD="HZ")
         self._choose("OUTP", PLRT="NOR")
         self._choose("BSWV", WVTP="ARB")
         self._put("BSWV", "AMP", 0.1, 1e-3)
+        self._choose("BTWV", STATE="OFF")
         self._put("BSWV", "OFST", rest_v, 1e-3)
-        self._put("BSWV", "AMP", high_v - low_v, 1e-3)
         self._held = None
         self._load(SINE)
         self._choose("BTWV", STATE="ON")
         self._choose("BTWV", GATE_NCYC="NCYC", TRSR="MAN")
         self._put("BTWV", "STPS", 0, 1e-3)
         self._set_cycles(1)
+        self._put("BSWV", "AMP", high_v - low_v, 1e-3)
 
     def _output_on(self) -> None:
         self._choose("OUTP", STATE="ON")
+
+    def _offset_words(self, volts: float) -> str:
+        return _words("BSWV", "OFST", volts)
 
     def _set_offset(self, volts: float) -> None:
         self._put("BSWV", "OFST", volts, 1e-3)
 
     def _amplitude(self) -> float:
         return self._number("BSWV", "AMP")
+
+    def _amplitude_words(self, vpp: float) -> str:
+        return _words("BSWV", "AMP", vpp)
 
     def _set_amplitude(self, vpp: float) -> None:
         self._put("BSWV", "AMP", vpp, 1e-3)
@@ -113,14 +139,20 @@ class SiglentSdg(BurstGenerator):
         self._put("BTWV", "TIME", cycles, 0.5)
 
     def _longest_s(self) -> float:
-        return self._number("BTWV", "TIME") / self._number("BSWV", "FRQ")
+        if self._answer("BTWV STATE") != "ON":
+            return 0.0
+        cycles = self._answer("BTWV TIME")
+        return math.inf if cycles == "INF" else float(cycles) / self._number("BSWV", "FRQ")
 
     def _trigger(self) -> None:
-        self._scpi.link.write("C1:BTWV MTRIG")
-        self._ask("OUTP")  # nothing confirms a trigger; this at least hears that the box still answers
+        self._say("C1:BTWV MTRIG")  # nothing confirms a trigger; this at least hears that the box still answers
 
-    def _cut(self) -> None:
-        """Nothing: it is waited for, never cut."""
+    def _say(self, words: str) -> None:
+        self._scpi.link.write(words)
+        self._ask("OUTP")
+
+    def _cut_words(self) -> Sequence[str]:
+        return "C1:BTWV STATE,OFF", "C1:BTWV STATE,ON"
 
     def _store(self, points: Points) -> None:
         playing = self._ask("ARWV").get("NAME", "")
@@ -135,3 +167,7 @@ class SiglentSdg(BurstGenerator):
 
     def _most_points(self) -> int:
         return 16_384 if self.identity.model.upper().startswith("SDG1") else 1_000_000
+
+
+def _words(command: str, name: str, value: float) -> str:
+    return f"C1:{command} {name},{value:.10g}"

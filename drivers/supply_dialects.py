@@ -23,6 +23,7 @@ class Dialect:
     models: str
     volts: str
     current: str
+    current_is: str
     measure: str
     on: str
     is_on: str
@@ -39,6 +40,7 @@ DIALECTS = (
         r"E36\d{3}",
         volts="VOLT {v:.4f},(@{ch})",
         current="CURR {v:.4f},(@{ch})",
+        current_is="CURR? (@{ch})",
         measure="MEAS:VOLT? (@{ch})",
         on="OUTP ON,(@{ch})",
         is_on="OUTP? (@{ch})",
@@ -52,6 +54,7 @@ DIALECTS = (
         r"E3631A",
         volts="INST:NSEL {ch};:VOLT {v:.4f}",
         current="INST:NSEL {ch};:CURR {v:.4f}",
+        current_is="INST:NSEL {ch};:CURR?",
         measure="INST:NSEL {ch};:MEAS:VOLT?",
         on="OUTP ON",
         is_on="OUTP?",
@@ -61,6 +64,7 @@ DIALECTS = (
         r"DP8\d\d",
         volts=":SOUR{ch}:VOLT {v:.4f}",
         current=":SOUR{ch}:CURR {v:.4f}",
+        current_is=":SOUR{ch}:CURR?",
         measure=":MEAS:VOLT? CH{ch}",
         on=":OUTP CH{ch},ON",
         is_on=":OUTP? CH{ch}",
@@ -74,6 +78,7 @@ DIALECTS = (
         r"SPD[13]",
         volts="CH{ch}:VOLT {v:.3f}",
         current="CH{ch}:CURR {v:.3f}",
+        current_is="CH{ch}:CURR?",
         measure="MEAS:VOLT? CH{ch}",
         on="OUTP CH{ch},ON",
         is_on="SYST:STAT?",

@@ -8,12 +8,13 @@ twice the volts, which arming measures before it lets high voltage on.
 Sources: AFG3000 Series Programmer Manual (DATA, TRIGger); the README of asvela/tektronix-func-gen for the AFG1022.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterable
 
 import numpy as np
 
+from drivers.burst_generator import LEVEL_TOLERANCE_V
 from drivers.scpi_burst import ScpiBurstGenerator
+from drivers.setting import Setting, near, word
 from drivers.waveform import SINE, Points, block
 
 FULL_SCALE = 16382
@@ -28,35 +29,39 @@ class TektronixAfg(ScpiBurstGenerator):
     SOURCE = "SOUR1:"
     OUTPUT = "OUTP1:STAT"
     LOAD = "OUTP1:IMP"
-    ARMED: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "SOUR1:FUNC:SHAP": ("EMEM", "EMEMORY", "EMEM1"),
-        "SOUR1:BURS:STAT": ("1",),
-        "SOUR1:BURS:MODE": ("TRIG",),
-        "TRIG:SOUR": ("EXT",),
-    }
 
     @property
     def _small(self) -> bool:
         return self.identity.model.upper().startswith("AFG1")
 
-    def _load_is_infinite(self) -> bool:
-        return self._small or super()._load_is_infinite()
+    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
+        yield from self._shared_state(rest_v)
+        yield from (
+            word("SOUR1:FUNC:SHAP", "EMEM", "EMEMORY", "EMEM1"),
+            word("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
+            near("SOUR1:BURS:TDEL", 0.0, 1e-9),
+            word("TRIG:SOUR", "EXT"),
+            near("SOUR1:VOLT", high_v - low_v, LEVEL_TOLERANCE_V),
+        )
+        if not self._small:
+            half_v = (high_v - low_v) / 2
+            yield self._load_state()
+            yield near("SOUR1:VOLT:LIM:LOW", low_v - half_v, LEVEL_TOLERANCE_V)
+            yield near("SOUR1:VOLT:LIM:HIGH", high_v + half_v, LEVEL_TOLERANCE_V)
 
     def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
         half_v = (high_v - low_v) / 2
-        self._tell("*CLS")
         if not self._small:
             self._tell("SOUR1:VOLT:LIM:LOW MIN", "SOUR1:VOLT:LIM:HIGH MAX")
             self._declare_load()
         self._tell("SOUR1:VOLT:UNIT VPP", "SOUR1:FREQ:MODE CW")
-        self._tell("SOUR1:VOLT 0.1", f"SOUR1:VOLT:OFFS {rest_v:.6f}", f"SOUR1:VOLT {2 * half_v:.6f}")
+        self._tell("SOUR1:VOLT 0.1", "SOUR1:BURS:STAT OFF", f"SOUR1:VOLT:OFFS {rest_v:.6f}")
         self._held = None
         self._load(SINE)
         self._tell("SOUR1:FUNC:SHAP EMEM", "SOUR1:FREQ 100")
         # On the external trigger the burst waits for ever, and *TRG fires it all the same.
         self._tell("TRIG:SOUR EXT", "SOUR1:BURS:MODE TRIG", "SOUR1:BURS:NCYC 1", "SOUR1:BURS:TDEL 0")
-        self._tell("SOUR1:BURS:STAT ON")
-        self._agree(self._amplitude(), 2 * half_v, 1e-3, "the amplitude in volts peak to peak")
+        self._tell("SOUR1:BURS:STAT ON", f"SOUR1:VOLT {2 * half_v:.6f}")
         if not self._small:  # the amplitude is there although it does not play, and counts wherever the burst idles
             self._tell(f"SOUR1:VOLT:LIM:LOW {low_v - half_v:.6f}", f"SOUR1:VOLT:LIM:HIGH {high_v + half_v:.6f}")
 

@@ -161,7 +161,7 @@ class Hound:
         if again:
             self._source.reconnect()
         self._amplifier.force_rest()
-        if not self._source.at_rest(self._charge.map.rest_v):
+        if not self._amplifier.source_at_rest():
             raise InstrumentError(f"{self._source.identity} does not say that it is at rest")
 
     def _open(self) -> None:

@@ -47,7 +47,7 @@ class KeysightBox(ScpiBox):
             Command(SOURCE + "SWEep:SPACing", only("LINear"), lambda _: "LIN"),
             self._mode(SOURCE + "SWEep:STATe", "sweep", "burst"),
             self._mode(SOURCE + "BURSt:STATe", "burst", "sweep"),
-            Command(SOURCE + "BURSt:MODE", only("TRIGgered"), lambda _: "TRIG"),
+            self._kept(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
             Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: self.real(self._core.settings.cycles)),
             self._numeric(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
             self._numeric(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s),
@@ -56,7 +56,7 @@ class KeysightBox(ScpiBox):
             Command("TRIGger[1][:IMMediate]", lambda _: self.trigger()),
             Command(SOURCE + "APPLy:SINusoid", self._apply("SIN")),
             Command(SOURCE + "APPLy:DC", self._apply("DC")),
-            Command("UNIT:ANGLe", only("DEGree"), lambda _: "DEG"),
+            self._kept("UNIT:ANGLe", "DEGree", "RADian"),
             Command("FORMat:BORDer", self._set_order, lambda _: "NORM" if self._big_endian else "SWAP"),
         ]
 

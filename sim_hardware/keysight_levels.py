@@ -46,6 +46,11 @@ class Levels:
         """Displayed volts per volt of the open output."""
         return 1.0 if math.isinf(self.load_ohm) else self.load_ohm / (self.load_ohm + SOURCE_OHM)
 
+    @property
+    def limits_v(self) -> tuple[float, float]:
+        """Low and high limit in displayed volts."""
+        return self._low_limit_v, self._high_limit_v
+
     def clip(self, value: float, low: float, high: float) -> float:
         """The nearest value that the box can do, with an error in the queue if it is another one."""
         if value > high * (1 + 1e-9) + 1e-12:

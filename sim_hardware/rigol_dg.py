@@ -1,6 +1,6 @@
 """A Rigol DG1000Z or DG800 function generator as its programming guide describes it.
 
-Its own traps: VOLT:OFFS? answers 0 in DC mode whatever the level is, only APPL? tells it; a download selects the
+Its own traps: VOLT:OFFS? answers 0 in DC mode whatever the level is APPL? tells it; a download selects the
 waveform function by itself, and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are
 stretched to 8192; switches are answered ON and OFF; the idle level of a burst is a setting of its own.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_hardware.generator import Generator
 from sim_hardware.scpi import Command
-from sim_hardware.scpi_box import ScpiBox, data_of, only
+from sim_hardware.scpi_box import ScpiBox, data_of
 from sim_hardware.scpi_values import Arguments, ScpiError, choice, number, one
 
 SOURCE = "[SOURce[1]:]"
@@ -55,8 +55,8 @@ class RigolDg(ScpiBox):
     def commands(self) -> Sequence[Command]:
         levels, core = self._levels, self._core
         limits = [
-            Command("OUTPut[1]:VOLLimit:LOW", levels.set_limit(high=False)),
-            Command("OUTPut[1]:VOLLimit:HIGH", levels.set_limit(high=True)),
+            Command("OUTPut[1]:VOLLimit:LOW", levels.set_limit(high=False), lambda _: self.real(levels.limits_v[0])),
+            Command("OUTPut[1]:VOLLimit:HIGH", levels.set_limit(high=True), lambda _: self.real(levels.limits_v[1])),
             Command("OUTPut[1]:VOLLimit[:STATe]", levels.set_limits_on, lambda _: self.switch(levels.limits_on)),
         ]
         shared = [c for c in levels.commands(SOURCE) if "LIMit" not in c.pattern and ":RANGe" not in c.pattern]
@@ -80,7 +80,7 @@ class RigolDg(ScpiBox):
             self._numeric(SOURCE + "FREQuency[:FIXed]", "frequency_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
             self._mode(SOURCE + "SWEep:STATe", "sweep", "burst"),
             self._mode(SOURCE + "BURSt[:STATe]", "burst", "sweep"),
-            Command(SOURCE + "BURSt:MODE", only("TRIGgered"), lambda _: "TRIG"),
+            self._kept(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
             Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: self.real(core.settings.cycles)),
             self._numeric(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
             Command(SOURCE + "BURSt:TRIGger:SOURce", self._set_trigger, lambda _: self._trigger_source()),

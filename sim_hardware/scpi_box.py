@@ -37,6 +37,7 @@ class ScpiBox:
         self.report: Callable[[ScpiError], None] = lambda _: None
         self._core = core
         self._now = now
+        self._choices: dict[str, str] = {}
         self._levels = Levels(core, self._report, self.real)
 
     def real(self, value: float) -> str:
@@ -52,6 +53,7 @@ class ScpiBox:
         raise AttributeError(f"{type(self).__name__} lists no commands")
 
     def reset(self) -> None:
+        self._choices.clear()
         self._levels.reset()
         self._core.reset()
 
@@ -80,6 +82,15 @@ class ScpiBox:
             self._core.change(**{name: boolean(one(a))})
 
         return Command(pattern, setter, lambda _: self.switch(getattr(self._core.settings, name)))
+
+    def _kept(self, pattern: str, *names: str) -> Command:
+        """A setting that is kept and answered, and that makes no difference to an output at idle; the first is factory."""
+
+        def setter(a: Arguments) -> None:
+            self._choices[pattern] = choice(one(a), *names)
+
+        factory = "".join(c for c in names[0] if not c.islower())
+        return Command(pattern, setter, lambda _: self._choices.get(pattern, factory))
 
     def _enter(self, function: str) -> None:
         """Another function: what does not go with it gives way, with an error in the queue."""

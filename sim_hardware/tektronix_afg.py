@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_hardware.generator import Generator
 from sim_hardware.scpi import Command
-from sim_hardware.scpi_box import ScpiBox, data_of, only
+from sim_hardware.scpi_box import ScpiBox, data_of
 from sim_hardware.scpi_values import Arguments, ScpiError, choice, number, one
 
 SOURCE = "[SOURce[1]:]"
@@ -33,11 +33,13 @@ class TektronixAfg(ScpiBox):
         self._memory_points = 8192 if self._small else 65_536
         self._edit = np.zeros(1000)
         self._high_z = high_z
+        self._delay_s = 0.0
         if self._small and high_z:
             self._levels.set_load(["INF"])
 
     def reset(self) -> None:
         super().reset()
+        self._delay_s = 0.0
         self._core.change(period_s=1e-3)
         if self._small and self._high_z:
             self._levels.set_load(["INF"])
@@ -55,9 +57,9 @@ class TektronixAfg(ScpiBox):
             self._numeric(SOURCE + "FREQuency[:FIXed]", "frequency_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
             Command(SOURCE + "FREQuency:MODE", self._set_sweep, lambda _: "SWE" if core.settings.sweep else "CW"),
             self._mode(SOURCE + "BURSt:STATe", "burst", "sweep"),
-            Command(SOURCE + "BURSt:MODE", only("TRIGgered"), lambda _: "TRIG"),
+            self._kept(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
             Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: self.real(core.settings.cycles)),
-            Command(SOURCE + "BURSt:TDELay", lambda a: _none(one(a)), lambda _: "0.0000"),
+            Command(SOURCE + "BURSt:TDELay", self._set_delay, lambda _: self.real(self._delay_s)),
             self._switch("OUTPut[1][:STATe]", "on"),
             Command("TRIGger[:SEQuence]:SOURce", self._set_trigger, lambda _: self._trigger_source()),
             Command("TRIGger[:SEQuence][:IMMediate]", lambda _: self.trigger()),
@@ -94,6 +96,9 @@ class TektronixAfg(ScpiBox):
     def _set_trigger(self, a: Arguments) -> None:
         self._core.change(trigger="IMM" if choice(one(a), "TIMer", "EXTernal") == "TIM" else "BUS")
 
+    def _set_delay(self, a: Arguments) -> None:
+        self._delay_s = self._levels.clip(number(one(a), "S"), 0.0, 85.0)
+
     def _define(self, a: Arguments) -> None:
         if len(a) != 2:
             raise ScpiError(-109)
@@ -116,8 +121,3 @@ class TektronixAfg(ScpiBox):
         self._edit = points
         if self._core.settings.function == "ARB":
             self._set_wave(points)
-
-
-def _none(text: str) -> None:
-    if number(text, "S") != 0:
-        raise ScpiError(-222)

@@ -29,16 +29,16 @@ def live(made: Made) -> Made:
 
 def test_a_fresh_box_is_not_at_rest_and_is_brought_there(made: Made) -> None:
     source, bench, _ = made
-    assert not source.at_rest(2.5)
+    assert not source.at_rest(2.5, 0.0, 5.0)
     source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     assert source.idle_v() == pytest.approx(2.5, abs=1e-3)
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
 def test_preparing_twice_is_harmless_even_live(made: Made) -> None:
     source, bench, _ = live(made)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(bench.report())
 
 
@@ -93,7 +93,7 @@ def test_small_and_large_drives_follow_each_other_without_a_jump(made: Made) -> 
         clock.sleep(drive.duration_s + 0.05)
         source.stop()
     volts_are_safe(bench.report())
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves(made: Made) -> None:
@@ -110,7 +110,7 @@ def test_a_sine_is_stopped_gently_from_any_phase(made: Made) -> None:
         source.play(Sine(40.0, 2.5, 2.5, 60))
         clock.sleep(0.1 + 0.0063 * k)
         source.stop()
-        assert source.at_rest(2.5)
+        assert source.at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.05)
     volts_are_safe(bench.report())
 
@@ -155,7 +155,7 @@ def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str, made: Ma
     bench.clear(fault)
     clock.sleep(1.0)
     source.reconnect()
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(bench.report())
 
 

@@ -67,10 +67,10 @@ def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(made: Made) -> N
         source.play(Sine(50.0, 1.0, 2.5, 5))
     bench.clear("card-unplugged")
     source.reconnect()
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     source.play(Sine(50.0, 1.0, 2.5, 5))
     clock.sleep(0.3)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(bench.report())
 
 
@@ -90,5 +90,5 @@ def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_bac
         assert source.idle_v() == pytest.approx(stuck_v, abs=2e-3)
         source.stop()
         source.move(2.5, 0.3)
-        assert source.at_rest(2.5)
+        assert source.at_rest(2.5, 0.0, 5.0)
         volts_are_safe(bench.report())

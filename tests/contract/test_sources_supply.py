@@ -104,14 +104,14 @@ def test_steps_go_on_while_the_run_does() -> None:
     with on_a_socket("E36312A") as made:
         source, bench, clock = live(made)
         source.play(Steps((2.5, 3.5, 2.0, 2.5), 1.5, 0.5))
-        assert not source.at_rest(2.5)
+        assert not source.at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="still plays"):
             source.play(Ramp(2.5, 3.0, 0.1))
         clock.sleep(2.8)
         assert bench.supply.measured_v() == pytest.approx(3.5, abs=0.02)
         clock.sleep(5.0)
         source.stop()
-        assert source.at_rest(2.5)
+        assert source.at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.3)
         report = bench.report()
         volts_are_safe(report)
@@ -165,7 +165,7 @@ def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
         bench.supply.on = False  # somebody's finger on the front panel
         bench.supply.follow()
         clock.sleep(1.0)
-        assert not source.at_rest(2.5)
+        assert not source.at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="has switched itself OFF"):
             source.move(2.6, 0.1)
 
@@ -177,11 +177,11 @@ def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str) -> None:
             source, bench, clock = live(made)
             bench.inject(fault)
             with pytest.raises(LinkError, match=r"DC supply E36312A: |which is no"):
-                source.at_rest(2.5)
+                source.at_rest(2.5, 0.0, 5.0)
             bench.clear(fault)
             clock.sleep(1.0)
             source.reconnect()
-            assert source.at_rest(2.5)
+            assert source.at_rest(2.5, 0.0, 5.0)
             volts_are_safe(bench.report())
 
 

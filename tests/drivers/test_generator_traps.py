@@ -115,7 +115,7 @@ def test_a_rigol_found_in_dc_is_read_where_it_tells_the_truth() -> None:
     link.write(":SOUR1:VOLT:OFFS?")
     assert float(link.read()) == 0.0
     assert source.idle_v() == pytest.approx(2.5, abs=1e-3)
-    assert not source.at_rest(2.5)
+    assert not source.at_rest(2.5, 0.0, 5.0)
 
 
 @pytest.mark.parametrize(("dwell_s", "rise_s", "packets"), [(0.5, 0.5, 1), (1.0, 0.005, 1), (3.0, 0.005, 3)])
@@ -135,7 +135,9 @@ def test_a_rigol_plays_at_the_rate_it_was_told_whatever_the_size_of_a_waveform(
 def test_a_siglent_clips_without_a_word_and_is_caught_reading_back() -> None:
     source, bench, link = made("SDG1032X")
     source.prepare(2.5, 0.0, 5.0)
-    with pytest.raises(InstrumentError, match=r"BSWV OFST was set to 7\.\d+ and reads back 7\.5 .*not played"):
+    with pytest.raises(
+        InstrumentError, match=r"BSWV OFST was set to 7\.\d+ and reads back 7\.5 .*nothing more was sent"
+    ):
         source.move(8.0, 0.01)
     link.write("SYST:ERR?")
     assert link.read().startswith("+0")  # it never complained
@@ -149,7 +151,7 @@ def test_a_siglent_hears_burst_settings_only_once_burst_is_on() -> None:
     link.write("C1:BTWV?")
     assert "TRSR,INT,TIME,1," in link.read()
     source, _, _ = live("SDG1032X")
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_siglent_waveform_is_stored_with_the_levels_that_hold() -> None:
@@ -190,7 +192,7 @@ def test_a_driver_opened_in_the_middle_of_a_drive_waits_for_its_end() -> None:
     source.play(Sine(50.0, 1.0, 2.5, 100))
     second = SiglentSdg(bench.link(), bench.clock)
     second.stop()
-    assert second.at_rest(2.5)
+    assert second.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(bench.report())
 
 
@@ -228,7 +230,7 @@ def test_auto_asks_the_box_who_it_is(model: str, driver: Callable[..., BurstGene
     source = open_generator("auto", bench.link(), bench.clock, 0.05)
     assert type(source) is driver
     source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
 
 
 def test_the_wrong_driver_by_name_is_a_sentence() -> None:

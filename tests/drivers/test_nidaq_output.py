@@ -52,9 +52,9 @@ def test_what_another_program_left_is_measured_and_left_along_a_line(bench: Virt
     bench.enable_hv()
     source = output(bench)
     assert source.idle_v() == pytest.approx(3.1, abs=2e-3)
-    assert not source.at_rest(2.5)
+    assert not source.at_rest(2.5, 0.0, 5.0)
     source.move(2.5, 0.2)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     report = bench.report()
     assert report.largest_jump_v < 0.01
     assert report.steepest_v_per_s < 50
@@ -64,11 +64,11 @@ def test_a_level_that_cannot_be_measured_is_not_guessed(bench: VirtualBench) -> 
     """The converter is busy with the run's own acquisition: only `prepare`, with high voltage off, may set the output."""
     with NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock).stream(5000.0, 250):
         source = output(bench)
-        assert not source.at_rest(2.5)
+        assert not source.at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="its level is not known; prepare it with high voltage disabled"):
             source.move(2.5, 0.1)
         source.prepare(2.5, 0.0, 5.0)
-        assert source.at_rest(2.5)
+        assert source.at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_killed_program_leaves_a_sample_and_its_watchdog_takes_it_from_there(
@@ -84,7 +84,7 @@ def test_a_killed_program_leaves_a_sample_and_its_watchdog_takes_it_from_there(
         config = BenchConfig.model_validate({"source": {"kind": "card-output"}})
         again = NiOutput(clock=bench.clock, **options(config, 1.0))
         HvAmplifier(again, config.amplifier.map, config.amplifier.limits, bench.clock).force_rest()
-    assert again.at_rest(2.5)
+    assert again.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(bench.report())
     source.close()  # what a killed program cannot do; its task is gone all the same
     again.close()
@@ -127,7 +127,7 @@ def test_any_drive_is_played_and_ends_by_itself(drive, bench: VirtualBench) -> N
     assert report.highest_v == pytest.approx(drive.high_v, abs=0.01)
     assert report.lowest_v == pytest.approx(drive.low_v, abs=0.01)
     assert report.ends_at_rest
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     volts_are_safe(report)
 
 
@@ -148,7 +148,7 @@ def phases(bench: VirtualBench, source: NiOutput, plays: int) -> list[float]:
         for k in range(plays):
             source.play(Sine(40.0, 1.0, 2.5, 20))
             bench.clock.sleep(0.8 + 0.0017 * k)
-            assert source.at_rest(2.5)
+            assert source.at_rest(2.5, 0.0, 5.0)
         count = int((bench.clock.now() - stream.started_s) * stream.rate_hz) // 100
         volts = np.concatenate([drive_volts(stream.read(), stream.scales) for _ in range(count)])
     loud = np.abs(volts - 2.5) > 0.01
@@ -180,9 +180,9 @@ def test_started_freely_the_phase_falls_anywhere_between_two_scans(bench: Virtua
 def test_a_trigger_that_never_comes_does_not_keep_us_from_rest(bench: VirtualBench) -> None:
     source = live(bench, start_trigger="ai/SampleClock")
     source.play(Sine(40.0, 1.0, 2.5, 20))  # no acquisition runs
-    assert not source.at_rest(2.5)
+    assert not source.at_rest(2.5, 0.0, 5.0)
     source.stop()
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     source.move(3.0, 0.1)
     source.move(2.5, 0.1)
     assert bench.report().highest_v == pytest.approx(3.0, abs=1e-3)
@@ -203,7 +203,7 @@ def test_what_it_cannot_play_is_a_sentence_and_nothing_moves(options, drive, say
         source.play(drive)
     bench.clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     source.close()
 
 

@@ -149,7 +149,7 @@ def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
 def test_a_tripped_output_stays_open_until_it_is_switched_on(bench, source):
     bench.inject("output-tripped")
     assert bench.report().end_v == 0.0
-    assert not source.at_rest(2.5)
+    assert not source.at_rest(2.5, 0.0, 5.0)
     bench.clear()
     assert bench.report().end_v == 0.0
 

@@ -280,7 +280,7 @@ def test_a_fast_clock_plays_a_higher_frequency():
 def test_the_real_driver_plays_a_dwell_without_a_single_jump(bench):
     source = Keysight33500(bench.link(), bench.clock)
     source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
     source.play(Sine(150.0, 2.5, 2.5, 30))

@@ -47,7 +47,7 @@ def test_the_real_driver_plays_over_a_real_socket(bench, link):
     source.play(Sine(100.0, 2.5, 2.5, 100))
     bench.clock.sleep(1.5)
     source.stop()
-    assert source.at_rest(2.5)
+    assert source.at_rest(2.5, 0.0, 5.0)
     report = bench.report()
     assert report.ends_at_rest
     assert report.switched_at_rest
