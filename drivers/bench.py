@@ -6,37 +6,24 @@ ramped to rest with its output on, and that is *measured* before anybody says so
 """
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from drivers.amplifier import HvAmplifier
 from drivers.clock import Clock
 from drivers.drive import Drive
 from drivers.errors import AcquisitionError, BenchError, UnsafeError
 from drivers.ports import Block, Digitizer, Meter, Scale, Stream
-from drivers.rest import Rest, see_rest
+from drivers.rest import Rest
 from drivers.sensor import LaserSensor
 from drivers.watch import NoWatchdog, Watchdog
+from drivers.way_out import BY_HAND, DISPLACEMENT, DRIVE, PATIENCE_S, WayOut, drive_volts
 
-DRIVE, DISPLACEMENT = 0, 1
-"""Rows of a block."""
+__all__ = ["BY_HAND", "DISPLACEMENT", "DRIVE", "Armed", "Bench", "HighVoltageSwitch", "drive_volts"]
 
-PATIENCE_S = 2.0
-LONGEST_WAIT_S = 10.0
-"""How long a drive that no longer obeys is given to end by itself, at most."""
-
-WAY_OUT_S = 8.0
-"""How long the way to rest may be silent before the watchdog takes over: wires opened anew, a second stream."""
-
-BY_HAND = (
-    "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
-    "at the amplifier itself; do not touch the specimen or the generator's cable before the amplifier's display reads 0 V"
-)
+RATE_TOLERANCE = 0.01
+"""How far the card's sample clock may be from what was asked for: its divider makes what comes next."""
 
 
 class HighVoltageSwitch(Protocol):
@@ -141,7 +128,18 @@ class Bench:
         self.watchdog.close()
 
     def open_stream(self, rate_hz: float) -> Stream:
-        return self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
+        """The card, running.
+
+        Raises:
+            AcquisitionError: it is absent or in use, or its sample clock is not the one that was asked for.
+        """
+        stream = self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
+        if abs(stream.rate_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
+            stream.__exit__(None, None, None)
+            raise AcquisitionError(
+                f"the card runs at {stream.rate_hz:g} Hz where {rate_hz:g} Hz was asked for; choose a rate it can make"
+            )
+        return stream
 
     @contextlib.contextmanager
     def armed(
@@ -165,13 +163,31 @@ class Bench:
             BenchError: an instrument is absent or refuses; high voltage was not enabled, or rest was confirmed.
             UnsafeError: rest could not be confirmed; the sentence says what to do by hand.
         """
-        with contextlib.ExitStack() as stack:
-            stream = stack.enter_context(self.open_stream(rate_hz))
-            armed = Armed(self.amplifier, stream, sink, self.watchdog, lambda: self._see_rest(armed))
-            started(armed)
+        way_out = WayOut(self.amplifier, self.clock, self.watchdog, self.open_stream)
+        try:
+            stream = self.open_stream(rate_hz)
+        except Exception as error:
+            if not self._switched_on:
+                raise
+            # An earlier run left high voltage on, and nobody can see now where the source stands.
+            trouble = way_out.command(self.amplifier.force_rest)
+            words = f"the card cannot see the drive: {error}.{trouble}"
+            self.watchdog.note(f"the program could not confirm rest: {words}")
+            raise UnsafeError(f"{BY_HAND}. What was measured: {words}") from error
+        with stream:
+            # An earlier run may have left high voltage on: then any failure from here on must measure rest.
+            armed = Armed(
+                self.amplifier,
+                stream,
+                sink,
+                self.watchdog,
+                lambda: way_out.watch(armed.skip, stream, PATIENCE_S, armed.before),
+                energised=self._switched_on,
+            )
             failure: BaseException | None = None
             try:
-                self._arm(armed, switch, high_voltage)
+                started(armed)
+                self._arm(armed, switch, way_out, high_voltage)
                 yield armed
             except BaseException as error:
                 failure = error
@@ -179,20 +195,14 @@ class Bench:
             finally:
                 lost = None
                 if armed.energised:
-                    armed.rest, lost = self._make_safe(armed)
+                    armed.rest, lost = way_out.take(stream, sink, armed.before)
                     self.watchdog.disarm()  # not where even that was broken off: then its turn has come
                     if not armed.rest.confirmed:
                         raise UnsafeError(f"{BY_HAND}. What was measured: {armed.rest.words}") from failure
                 if failure is None and lost is not None:
                     raise lost
 
-    def _see_rest(self, armed: Armed) -> Rest:
-        return self._watch(armed.skip, armed.stream, PATIENCE_S, armed.before)
-
-    def _arm(self, armed: Armed, switch: HighVoltageSwitch, high_voltage: bool) -> None:
-        armed.energised = (
-            self._switched_on
-        )  # an earlier run left it on: then any failure from here on must measure rest
+    def _arm(self, armed: Armed, switch: HighVoltageSwitch, way_out: WayOut, high_voltage: bool) -> None:
         says_rest = self.amplifier.source_at_rest()
         if says_rest:  # an earlier run may have left high voltage on
             armed.energised = True
@@ -201,7 +211,7 @@ class Bench:
             switch.disable()
             armed.energised = self._switched_on = False
             self.amplifier.prepare()
-        rest = self._watch(armed.read, armed.stream, PATIENCE_S)
+        rest = way_out.watch(armed.read, armed.stream, PATIENCE_S)
         if not rest.confirmed and says_rest:
             raise BenchError(f"the generator says it is at rest, but {rest.words}")
         if not rest.confirmed:
@@ -221,83 +231,7 @@ class Bench:
         armed.energised = self._switched_on = True
         self.watchdog.arm()
         switch.enable()
-        rest = self._watch(armed.read, armed.stream, PATIENCE_S)
+        rest = way_out.watch(armed.read, armed.stream, PATIENCE_S)
         if not rest.confirmed:
             raise BenchError(f"after high voltage was enabled, {rest.words}")
         armed.before = rest
-
-    def _make_safe(self, armed: Armed) -> tuple[Rest, BaseException | None]:
-        """Go to rest and measure it. Never raises; a sink that fails on the way does not stop it."""
-        with self.watchdog.allow(WAY_OUT_S):
-            trouble = self._command_rest()
-            left_s = min(self.amplifier.seconds_left, LONGEST_WAIT_S) if trouble else 0.0
-            rest, lost = self._measure_rest(armed, left_s + PATIENCE_S)
-        if trouble or not rest.confirmed:
-            rest = replace(rest, words=f"{rest.words}.{trouble}")
-        if not rest.confirmed:
-            self.watchdog.note(f"the program could not confirm rest: {rest.words}")
-        return rest, lost
-
-    def _command_rest(self) -> str:
-        """Tell the source to rest, over its wire, over a new one, and by the watchdog's; what failed, empty if it obeyed."""
-        trouble = ""
-        for attempt in (self.amplifier.to_rest, self.amplifier.recover):
-            try:
-                attempt()
-            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, measuring rest comes next
-                trouble = f" The source did not obey: {error}."
-            else:
-                return ""
-        told = self.watchdog.rescue(trouble.strip(" ."))
-        return f"{trouble} The watchdog says: {told}." if told else trouble
-
-    def _measure_rest(self, armed: Armed, patience_s: float) -> tuple[Rest, BaseException | None]:
-        """What the card sees of the drive, and what a sink that failed on the way raised."""
-        lost: list[BaseException] = []
-
-        def read(stream: Stream) -> Block:
-            block = stream.read()
-            if not lost:
-                try:
-                    armed.sink(block)
-                except Exception as error:  # noqa: BLE001 - make-safe: a full disk must not keep us from rest
-                    lost.append(error)
-            return block
-
-        try:
-            rest = self._watch(lambda: read(armed.stream), armed.stream, patience_s, armed.before)
-        except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still see the drive
-            armed.stream.__exit__(None, None, None)
-            try:
-                with self.open_stream(armed.rate_hz) as second:
-                    rest = self._watch(second.read, second, patience_s, armed.before)
-            except Exception as again:  # noqa: BLE001 - make-safe: nothing left to measure with
-                rest = Rest(False, math.nan, f"the card cannot see the drive: {again}")
-        return rest, (lost[0] if lost else None)
-
-    def _watch(self, read: Callable[[], Block], stream: Stream, patience_s: float, before: Rest | None = None) -> Rest:
-        def next_volts() -> tuple[int, NDArray[np.float64]]:
-            block = read()
-            self.watchdog.beat()
-            return block.start, drive_volts(block, stream.scales)
-
-        return see_rest(
-            next_volts, self.clock, stream.started_s, stream.rate_hz, self.amplifier.map.rest_v, patience_s, before
-        )
-
-
-def drive_volts(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
-    """Volts at the amplifier's input, one per scan."""
-    return scales[DRIVE].volts(block.raw[DRIVE])
-
-
-def check_rate(asked_hz: float, actual_hz: float) -> None:
-    """Refuse a sample clock that is not what was asked for to within 0.1 %.
-
-    Raises:
-        AcquisitionError: the card cannot run at that rate.
-    """
-    if abs(actual_hz - asked_hz) > 1e-3 * asked_hz:
-        raise AcquisitionError(
-            f"the card runs at {actual_hz:g} Hz where {asked_hz:g} Hz was asked; choose a rate it can make"
-        )

@@ -1,6 +1,7 @@
 """What counts as rest: the card must see the drive stand there, for a while, in samples taken after the command."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,6 +22,9 @@ MORE_NOISE, MORE_NOISE_V = 2.0, 0.002
 
 REST_HELD_S = 0.1
 """How long the card must see rest without a break."""
+
+SEEN_S = 1.0
+"""Lowest and highest that are told where rest is not confirmed are those of this last while."""
 
 FRESH_S = 0.1
 """Samples taken earlier than this after a command may still show what was before it."""
@@ -66,21 +70,26 @@ def see_rest(
     fresh = math.ceil((begin_s - started_s + FRESH_S) * rate_hz)
     needed = math.ceil(REST_HELD_S * rate_hz)
     still, mean_v, noise_v = np.empty(0), math.nan, math.nan
+    extremes: deque[tuple[int, float, float]] = deque()
     while True:
         start, block = next_volts()
         volts = block[max(fresh - start, 0) :]
         if volts.size:
+            extremes.append((start + block.size, float(volts.min()), float(volts.max())))
+            while extremes[0][0] < start - SEEN_S * rate_hz:
+                extremes.popleft()
             away = np.flatnonzero(np.abs(volts - rest_v) > REST_TOLERANCE_V)
             still = np.concatenate([still, volts]) if not away.size else volts[int(away[-1]) + 1 :]
             still = still[-needed:]
             seen = still if still.size == needed else volts
             mean_v, noise_v = float(seen.mean()), float(seen.std())
             if still.size == needed and abs(mean_v - wanted_v) <= limit_v and noise_v <= noise_limit_v:
-                return Rest(True, mean_v, f"the card sees {mean_v:.3f} V at the amplifier's input: rest", noise_v)
+                return Rest(True, mean_v, f"the card sees {mean_v:z.3f} V at the amplifier's input: rest", noise_v)
         if start + block.size >= fresh + needed and clock.now() - begin_s > patience_s:
             noise = f", noise {noise_v:.2g} V" if noise_v > noise_limit_v else ""
+            lowest_v, highest_v = min(e[1] for e in extremes), max(e[2] for e in extremes)
             words = (
-                f"the card sees {mean_v:.3f} V at the amplifier's input where rest is {wanted_v:.4g} V "
+                f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {wanted_v:.4g} V "
                 f"(limit +-{limit_v:g} V{noise}, watched for {patience_s:.1f} s)"
             )
             return Rest(False, mean_v, words, noise_v)

@@ -140,7 +140,7 @@ def test_another_waveform_at_the_front_panel_is_never_played() -> None:
 
 
 def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    source, bench, _ = made("33511B")
+    source, bench, panel = made("33511B")
     handle = bench.port.handle
 
     def deaf_to_phase(message: str):  # a firmware that keeps a phase of its own
@@ -152,6 +152,7 @@ def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(mo
     assert not bench.generator.settings.on
     monkeypatch.setattr(bench.port, "handle", handle)
     source.prepare(2.5, 0.0, 5.0)
+    press(panel, "VOLT:UNIT VRMS")
     monkeypatch.setattr(bench.port, "handle", deaf_to_phase)
     with pytest.raises(InstrumentError, match="its output is on as it was found"):
         source.prepare(2.5, 0.0, 5.0)

@@ -1,6 +1,7 @@
 """Whatever breaks, in whatever protocol, at whatever moment: rest, or `unsafe`; a file that opens; never a traceback."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,6 @@ from protocols.events import Status
 from protocols.registry import PROTOCOLS
 from sim_hardware.contract.volts import STEP_V
 from sim_hardware.faults import FAULTS
-from tests.safety import fault_matrix
 from tests.safety.fault_matrix import MOMENTS, TAKES_THE_DRIVE, cell
 
 pytestmark = pytest.mark.breaks_the_drive
@@ -44,15 +44,20 @@ def test_every_fault_in_every_protocol(name: str, fault: str, tmp_path: Path) ->
             assert seen.largest_jump_v <= STEP_V + 1e-6, moment
 
 
-@pytest.mark.parametrize("fault", ["scpi-late", "scpi-garbled", "scpi-half"])
-def test_a_level_near_rest_that_nobody_brought_back_is_not_rest(
-    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_level_near_rest_that_nobody_brought_back_is_not_rest(tmp_path: Path) -> None:
     """Found by the matrix: a ramp broken off after its first step left 33 mV at the input, 20 V on the specimen."""
-    monkeypatch.setattr(fault_matrix, "ON_THE_WAY", 1)
-    seen = cell(fault, "wiring-check", "ramp", tmp_path)
+    seen = cell("scpi-silent", "wiring-check", "ramp", tmp_path)
     assert 0.02 < abs(seen.end_v - 2.5) < 0.05
     assert seen.status is Status.UNSAFE
+    assert re.search(r"\(lowest 2\.5\d+ V, highest 2\.5\d+ V\)", seen.reason)
+
+
+@pytest.mark.parametrize("fault", ["scpi-late", "scpi-garbled", "scpi-half"])
+def test_a_ramp_whose_answers_cannot_be_read_is_brought_back_all_the_same(fault: str, tmp_path: Path) -> None:
+    seen = cell(fault, "wiring-check", "ramp", tmp_path)
+    assert seen.at_rest
+    assert seen.end_v == pytest.approx(2.5, abs=1e-3)
+    assert seen.status is Status.FAILED
 
 
 def test_a_small_sine_that_still_plays_is_not_rest(tmp_path: Path) -> None:

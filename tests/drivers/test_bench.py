@@ -1,0 +1,284 @@
+"""Arming and the way out, each with something wrong: what the bench does, what it says, and the volts meanwhile."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from app.build import Laboratory
+from drivers.bench import Armed, Bench
+from drivers.drive import Hold, Sine
+from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
+from drivers.ports import Block
+from sim_hardware.bench import VirtualBench
+from sim_hardware.contract.volts import volts_are_safe
+from tests.support import laboratory
+
+RATE_HZ = 2000.0
+
+
+@dataclass
+class Hand:
+    """The person at the amplifier; `slip` is what else they do when they have switched it on."""
+
+    world: VirtualBench
+    slip: Any = None
+    told: list[str] = field(default_factory=list)
+
+    def disable(self) -> None:
+        self.told.append("off")
+        self.world.disable_hv()
+
+    def enable(self) -> None:
+        self.told.append("on")
+        self.world.enable_hv()
+        if self.slip:
+            self.slip()
+
+
+@pytest.fixture
+def lab() -> Iterator[Laboratory]:
+    with laboratory() as lab:
+        yield lab
+
+
+def panel(world: VirtualBench, command: str) -> None:
+    link = world.link()
+    link.write(f"{command};*IDN?")
+    link.read()
+
+
+@contextmanager
+def live(lab: Laboratory, hand: Hand | None = None, sink: Any = lambda _: None) -> Iterator[Armed]:
+    with lab.bench.armed(RATE_HZ, sink, hand or Hand(lab.control)) as armed:
+        yield armed
+
+
+def ended_well(lab: Laboratory) -> None:
+    lab.bench.clock.sleep(0.05)
+    volts_are_safe(lab.control.report())
+
+
+# -- arming --------------------------------------------------------------------------------------------------------------
+
+
+def test_high_voltage_is_off_while_the_source_is_set_up_and_comes_on_at_measured_rest(lab: Laboratory) -> None:
+    hand = Hand(lab.control)
+    seen: list[Block] = []
+    with live(lab, hand, seen.append) as armed:
+        assert hand.told == ["off", "on"]
+        assert armed.before is not None
+        assert armed.before.measured_v == pytest.approx(2.5, abs=0.01)
+        assert armed.energised
+        assert seen  # whatever is read while arming is kept as well
+    assert armed.rest is not None
+    assert armed.rest.confirmed
+    ended_well(lab)
+
+
+def test_a_source_that_rests_is_not_set_up_again_and_the_person_is_told_on_only(lab: Laboratory) -> None:
+    with live(lab):
+        pass
+    hand = Hand(lab.control)
+    with live(lab, hand):
+        pass
+    assert hand.told == ["on"]
+    ended_well(lab)
+
+
+def test_one_that_was_touched_between_two_runs_is_prepared_anew_with_high_voltage_off(lab: Laboratory) -> None:
+    with live(lab):
+        pass
+    panel(lab.control, "BURS:PHAS 45")
+    hand = Hand(lab.control)
+    with live(lab, hand):
+        pass
+    assert hand.told == ["off", "on"]
+    ended_well(lab)
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_rest_that_is_not_there_keeps_high_voltage_off(lab: Laboratory, again: bool) -> None:
+    world = lab.control
+    world.inject("drive-cable-off")
+    hand = Hand(world)
+    with (
+        pytest.raises(BenchError, match=r"not armed, high voltage stays disabled: the card sees 0\.\d+ V"),
+        live(lab, hand),
+    ):
+        pass
+    assert hand.told == ["off"]
+    assert world.report().live_s == 0
+    if again:  # the source says now that it is at rest: nobody believes it, and nobody knows whether the voltage is off
+        with pytest.raises(UnsafeError), live(lab, hand):
+            pass
+        assert hand.told == ["off"]
+
+
+def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: Laboratory) -> None:
+    """The level that the hand brushed at the front panel is 0.2 V away: it is brought back, and nothing is driven."""
+    hand = Hand(lab.control, lambda: panel(lab.control, "VOLT:OFFS 2.52;:VOLT:OFFS 2.56;:VOLT:OFFS 2.6"))
+    with pytest.raises(BenchError, match=r"after high voltage was enabled, the card sees 2\.6"), live(lab, hand):
+        raise AssertionError("the bench went live")
+    lab.bench.clock.sleep(0.05)
+    report = lab.control.report()
+    assert report.ends_at_rest
+    assert report.outside_rest_s < 5.0
+
+
+def test_rest_that_cannot_be_brought_back_is_unsafe_with_the_volts_that_were_seen(lab: Laboratory) -> None:
+    hand = Hand(lab.control, lambda: lab.control.inject("drive-cable-off"))
+    with (
+        pytest.raises(UnsafeError, match=r"By hand, now: .*lowest -?0\.\d+ V, highest 0\.\d+ V") as failed,
+        live(lab, hand),
+    ):
+        raise AssertionError("the bench went live")
+    assert "after high voltage was enabled" in str(failed.value.__cause__)
+
+
+# -- the card that cannot be opened --------------------------------------------------------------------------------------
+
+
+def test_without_a_card_nothing_is_touched_and_the_run_has_failed_only(lab: Laboratory) -> None:
+    lab.control.inject("card-unplugged")
+    hand = Hand(lab.control)
+    with pytest.raises(AcquisitionError), live(lab, hand):
+        pass
+    assert hand.told == []
+
+
+def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_unsafe(lab: Laboratory) -> None:
+    with live(lab):
+        pass
+    lab.control.inject("card-unplugged")
+    panel(lab.control, "VOLT:OFFS 2.54;:VOLT:OFFS 2.58")  # a hand at the front panel, meanwhile
+    with (
+        pytest.raises(
+            UnsafeError, match=r"UNSAFE: rest could not be confirmed.*the card cannot see the drive: .*cable"
+        ),
+        live(lab),
+    ):
+        pass
+    lab.bench.clock.sleep(0.05)
+    assert lab.control.report().ends_at_rest  # it was told to rest all the same
+    lab.control.clear()
+    with live(lab):
+        pass
+
+
+def test_a_file_that_cannot_be_begun_while_high_voltage_is_on_ends_at_measured_rest(lab: Laboratory) -> None:
+    with live(lab):
+        pass
+    kept: list[Armed] = []
+
+    def started(armed: Armed) -> None:
+        kept.append(armed)
+        raise OSError("no space left on device")
+
+    with pytest.raises(OSError, match="no space"), lab.bench.armed(RATE_HZ, lambda _: None, Hand(lab.control), started):
+        pass
+    assert kept[0].rest is not None
+    assert kept[0].rest.confirmed
+
+
+def test_a_sample_clock_that_is_not_the_one_asked_for_is_a_sentence(lab: Laboratory) -> None:
+    bench: Bench = lab.bench
+    stream = bench.digitizer.stream
+
+    def slow(rate_hz: float, block_scans: int) -> Any:
+        return stream(0.98 * rate_hz, block_scans)
+
+    bench.digitizer.stream = slow  # type: ignore[method-assign]
+    with pytest.raises(AcquisitionError, match=r"the card runs at 1960\.02 Hz where 2000 Hz was asked for"), live(lab):
+        pass
+    bench.digitizer.stream = stream  # type: ignore[method-assign]
+    with live(lab):  # the first one was let go
+        pass
+
+
+# -- the way out ---------------------------------------------------------------------------------------------------------
+
+
+class Breaks:
+    """A wire that is dead from `cut` on, until it is opened anew."""
+
+    def __init__(self, link: Any) -> None:
+        self._link, self.name, self.cut, self.opened = link, link.name, False, 0
+
+    def write(self, message: str) -> None:
+        if self.cut:
+            raise LinkError(f"{self.name} cannot be reached")
+        self._link.write(message)
+
+    def read(self) -> str:
+        return str(self._link.read())
+
+    def clear(self) -> None:
+        self._link.clear()
+
+    def reopen(self) -> None:
+        self.cut, self.opened = False, self.opened + 1
+        self._link.reopen()
+
+    def close(self) -> None:
+        self._link.close()
+
+
+def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_down(lab: Laboratory) -> None:
+    scpi = lab.bench.amplifier._source._scpi  # type: ignore[attr-defined]
+    wire = scpi.link = Breaks(scpi.link)
+    with live(lab) as armed:
+        armed.play(Hold(3.5, 10.0))
+        wire.cut = True
+    assert wire.opened == 1
+    assert armed.rest is not None
+    assert armed.rest.confirmed
+    assert "did not obey" not in armed.rest.words
+    ended_well(lab)
+
+
+def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(lab: Laboratory) -> None:
+    with pytest.raises(AcquisitionError, match="lost samples"), live(lab) as armed:  # noqa: PT012
+        armed.play(Sine(100.0, 1.0, 2.5, 200))
+        lab.control.inject("card-overrun")
+        try:
+            armed.read()
+        finally:
+            lab.control.clear("card-overrun")
+            armed.stream.close()  # type: ignore[attr-defined] - what an overrun leaves of a task
+    assert armed.rest is not None
+    assert armed.rest.confirmed
+    assert armed.rest.measured_v == pytest.approx(2.5, abs=0.01)
+    ended_well(lab)
+
+
+def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(lab: Laboratory) -> None:
+    with pytest.raises(UnsafeError, match="the card cannot see the drive"), live(lab):
+        lab.control.inject("card-unplugged")
+    ended_well(lab)
+
+
+def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_is_told(lab: Laboratory) -> None:
+    full = False
+
+    def sink(_: Block) -> None:
+        if full:
+            raise OSError("no space left on device")
+
+    with pytest.raises(OSError, match="no space"), live(lab, sink=sink) as armed:  # noqa: PT012
+        armed.play(Hold(3.5, 10.0))
+        full = True
+    assert armed.rest is not None
+    assert armed.rest.confirmed
+    ended_well(lab)
+
+
+def test_a_level_that_nobody_of_us_commanded_is_brought_back_before_anything_is_called_unsafe(lab: Laboratory) -> None:
+    with live(lab) as armed:
+        panel(lab.control, "VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.62")
+    assert armed.rest is not None
+    assert armed.rest.confirmed
+    lab.bench.clock.sleep(0.05)
+    assert lab.control.report().ends_at_rest
