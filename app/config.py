@@ -59,13 +59,26 @@ class AmplifierTable(Table):
     step_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "largest jump of a staircase at the input"] = 0.05
     ramp_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "slope between held levels at the input"] = 5.0
 
+    current_limit_a: Annotated[
+        float, Unit("A"), Interval(ge=0), "what it can push into the specimen; 0: not told, and not checked"
+    ] = 0.0
+    specimen_capacitance_f: Annotated[
+        float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not told. A M2814-P1 has about 1.2 nF"
+    ] = 0.0
+
     @property
     def map(self) -> AmplifierMap:
         return AmplifierMap(self.rest_v, self.low_v, self.high_v, self.slope_below, self.slope_above)
 
     @property
     def limits(self) -> DriveLimits:
-        return DriveLimits(self.slew_v_per_s, self.step_v, self.ramp_v_per_s)
+        return DriveLimits(
+            self.slew_v_per_s,
+            self.step_v,
+            self.ramp_v_per_s,
+            self.current_limit_a,
+            self.specimen_capacitance_f,
+        )
 
     @model_validator(mode="after")
     def _map_holds(self) -> "AmplifierTable":

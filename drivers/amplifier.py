@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
 from drivers.errors import DriveRefused, InstrumentError, LinkError
-from drivers.ports import Identity, Source
+from drivers.ports import Choosy, Identity, Source
 from drivers.watch import NoWatchdog, Watchdog
 from model.amplifier import AmplifierMap
 
@@ -24,11 +24,20 @@ class DriveLimits:
         slew_v_per_s: steepest admissible slope of a drive.
         step_v: largest jump a source may make when it moves in a staircase.
         ramp_v_per_s: slope at which the guard itself moves between levels.
+        current_limit_a: what the amplifier can push into the specimen; 0 where nobody has told.
+        specimen_capacitance_f: of the specimen and its cable; 0 where nobody has told.
     """
 
     slew_v_per_s: float = 10_000.0
     step_v: float = 0.05
     ramp_v_per_s: float = 5.0
+    current_limit_a: float = 0.0
+    specimen_capacitance_f: float = 0.0
+
+    @property
+    def current_is_known(self) -> bool:
+        """Whether a drive's current can be held against what the amplifier can push."""
+        return self.current_limit_a > 0 and self.specimen_capacitance_f > 0
 
 
 class HvAmplifier:
@@ -75,6 +84,14 @@ class HvAmplifier:
                 f"{name} refused: its slope of {drive.slew_v_per_s:.4g} V/s at the amplifier's input exceeds the limit of "
                 f"{self.limits.slew_v_per_s:.4g} V/s; lower its frequency or amplitude, or lengthen its rise"
             )
+        current_a = self.current_a(drive)
+        if self.limits.current_is_known and current_a > self.limits.current_limit_a:
+            raise DriveRefused(
+                f"{name} refused: it needs {1e3 * current_a:.3g} mA into {1e9 * self.limits.specimen_capacitance_f:.3g} nF, "
+                f"and the amplifier gives {1e3 * self.limits.current_limit_a:.3g} mA; lower its frequency or amplitude"
+            )
+        if isinstance(self._source, Choosy) and (why := self._source.cannot(drive)):
+            raise DriveRefused(f"{name} refused: {why}")
         if not isinstance(drive, Hold):  # the guard itself ramps to a held level and back
             for end, volts in zip(("starts", "ends"), drive.ends_v, strict=True):
                 if abs(volts - rest) > self.limits.step_v:
@@ -82,6 +99,12 @@ class HvAmplifier:
                         f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit +-{self.limits.step_v:g} V); "
                         f"make it start and end at {rest:g} V"
                     )
+
+    def current_a(self, drive: Drive) -> float:
+        """What a drive charges the specimen with at its steepest, in amperes: capacitance times slope at the electrodes."""
+        gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)
+        gains += [self.map.slope_below] * (drive.low_v < self.map.rest_v)
+        return self.limits.specimen_capacitance_f * drive.slew_v_per_s * max(gains, default=0.0)
 
     def source_at_rest(self) -> bool:
         """Whether the source says of itself that it idles at rest with its output on."""

@@ -114,10 +114,15 @@ class DcSupply:
                 self._must_begin_here(drive)
                 self._stairs = Stairs(self, drive, self._clock)
             case Sine() | LinearSweep():
-                raise InstrumentError(
-                    f"{self._scpi.instrument} can hold and step, but not play a {type(drive).__name__}: its output falls "
-                    f"in up to {self._fall_time_s:g} s. Use a generator or the card's output for it. Nothing was sent"
-                )
+                raise InstrumentError(self.cannot(drive))
+
+    def cannot(self, drive: Drive) -> str:
+        if not isinstance(drive, Sine | LinearSweep):
+            return ""
+        return (
+            f"{self._scpi.instrument} can hold and step, but not play a {type(drive).__name__}: its output falls "
+            f"in up to {self._fall_time_s:g} s. Use a generator or the card's output for it. Nothing was sent"
+        )
 
     def stop(self) -> None:
         self._stop_stairs()

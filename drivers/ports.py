@@ -6,7 +6,7 @@ instruments stand behind the same doors and pass the same contract tests.
 
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,6 +141,14 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Let go of the wire. The output stays as it is."""
+
+
+@runtime_checkable
+class Choosy(Protocol):
+    """A source that cannot play every drive, and can say so before anything moves."""
+
+    def cannot(self, drive: Drive) -> str:
+        """Why this drive cannot be played, in a sentence with the remedy; empty where it can."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,10 +173,12 @@ class Executor:
         wanted = math.ceil(step.duration_s * armed.rate_hz)
         blocks = [self._read(armed)]
         if step.drive is not None:
+            while blocks[-1].stop - blocks[0].start < step.lead_s * armed.rate_hz:
+                blocks.append(self._read(armed))
             self._begin(armed, step.drive)
             # The card ran on while the source was told; what it saw meanwhile is the rest before the drive.
             wanted += max(self._scan_now(armed, FRESH_S) - blocks[0].start, 0)
-        have = blocks[0].raw.shape[1]
+        have = sum(block.raw.shape[1] for block in blocks)
         while have < wanted:
             blocks.append(self._read(armed))
             have += blocks[-1].raw.shape[1]

@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
-from drivers.amplifier import HvAmplifier
 from protocols.steps import Redo, Step
-from protocols.values import Estimate, Planned, Recording, Rehearsal
+from protocols.values import Estimate, Planned, Recording
 
 
 class Protocol(BaseModel, ABC):
@@ -31,6 +30,11 @@ class Protocol(BaseModel, ABC):
     """Whether the specimen gets high voltage. Where not, the amplifier stays disabled, and the drive must read rest."""
 
     sample_rate_hz: float
+
+    @property
+    def meters(self) -> tuple[str, ...]:
+        """The meters of the bench it reads, by their names in the bench file."""
+        return ()
 
     @abstractmethod
     def plan(self, rest_v: float) -> tuple[Planned, ...]:
@@ -55,42 +59,3 @@ class Protocol(BaseModel, ABC):
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
         """What is identified from all points; empty where they do not suffice."""
-
-
-def rehearse(protocol: Protocol, amplifier: HvAmplifier, channels: int = 2) -> Rehearsal:
-    """Check every drive of a protocol against the guard, and tell what the run will ask of the bench.
-
-    Raises:
-        DriveRefused: a drive is not admissible.
-    """
-    rest_v = amplifier.map.rest_v
-    plan = protocol.plan(rest_v)
-    drives = [(entry, drive) for entry in plan for drive in entry.drives]
-    for _, drive in drives:
-        amplifier.admit(drive)
-    limits, volts = amplifier.limits, amplifier.map.specimen_v
-    duration_s = sum(entry.expected_s for entry in plan)
-    worst = "nothing is driven"
-    if drives:
-        entry, steepest = max(drives, key=lambda pair: pair[1].slew_v_per_s)
-        worst = f"{entry.label}: slope {100 * steepest.slew_v_per_s / limits.slew_v_per_s:.0f} % of the limit"
-    return Rehearsal(
-        duration_s=duration_s,
-        entries=len(plan),
-        prompts=_prompts(plan, protocol.high_voltage),
-        highest_specimen_v=float(volts(max((drive.high_v for _, drive in drives), default=rest_v))),
-        lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
-        file_bytes=round(duration_s * protocol.sample_rate_hz * channels * 2) + 200_000,
-        worst=worst,
-    )
-
-
-def _prompts(plan: Sequence[Planned], high_voltage: bool) -> int:
-    """How often a person is asked: high voltage off and on, every set-up (with both around it), and what entries ask."""
-    asked, standing = (2 if high_voltage else 1), None
-    for entry in plan:
-        if entry.setup is not None and entry.setup != standing:
-            standing = entry.setup
-            asked += 3 if high_voltage and standing.hands_on else 1
-        asked += entry.prompts
-    return asked

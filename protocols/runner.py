@@ -31,7 +31,8 @@ from protocols.events import (
 )
 from protocols.executor import THINKING_S, Executor
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.protocol import Protocol, rehearse
+from protocols.protocol import Protocol
+from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile, StoreError
 from protocols.steps import Prompt, Redo
 from protocols.values import Estimate, Planned, Recording
@@ -132,7 +133,9 @@ class Runner:
     # -- entries -------------------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        rehearsal = rehearse(self._protocol, self._bench.amplifier)
+        rehearsal = rehearse(
+            self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
+        )
         self._plan = list(self._protocol.plan(self._bench.amplifier.map.rest_v))
         path = str(self._store.path)
         self._publish(

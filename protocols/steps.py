@@ -45,11 +45,13 @@ class Play:
 class Record:
     """Keep the next `duration_s` of samples, under the drive that plays or at rest. Answered with a `Recording`.
 
-    With `drive`, that drive is begun right after the recording has begun, so that its start is in it.
+    With `drive`, that drive is begun once `lead_s` were recorded (one block at least), so that its start and what was
+    before it are in the recording; `duration_s` counts from its beginning, which is the end of the ramp for a `Hold`.
     """
 
     duration_s: float
     drive: Drive | None = None
+    lead_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The values a run produces: a recording of samples, an estimate, and the rehearsal before either."""
+"""The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
 
 from dataclasses import dataclass
 
@@ -63,17 +63,3 @@ class Planned:
     key: tuple[float | str, ...] = ()
     setup: Prompt | None = None
     prompts: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Rehearsal:
-    """What a run will ask of the bench, told before anything is armed."""
-
-    duration_s: float
-    entries: int
-    prompts: int
-    highest_specimen_v: float
-    lowest_specimen_v: float
-    file_bytes: int
-    worst: str
-    """The entry that comes closest to a limit, in words."""

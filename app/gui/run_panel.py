@@ -22,8 +22,9 @@ from app.gui.form import Form, mark
 from app.view import View, volts_between
 from app.words import duration, size
 from drivers.amplifier import HvAmplifier
-from drivers.errors import DriveRefused
-from protocols.protocol import Protocol, rehearse
+from drivers.errors import BenchError
+from protocols.protocol import Protocol
+from protocols.rehearsal import rehearse
 
 GetAmplifier = Callable[[], HvAmplifier | None]
 
@@ -117,7 +118,7 @@ class RunPanel(QWidget):
             return "Duration, volts and file size are told when the bench is there.", False
         try:
             told = rehearse(protocol, amplifier)
-        except DriveRefused as refusal:
+        except BenchError as refusal:
             return f"✕ {refusal}", True
         entries = "1 point" if told.entries == 1 else f"{told.entries} points"
         return (

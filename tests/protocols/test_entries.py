@@ -16,8 +16,9 @@ from drivers.drive import Drive, Hold
 from protocols import registry
 from protocols.continuation import earlier
 from protocols.events import Answered, Asked, EntryBegan, Noted, Paused, PointMeasured, Resumed, Status
-from protocols.protocol import Protocol, rehearse
+from protocols.protocol import Protocol
 from protocols.quality import Quality
+from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile
 from protocols.runner import Runner
 from protocols.runreader import Run, RunError

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 from app.session import header
 from model.parameters import Tactor
 from model.response import amplifier_response
-from protocols.protocol import rehearse
 from protocols.quality import Quality
+from protocols.rehearsal import rehearse
 from protocols.runreader import Run
 from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell
 from tests.support import laboratory, run, simulated

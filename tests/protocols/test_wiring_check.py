@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from protocols.events import Status
-from protocols.protocol import rehearse
 from protocols.registry import PROTOCOLS
+from protocols.rehearsal import rehearse
 from protocols.runreader import Run
 from protocols.wiring_check import WiringCheck
 from tests.support import laboratory, run, simulated

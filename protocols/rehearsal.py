@@ -1,0 +1,180 @@
+"""The rehearsal: a protocol gone through before anything is armed, and what it will ask of bench, specimen and people.
+
+What cannot be is refused with a sentence; what a model only expects is told as a caution.
+"""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.amplifier import HvAmplifier
+from drivers.drive import Drive
+from drivers.errors import BenchError, DriveRefused
+from drivers.ports import Meter
+from drivers.sensor import LaserSensor
+from model.parameters import Tactor
+from protocols.protocol import Protocol
+from protocols.runfile import RESERVE_BYTES
+from protocols.values import Planned
+
+BYTES_A_SAMPLE = 2
+OVERHEAD_BYTES = 200_000
+
+
+class CannotRun(BenchError):
+    """A protocol asks for what this bench, or this disk, does not have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """What a run will ask of the bench, told before anything is armed."""
+
+    duration_s: float
+    entries: int
+    prompts: int
+    highest_specimen_v: float
+    lowest_specimen_v: float
+    file_bytes: int
+    worst: str
+    """The moment that comes closest to a limit, in words."""
+    cautions: tuple[str, ...] = ()
+    """What nobody could check, and what the model expects to go wrong."""
+
+
+def rehearse(
+    protocol: Protocol,
+    amplifier: HvAmplifier,
+    channels: int = 2,
+    *,
+    sensor: LaserSensor | None = None,
+    tactor: Tactor | None = None,
+    meters: Mapping[str, Meter] | None = None,
+    folder: Path | None = None,
+) -> Rehearsal:
+    """Check every drive of a protocol against the guard and the source, and tell what the run will ask of the bench.
+
+    Args:
+        protocol: what is to be run.
+        amplifier: the guard; it knows what its source can play.
+        channels: of the card that are kept.
+        sensor: whose range the predicted stroke is held against, where there is also a `tactor` to predict it with.
+        tactor: what is believed of the specimen.
+        meters: of the bench; None where they are not known yet.
+        folder: where the run file will be; None where that is not known yet.
+
+    Raises:
+        DriveRefused: a drive is not admissible, or the bench's source cannot play it.
+        CannotRun: a meter is missing, or the disk is too full.
+    """
+    rest_v = amplifier.map.rest_v
+    plan = protocol.plan(rest_v)
+    drives = [(entry, drive) for entry in plan for drive in entry.drives]
+    for entry, drive in drives:
+        try:
+            amplifier.admit(drive)
+        except DriveRefused as refusal:
+            raise DriveRefused(f"{entry.label}: {refusal}") from None
+    if meters is not None:
+        _meters_must_be_there(protocol, meters)
+    duration_s = sum(entry.expected_s for entry in plan)
+    file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_A_SAMPLE) + OVERHEAD_BYTES
+    if folder is not None:
+        must_fit(file_bytes, folder)
+    moments = [_steepest(drives, amplifier), *_strongest(drives, amplifier)]
+    cautions = []
+    if drives and not amplifier.limits.current_is_known:
+        cautions.append(
+            "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
+        )
+    if drives and sensor is not None and tactor is not None:
+        share, words = _furthest(drives, amplifier, sensor, tactor)
+        moments.append((share, words))
+        if share > 1:
+            cautions.append(
+                f"the model expects the displacement to leave the sensor's range ({words}); points there will be flagged. "
+                "Lower the drive, or move the sensor so that rest is nearer to the middle of its range"
+            )
+    volts = amplifier.map.specimen_v
+    return Rehearsal(
+        duration_s=duration_s,
+        entries=len(plan),
+        prompts=_prompts(plan, protocol.high_voltage),
+        highest_specimen_v=float(volts(max((drive.high_v for _, drive in drives), default=rest_v))),
+        lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
+        file_bytes=file_bytes,
+        worst=max(moments)[1] if drives else "nothing is driven",
+        cautions=tuple(cautions),
+    )
+
+
+def must_fit(file_bytes: int, folder: Path) -> None:
+    """Refuse what the disk has no room for.
+
+    Raises:
+        CannotRun: it would leave less than the reserve that closing a run in order needs.
+    """
+    there = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    free = shutil.disk_usage(there).free
+    if file_bytes + RESERVE_BYTES > free:
+        raise CannotRun(
+            f"the disk of {folder} has {free / 1e6:.0f} MB left; this takes about {file_bytes / 1e6:.0f} MB, and "
+            f"{RESERVE_BYTES / 1e6:.0f} MB are kept to close a run in order. Free some space or choose another folder"
+        )
+
+
+def _meters_must_be_there(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
+    if missing := [name for name in protocol.meters if name not in meters]:
+        have = ", ".join(meters) or "none"
+        raise CannotRun(
+            f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
+            f"[meters.{missing[0]}] to the bench file"
+        )
+
+
+Driven = Sequence[tuple[Planned, Drive]]
+
+
+def _steepest(drives: Driven, amplifier: HvAmplifier) -> tuple[float, str]:
+    if not drives:
+        return 0.0, ""
+    entry, drive = max(drives, key=lambda pair: pair[1].slew_v_per_s)
+    share = drive.slew_v_per_s / amplifier.limits.slew_v_per_s
+    return share, f"{entry.label}: slope {100 * share:.0f} % of the limit"
+
+
+def _strongest(drives: Driven, amplifier: HvAmplifier) -> list[tuple[float, str]]:
+    """The drive that takes most of the amplifier's current, where that is known."""
+    if not drives or not amplifier.limits.current_is_known:
+        return []
+    entry, drive = max(drives, key=lambda pair: amplifier.current_a(pair[1]))
+    current_a = amplifier.current_a(drive)
+    share = current_a / amplifier.limits.current_limit_a
+    return [(share, f"{entry.label}: {1e3 * current_a:.2g} mA into the specimen, {100 * share:.0f} % of the limit")]
+
+
+def _furthest(drives: Driven, amplifier: HvAmplifier, sensor: LaserSensor, tactor: Tactor) -> tuple[float, str]:
+    """The moment at which the model's tactor is nearest to the end of the sensor's range."""
+    from protocols.prediction import predicted  # the model's numerics take a quarter of a second to import
+
+    ends = sensor.displacement_m([sensor.valid_low_v, sensor.valid_high_v])
+    low_m, high_m = float(min(ends)), float(max(ends))
+    worst = (0.0, "")
+    for reach in predicted(drives, tactor, amplifier.map):
+        for at_m, end_m in ((reach.low_m, low_m), (reach.high_m, high_m)):
+            share = at_m / end_m if at_m * end_m > 0 else 0.0
+            if share > worst[0]:
+                where = f"{1e6 * at_m:+.0f} µm predicted, {100 * share:.0f} % of the sensor's range"
+                worst = (share, f"{reach.words}: {where}")
+    return worst
+
+
+def _prompts(plan: Sequence[Planned], high_voltage: bool) -> int:
+    """How often a person is asked: high voltage off and on, every set-up (with both around it), and what entries ask."""
+    asked, standing = (2 if high_voltage else 1), None
+    for entry in plan:
+        if entry.setup is not None and entry.setup != standing:
+            standing = entry.setup
+            asked += 3 if high_voltage and standing.hands_on else 1
+        asked += entry.prompts
+    return asked
