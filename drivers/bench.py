@@ -18,9 +18,9 @@ from drivers.ports import Block, Digitizer, Meter, Scale, Stream
 from drivers.rest import Rest
 from drivers.sensor import LaserSensor
 from drivers.watch import NoWatchdog, Watchdog
-from drivers.way_out import BY_HAND, DISPLACEMENT, DRIVE, PATIENCE_S, WayOut, drive_volts
+from drivers.way_out import BY_HAND, DISPLACEMENT, DRIVE, PATIENCE_S, WayOut, channel_skew_s, drive_volts
 
-__all__ = ["BY_HAND", "DISPLACEMENT", "DRIVE", "Armed", "Bench", "HighVoltageSwitch", "drive_volts"]
+__all__ = ["BY_HAND", "DISPLACEMENT", "DRIVE", "Armed", "Bench", "HighVoltageSwitch", "channel_skew_s", "drive_volts"]
 
 RATE_TOLERANCE = 0.01
 """How far the card's sample clock may be from what was asked for: its divider makes what comes next."""

@@ -163,7 +163,11 @@ class NiStream:
     def __init__(self, task: Any, block_scans: int, clock: Clock, where: str) -> None:
         self._task, self._where, self._next = task, where, 0
         self.rate_hz = float(task.timing.samp_clk_rate)
-        self.scales = tuple(Scale(tuple(map(float, c.ai_dev_scaling_coeff))) for c in task.ai_channels)
+        convert_s = _convert_s(task)
+        self.scales = tuple(
+            Scale(tuple(map(float, channel.ai_dev_scaling_coeff)), skew_s=slot * convert_s)
+            for slot, channel in enumerate(task.ai_channels)
+        )
         self._raw = np.zeros((len(self.scales), block_scans), np.int16)
         self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
@@ -190,6 +194,13 @@ class NiStream:
             # A card that was unplugged, or a server that died, cannot be told to stop: nothing is lost by that.
             with contextlib.suppress(DaqError, RpcError, DaqNotFoundError):
                 task.close()
+
+
+def _convert_s(task: Any) -> float:
+    """Seconds between the conversions of two channels of one scan; 0 on a card that has a converter for each."""
+    if all(device.ai_simultaneous_sampling_supported for device in task.devices):
+        return 0.0
+    return 1 / float(task.timing.ai_conv_rate)
 
 
 @contextlib.contextmanager

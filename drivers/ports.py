@@ -29,11 +29,16 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How raw integers become volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails."""
+    """How raw integers become volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails; and when.
+
+    `skew_s` is how much later than its scan a channel is converted: a multiplexed card has one converter, which takes the
+    channels one after the other.
+    """
 
     coefficients: tuple[float, ...]
     low_count: int = -32768
     high_count: int = 32767
+    skew_s: float = 0.0
 
     def volts(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
         """Volts at the card's terminals, same shape as `raw`."""

@@ -1,7 +1,7 @@
 """The way out of a live bench: the source goes to rest, the card sees that it did, and what is not known is said."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,3 +116,8 @@ class WayOut:
 def drive_volts(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
     """Volts at the amplifier's input, one per scan."""
     return scales[DRIVE].volts(block.raw[DRIVE])
+
+
+def channel_skew_s(scales: Sequence[Scale]) -> float:
+    """How much later than the drive the displacement of the same scan was converted: it makes the sensor seem quicker."""
+    return scales[DISPLACEMENT].skew_s - scales[DRIVE].skew_s

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.bench import DISPLACEMENT, DRIVE, Bench, drive_volts
+from drivers.bench import DISPLACEMENT, DRIVE, Bench, channel_skew_s, drive_volts
 from drivers.bench import Armed as ArmedBench
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
@@ -197,7 +197,7 @@ class Executor:
             drive_v=drive_v,
             displacement_m=displacement_m,
             quality=quality,
-            sensor_delay_s=self._bench.sensor.delay_s,
+            sensor_delay_s=self._bench.sensor.delay_s - channel_skew_s(armed.scales),
             entry=entry,
         )
         self._recordings += 1

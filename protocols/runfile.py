@@ -131,6 +131,7 @@ class RunFile:
             for name, scale in zip(CHANNELS, scales, strict=False):
                 padded = [*scale.coefficients, *[0.0] * LARGEST_POLYNOMIAL][:LARGEST_POLYNOMIAL]
                 trace[f"{name}_scaling_coefficients"][:] = padded
+                trace[f"{name}_skew"][()] = scale.skew_s
                 gain, offset = trace[f"{name}_volts_to_units"][:]
                 trace[f"{name}_scaling_factor"][()] = padded[1] * gain
                 trace[f"{name}_offset"][()] = padded[0] * gain + offset
@@ -266,6 +267,8 @@ class RunFile:
             trace.create_dataset(f"{name}_offset", data=0.0).attrs["units"] = unit
             trace.create_dataset(f"{name}_volts_to_units", data=[gain, offset]).attrs["units"] = unit
             card = trace.create_dataset(f"{name}_scaling_coefficients", data=np.zeros(LARGEST_POLYNOMIAL))
+            skew = trace.create_dataset(f"{name}_skew", data=0.0)
+            skew.attrs.update({"units": "s", "long_name": "how much later than its scan this channel was converted"})
             card.attrs["units"] = "V"
             card.attrs["long_name"] = "card polynomial: volts = c0 + c1 n + c2 n^2 + c3 n^3"
 

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.bench import channel_skew_s
 from drivers.drive import from_record
 from drivers.ports import Scale
 from drivers.sensor import LaserSensor
@@ -152,7 +153,9 @@ class Run:
         )
 
     def scale(self, channel: str) -> Scale:
-        return Scale(tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist()))
+        coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
+        skew = f"trace/{channel}_skew"  # not in files of format 1
+        return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
 
     def raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
         """Integers as the card gave them, rows start..stop."""
@@ -173,6 +176,7 @@ class Run:
             with Run(earlier) as before:
                 yield from before.recordings()
         table = self._entry["recordings"][:]
+        delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
         entries = table[ENTRY] if ENTRY in table.dtype.names else np.arange(len(table))  # format 1: one each
         for index, row in enumerate(table):
             rows = (int(row["start_row"]), int(row["stop_row"]))
@@ -184,7 +188,7 @@ class Run:
                 drive_v=self.drive_v(*rows),
                 displacement_m=self.displacement_m(*rows),
                 quality=Quality(int(row["quality"])),
-                sensor_delay_s=self.sensor.delay_s,
+                sensor_delay_s=delay_s,
                 entry=int(entries[index]),
             )
 

@@ -18,7 +18,7 @@ class Recording:
 
     `rows` are the first and one past the last row of the run file's raw data. `drive_v` is at the amplifier's input,
     `displacement_m` the tactor's centre as the sensor tells it, both (samples,). `sensor_delay_s` is how late the
-    sensor is.
+    displacement is against the drive: the sensor's delay less the time between the card's conversions of the two.
     """
 
     index: int

@@ -48,6 +48,11 @@ def actual_rate(truth: CardTruth, rate_hz: float, channels: int) -> float:
     return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / rate_hz * (1 + 1e-12)))
 
 
+def convert_time(truth: CardTruth, rate_hz: float, channels: int) -> float:
+    """Seconds between the conversions of two channels of one scan: NI's default, or what fits into a scan."""
+    return min(truth.convert_s, 1 / (rate_hz * channels))
+
+
 class _Noise:
     """Unit normal noise of one channel: page `p` always comes from its own generator."""
 
@@ -74,16 +79,17 @@ class Acquisition:
         self.channels = tuple(channels)
         self.start_s = start_s
         self._card = card
+        self.convert_s = convert_time(card.truth, rate_hz, len(channels))
         self._noise = [_Noise(card.seed, channel, number) for channel in channels]
 
     def ready_at(self, scans: int) -> float:
         """Bench time at which the first `scans` scans have been taken."""
-        skew = (len(self.channels) - 1) * self._card.truth.convert_s
+        skew = (len(self.channels) - 1) * self.convert_s
         return self._card.plant.ready_at(self.start_s + max(0, scans - 1) / self.rate_hz + skew)
 
     def ready(self, now: float) -> int:
         """Scans taken until `now`."""
-        skew = (len(self.channels) - 1) * self._card.truth.convert_s
+        skew = (len(self.channels) - 1) * self.convert_s
         until = self._card.plant.ready_until(now) - self.start_s - skew
         return max(0, math.floor(until * self.rate_hz + 1e-6) + 1)
 
@@ -94,7 +100,7 @@ class Acquisition:
             return out
         t = self.start_s + np.arange(first, first + count) / self.rate_hz
         for slot, (channel, noise) in enumerate(zip(self.channels, self._noise, strict=True)):
-            clean, sigma = self._card.terminal(channel, t + slot * self._card.truth.convert_s)
+            clean, sigma = self._card.terminal(channel, t + slot * self.convert_s)
             out[slot] = self._card.convert(clean + sigma * noise(first, count))
         return out
 

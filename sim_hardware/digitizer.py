@@ -1,5 +1,6 @@
 """The card read in this process: drivers.ports.Digitizer on the bench's clock, which a read moves as far as it must."""
 
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -72,7 +73,9 @@ class SimStream:
         buffer_scans: int,
     ) -> None:
         self.rate_hz = acquisition.rate_hz
-        self.scales: tuple[Scale, ...] = (scale,) * len(acquisition.channels)
+        self.scales: tuple[Scale, ...] = tuple(
+            replace(scale, skew_s=slot * acquisition.convert_s) for slot in range(len(acquisition.channels))
+        )
         self.started_s = acquisition.start_s
         self.open = True
         self._name = name

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from sim_hardware.card import convert_time
 from sim_hardware.ni_errors import NiError
 from sim_hardware.ni_output_task import MAX_RATE_HZ, NiOutputTask
 from sim_hardware.ni_task import FINITE, NiDevice, NiTask
@@ -85,6 +86,8 @@ def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
             return task.actual_rate()
         case 0x22C8:  # largest sample rate
             return task.max_rate()
+        case 0x1848:  # conversions a second
+            return 1 / convert_time(task.device.card.truth, task.actual_rate(), len(task.channels))
         case 0x1300:  # mode
             return task.mode
         case 0x1310:  # samples per channel

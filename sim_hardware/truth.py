@@ -126,7 +126,8 @@ class CardTruth:
         range_v: half the input range; NI's rails lie 5 % outside it.
         noise_v: rms noise per sample at the card's input.
         max_rate_hz: samples per second of all channels together.
-        convert_s: time between the conversions of two channels of one scan; 0 samples them together.
+        convert_s: time between the conversions of two channels of one scan where the rate leaves it; 0 samples them
+            together. NI's default is the converter's fastest and 10 us more for the inputs to settle.
         latency_s: from the start of a task to its first sample.
         coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
     """
@@ -137,7 +138,7 @@ class CardTruth:
     range_v: float = 10.0
     noise_v: float = 2.7e-4
     max_rate_hz: float = 500e3
-    convert_s: float = 0.0
+    convert_s: float = 12e-6
     latency_s: float = 0.0
     coefficients: tuple[float, ...] = (-1.7e-4, 3.2054e-4, 2.0e-14, -3.1e-19)
 

@@ -49,6 +49,15 @@ def test_the_scale_gives_the_volts_that_were_there(made: Made) -> None:
     assert volts[0].std() == pytest.approx(bench.truth.card.noise_v, rel=0.2)
 
 
+def test_when_each_channel_is_converted_is_known(made: Made) -> None:
+    """A card with one converter takes the channels of a scan one after the other; that is a phase, if nobody tells."""
+    card, bench = made
+    for rate_hz in (5000.0, 200e3):
+        with card.stream(rate_hz, 1000) as stream:
+            fits_s = min(bench.truth.card.convert_s, 0.5 / stream.rate_hz)
+            assert [scale.skew_s for scale in stream.scales] == pytest.approx([0.0, fits_s])
+
+
 def test_time_of_the_first_scan_is_known(made: Made) -> None:
     card, bench = made
     before = bench.clock.now()

@@ -21,6 +21,7 @@ from sim_hardware.contract.digitizers import (  # noqa: F401 - pytest collects t
     test_the_scale_gives_the_volts_that_were_there,
     test_time_of_the_first_scan_is_known,
     test_two_streams_at_once_are_refused,
+    test_when_each_channel_is_converted_is_known,
 )
 from sim_hardware.ni_library import NiLibrary
 from sim_hardware.ni_task import NiDevice
@@ -80,3 +81,12 @@ def test_a_card_that_is_not_there_is_a_sentence() -> None:
 def test_no_ni_driver_on_this_computer_says_what_to_install() -> None:
     with pytest.raises(BenchError, match=r"NI-DAQmx driver is not installed .* ni.com/daqmx .*--bench sim"):
         NiDigitizer("Dev1", ("ai0", "ai1"), WallClock())
+
+
+def test_a_card_with_a_converter_for_each_channel_has_no_skew() -> None:
+    bench = VirtualBench(simulated(card={"convert_s": 0.0}).truth, WallClock(5.0))
+    with ServedBench(bench) as served:
+        card = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock, server=f"127.0.0.1:{served.card.port}")
+        with card.stream(5000.0, 100) as stream:
+            assert [scale.skew_s for scale in stream.scales] == [0.0, 0.0]
+        card.close()

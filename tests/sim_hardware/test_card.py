@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import AcquisitionError
 from sim_hardware.bench import VirtualBench
-from sim_hardware.card import RateRefusedError, actual_rate
+from sim_hardware.card import RateRefusedError, actual_rate, convert_time
 from sim_hardware.clock import VirtualClock
 from sim_hardware.truth import BenchTruth, CardTruth, SensorTruth
 
@@ -92,12 +92,20 @@ def test_out_of_range_fault_touches_only_samples_of_its_time():
 
 
 def test_channels_may_be_skewed():
-    truth = BenchTruth(card=CardTruth(noise_v=0, convert_s=1e-4), sensor=SensorTruth(noise_m=0, delay_s=0))
-    straight = BenchTruth(card=CardTruth(noise_v=0), sensor=SensorTruth(noise_m=0, delay_s=-0.0))
-    skewed = samples(playing(truth), 2000, rate_hz=10e3)
-    plain = samples(playing(straight), 2000, rate_hz=10e3)
-    assert np.array_equal(skewed[1, :-1], plain[1, 1:])  # 100 us is one scan at 10 kS/s
-    assert np.array_equal(skewed[0], plain[0])
+    sensor = SensorTruth(noise_m=0, delay_s=0)
+    truth = BenchTruth(card=CardTruth(noise_v=0, convert_s=1e-4), sensor=sensor)
+    straight = BenchTruth(card=CardTruth(noise_v=0, convert_s=0.0), sensor=sensor)
+    skewed = samples(playing(truth), 1000, 1000, rate_hz=5e3)
+    plain = samples(playing(straight), 2000, 2000, rate_hz=10e3)
+    assert np.array_equal(skewed[1], plain[1, 1::2])  # 100 us is half a scan at 5 kS/s
+    assert np.array_equal(skewed[0], plain[0, ::2])
+
+
+def test_conversions_that_do_not_fit_into_a_scan_are_as_far_apart_as_they_can_be():
+    truth = CardTruth()
+    assert convert_time(truth, 5e3, 2) == 12e-6
+    assert convert_time(truth, 250e3, 2) == pytest.approx(2e-6)
+    assert convert_time(CardTruth(convert_s=0.0), 250e3, 2) == 0
 
 
 @pytest.mark.parametrize(("asked", "got"), [(5e3, 5e3), (44_100, 100e6 / 2267), (3e3, 100e6 / 33333), (250e3, 250e3)])
