@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     from app import commands
     from app.bench_parser import add_bench_commands, add_fault_option
     from app.model_parser import add_model_commands
+    from app.run_parser import add_run_commands
 
     parser = _Parser(
         prog=PROGRAM,
@@ -127,6 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     show.set_defaults(command=commands.show)
     add_bench_commands(known, _bench_options, _setting_option)
     add_model_commands(known)
+    add_run_commands(known)
     return parser
 
 

@@ -1,5 +1,6 @@
 """Reading a run: finished, still being written, or left behind by a crash."""
 
+import ctypes
 import json
 import os
 import socket
@@ -25,8 +26,20 @@ from protocols.values import Estimate, Recording
 Array = NDArray[np.float64]
 
 
+ATTEMPTS = 24
+"""At reading a piece of a growing file; together they take some ten milliseconds."""
+
+
 class RunError(Exception):
     """A file cannot be read as a run. The sentence says which and why."""
+
+
+class NoRunError(RunError):
+    """An HDF5 file of another kind."""
+
+
+class NewerRunError(RunError):
+    """A run from a newer version of this program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +66,8 @@ class Run:
         if kind != FORMAT or version > FORMAT_VERSION:
             self.close()
             if kind != FORMAT:
-                raise RunError(f"{path} is an HDF5 file, but not a run of this program")
-            raise RunError(
+                raise NoRunError(f"{path} is an HDF5 file, but not a run of this program")
+            raise NewerRunError(
                 f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
             )
 
@@ -162,6 +175,15 @@ class Run:
         stop = self.samples if stop is None else min(stop, self.samples)
         return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
 
+    def time_s(self, start: int = 0, stop: int | None = None) -> Array:
+        """When rows start..stop were scanned, seconds since the stream began; where nothing was kept it jumps."""
+        rows = np.arange(start, self.samples if stop is None else min(stop, self.samples))
+        blocks = self._entry["blocks"][:]
+        if not len(blocks):
+            return rows / self.rate_hz
+        at = np.searchsorted(blocks["row"], rows, side="right") - 1
+        return np.asarray((blocks["scan"][at] + rows - blocks["row"][at]) / self.rate_hz)
+
     def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
         """Volts at the amplifier's input."""
         return self.scale("drive").volts(self.raw("drive", start, stop))
@@ -246,12 +268,18 @@ def _happened(row: Any, text: bytes) -> Happened:
 def _open(path: Path) -> h5py.File:
     if not path.exists():
         raise RunError(f"there is no file {path}")
-    # A run that is being written, or was left by a crash, opens for a SWMR reader only; a finished one opens plainly.
-    for options in ({"swmr": True}, {}):
-        try:
-            return h5py.File(path, "r", libver="latest", **options)
-        except (OSError, ValueError) as error:
-            failure = error
+    # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
+    # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
+    try:
+        return h5py.File(path, "r", libver="latest", locking=False)
+    except (OSError, ValueError) as error:
+        if "truncated file" in str(error):
+            raise RunError(f"{path} is cut off, as a half-copied file is: {error}; copy it again") from None
+        failure = error
+    try:
+        return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
+    except (OSError, ValueError) as error:
+        failure = error
     raise RunError(f"{path} cannot be read as a run file: {failure}")
 
 
@@ -265,3 +293,23 @@ def _alive(pid: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def _patience() -> h5py.h5p.PropFAID:
+    """How a growing file is read: what does not fit together is read again a few times, and then given up.
+
+    HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
+    """
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
+    access.set_file_locking(False, True)
+    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
+    for library in (h5py.h5.__file__, "hdf5"):  # the symbols of a dependency are found through it; by name on Windows
+        try:
+            limit = ctypes.CDLL(library).H5Pset_metadata_read_attempts
+        except (OSError, AttributeError):
+            continue
+        limit.argtypes, limit.restype = (ctypes.c_int64, ctypes.c_uint), ctypes.c_int
+        limit(access.id, ATTEMPTS)
+        break
+    return access

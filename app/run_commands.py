@@ -1,0 +1,149 @@
+"""What `tactor-bench runs` and `tactor-bench export` do."""
+
+import argparse
+import json
+import sqlite3
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.catalogue import Catalogue
+from app.exits import DONE, FAILED, UsageError
+from app.export import PARTS, ExportError, Part, export
+from app.run_entry import Entry, State, Wanted, read_since
+from app.words import duration, size
+from protocols.runreader import Run, RunError
+
+SOME = 40
+"""Runs a person is shown without asking for more."""
+
+
+def runs(options: argparse.Namespace) -> int:
+    """`tactor-bench runs [FOLDER]`."""
+    folder: Path = options.folder
+    if not folder.is_dir():
+        raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
+    wanted = _wanted(options)
+    catalogue = Catalogue(folder)
+    try:
+        if options.rebuild:
+            catalogue.index.unlink(missing_ok=True)
+        with _bar("reading runs") as told:
+            scanned = catalogue.scan(told=told)
+        entries = catalogue.entries()
+    except (sqlite3.Error, OSError) as error:
+        raise UsageError(
+            f"the index {catalogue.index} cannot be used: {error}; make room there or take the file away"
+        ) from None
+    for sentence in scanned.skipped:
+        sys.stderr.write(f"{sentence}\n")
+    found = wanted.among(entries)
+    if options.json:
+        print(json.dumps([_record(folder, entry) for entry in found]))  # noqa: T201 - the command line speaks here
+    else:
+        _show(found, len(entries), options.all)
+    return DONE
+
+
+def export_runs(options: argparse.Namespace) -> int:
+    """`tactor-bench export RUN...`."""
+    parts: Sequence[Part] = tuple(p for p in PARTS if p in options.parts) if options.parts else PARTS
+    unknown = [p for p in options.parts if p not in PARTS]
+    if unknown:
+        raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
+    failed = False
+    for path in options.runs:
+        try:
+            with Run(path) as run, _bar(path.name) as told:
+                written = export(
+                    run,
+                    options.out or path.parent,
+                    options.format,
+                    parts,
+                    told=lambda share, told=told: told(round(1000 * share), 1000),  # type: ignore[misc]
+                )
+        except (RunError, ExportError) as error:
+            failed = True
+            sys.stderr.write(f"{error}\n")
+            continue
+        except (OSError, KeyError, ValueError, RuntimeError) as error:
+            failed = True
+            sys.stderr.write(f"{path} is damaged inside and is skipped: {error}\n")
+            continue
+        for file in written:
+            print(file)  # noqa: T201
+    return FAILED if failed else DONE
+
+
+def _wanted(options: argparse.Namespace) -> Wanted:
+    try:
+        since = read_since(options.since) if options.since else ""
+    except ValueError:
+        raise UsageError(
+            f"--since {options.since}: write a day (2026-11-21), a month (2026-11), 'today', or how long ago (12h, 7d)"
+        ) from None
+    if options.status and options.status not in list(State):
+        raise UsageError(f"there is no status '{options.status}'; there are: {', '.join(State)}")
+    return Wanted(options.search or "", options.specimen or "", options.protocol or "", options.status or "", since)
+
+
+def _show(found: Sequence[Entry], known: int, everything: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, padding=(0, 2), header_style="bold")
+    heads = ("begun", "specimen", "protocol", "status", "points", "length", "size", "tags", "file")
+    for head in heads:
+        numbers = head in ("points", "length", "size")
+        table.add_column(head, justify="right" if numbers else "left", overflow="fold", no_wrap=head == "begun")
+    shown = found if everything else found[:SOME]
+    for e in shown:
+        begun = e.begun
+        status = f"{e.state}, SIMULATED" if e.simulated else e.state
+        facts = (str(e.points), duration(e.seconds), size(e.size)) if e.readable else ("", "", size(e.size))
+        table.add_row(
+            f"{begun:%Y-%m-%d %H:%M}" if begun else "", e.specimen, e.protocol, status, *facts, e.tags, e.path
+        )
+    out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
+    if shown:
+        out.print(table)
+    for e in shown:
+        if not e.readable:
+            out.print(f"{e.state}: {e.reason}", soft_wrap=True)
+    rest = len(found) - len(shown)
+    more = f"; {rest} older ones with --all" if rest else ""
+    out.print(f"{len(found)} of {known} runs{more}", soft_wrap=True)
+
+
+def _record(folder: Path, e: Entry) -> dict[str, Any]:
+    """An entry for a machine, SI units."""
+    return {
+        "path": str(folder / e.path),
+        "state": str(e.state),
+        "reason": e.reason,
+        "protocol": e.protocol,
+        "specimen": e.specimen,
+        "start_time": e.start_time,
+        "simulated": bool(e.simulated),
+        "points": e.points,
+        "duration_s": e.seconds,
+        "size_bytes": e.size,
+        "found": e.found,
+        "tags": [tag for tag in e.tags.split(", ") if tag],
+        "note": e.note,
+    }
+
+
+@contextmanager
+def _bar(words: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on a terminal; nothing elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        task = progress.add_task(words, total=None)
+        yield lambda done, all_: progress.update(task, completed=done, total=all_)

@@ -1,0 +1,214 @@
+"""The archive: what lies in the folder is in the list, whatever happens to the files or to the index."""
+
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+
+from app.catalogue import Catalogue, Scanned, index_path
+from app.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
+from app.run_entry import Entry, State, Wanted, read_since
+from tests.runs import crashed_run, finished_run, newer_run
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    finished_run(tmp_path / "runs", "T7")
+    finished_run(tmp_path / "runs", "T8")
+    return tmp_path / "runs"
+
+
+@pytest.fixture
+def catalogue(folder: Path, tmp_path: Path) -> Catalogue:
+    made = Catalogue(folder, tmp_path / "index.sqlite")
+    made.scan()
+    return made
+
+
+def named(catalogue: Catalogue) -> dict[str, Entry]:
+    return {entry.specimen: entry for entry in catalogue.entries()}
+
+
+def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> None:
+    entries = named(catalogue)
+    assert entries.keys() == {"T7", "T8"}
+    one = entries["T7"]
+    assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
+    assert one.found == "resonance frequency 158.350 ± 0.010 Hz"
+    assert one.begun is not None
+
+
+def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.catalogue.read_entry", lambda *_: pytest.fail("it was read"))
+    assert catalogue.scan() == Scanned()
+
+
+def test_files_added_moved_and_deleted_outside_are_noticed(catalogue: Catalogue, folder: Path) -> None:
+    paths = {e.specimen: folder / e.path for e in catalogue.entries()}
+    (folder / "old").mkdir()
+    paths["T7"].rename(folder / "old" / paths["T7"].name)
+    paths["T8"].unlink()
+    finished_run(folder, "T9")
+    assert catalogue.scan() == Scanned(added=2, removed=2)
+    entries = named(catalogue)
+    assert entries.keys() == {"T7", "T9"}
+    assert entries["T7"].path == f"old/{paths['T7'].name}"
+
+
+@pytest.mark.parametrize("damage", ["deleted", "no database", "another schema"])
+def test_the_index_can_be_thrown_away(damage: str, catalogue: Catalogue) -> None:
+    before = catalogue.entries()
+    if damage == "deleted":
+        catalogue.index.unlink()
+    elif damage == "no database":
+        catalogue.index.write_bytes(b"nothing of the kind" * 500)
+    else:
+        with catalogue._connected() as db:
+            db.execute("PRAGMA user_version = 999")
+    assert catalogue.entries() == []
+    catalogue.scan()
+    assert catalogue.entries() == before
+
+
+def test_tags_and_notes_outlive_the_index_and_a_move(catalogue: Catalogue, folder: Path) -> None:
+    run = folder / named(catalogue)["T7"].path
+    write_notes(run, Notes(("good", "für Anna"), "second try, \"new\" glue\n\x7f"))
+    assert catalogue.scan() == Scanned(changed=1)
+    catalogue.index.unlink()
+    (folder / "moved").mkdir()
+    run.rename(folder / "moved" / run.name)  # alone: the notes stay where they were
+    catalogue.scan()
+    one = named(catalogue)["T7"]
+    assert one.tags == "good, für Anna"
+    assert one.note == "second try, \"new\" glue\n\x7f"
+
+
+def test_notes_are_not_written_into_the_run(folder: Path) -> None:
+    run = next(folder.glob("*_T7_*.h5"))
+    before = run.read_bytes()
+    write_notes(run, Notes(("good",)))
+    assert run.read_bytes() == before
+    write_notes(run, Notes())
+    assert not notes_path(run).exists()
+
+
+def test_notes_that_cannot_be_understood_are_never_overwritten(catalogue: Catalogue, folder: Path) -> None:
+    run = folder / named(catalogue)["T7"].path
+    notes_path(run).write_text("{ half a")
+    with pytest.raises(NotesError, match="mend the file or take it away"):
+        write_notes(run, Notes(("good",)))
+    assert notes_path(run).read_text() == "{ half a"
+    catalogue.scan()
+    assert "mend the file" in named(catalogue)["T7"].note
+
+
+def test_each_kind_of_trouble_is_shown_for_what_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    whole = finished_run(folder, "T7")
+    crash = crashed_run(folder, "T3")
+    newer_run(folder, "T5")
+    (folder / "20260101T000000Z_half_sine-dwell.h5").write_bytes(whole.read_bytes()[:-5000])
+    (folder / "20260101T000001Z_cut_sine-dwell.h5").write_bytes(crash.read_bytes()[:-5000])
+    (folder / "20260101T000002Z_text_sine-dwell.h5").write_text("no HDF5 at all")
+    with h5py.File(folder / "other.h5", "w") as other:
+        other["x"] = 1
+    catalogue = Catalogue(folder, tmp_path / "index.sqlite")
+    catalogue.scan()
+    entries = named(catalogue)
+    assert {name: e.state for name, e in entries.items()} == {
+        "T7": "completed",
+        "T3": "crashed",
+        "T5": "newer version",
+        "half": "damaged",
+        "cut": "damaged",
+        "text": "damaged",
+    }
+    assert "install a newer version" in entries["T5"].reason
+    assert "cut off" in entries["half"].reason
+    assert all(str(folder) in entries[name].reason for name in ("half", "cut", "text"))
+    assert entries["T3"].points == 1
+
+
+def test_a_run_of_this_program_that_is_being_written_is_listed_unopened(
+    catalogue: Catalogue, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = folder / "20261121T091502Z_T1_sine-dwell.h5"
+    path.write_bytes(b"whatever is there by now")
+    catalogue.scan(leave=[path])
+    assert (named(catalogue)["T1"].state, named(catalogue)["T1"].protocol) == (State.RUNNING, "sine-dwell")
+
+
+def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
+    catalogue: Catalogue, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = crashed_run(folder, "T3")
+    with monkeypatch.context() as alive:
+        alive.setattr("protocols.runreader._alive", lambda _: True)
+        catalogue.scan()
+        assert named(catalogue)["T3"].state == "running"
+    before = path.stat().st_mtime_ns
+    assert catalogue.scan() == Scanned(changed=1)
+    assert named(catalogue)["T3"].state == "crashed"
+    assert path.stat().st_mtime_ns == before
+
+
+def test_a_scan_can_be_stopped_and_goes_on_later(folder: Path, tmp_path: Path) -> None:
+    catalogue = Catalogue(folder, tmp_path / "other.sqlite")
+    told: list[tuple[int, int]] = []
+    scanned = catalogue.scan(told=lambda done, all_: told.append((done, all_)), stopped=lambda: len(told) == 1)
+    assert not scanned.whole
+    assert told == [(1, 2)]
+    assert len(catalogue.entries()) == 1
+    assert catalogue.scan() == Scanned(added=1)
+
+
+def test_a_folder_that_is_not_there_yet_is_empty(tmp_path: Path) -> None:
+    catalogue = Catalogue(tmp_path / "none", tmp_path / "index.sqlite")
+    assert catalogue.scan() == Scanned()
+    assert catalogue.entries() == []
+
+
+def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> None:
+    shutil.copytree(folder, folder / ".trash")
+    assert catalogue.scan() == Scanned()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"),
+    [
+        (Wanted(), {"T7", "T8"}),
+        (Wanted(specimen="T7"), {"T7"}),
+        (Wanted(words="resonance t8"), {"T8"}),
+        (Wanted(words="simulated COMPLETED"), {"T7", "T8"}),
+        (Wanted(words="t7 t8"), set()),
+        (Wanted(protocol="steps"), set()),
+        (Wanted(state="completed"), {"T7", "T8"}),
+        (Wanted(since="2000"), {"T7", "T8"}),
+        (Wanted(since="2999"), set()),
+    ],
+)
+def test_filters(wanted: Wanted, found: set[str], catalogue: Catalogue) -> None:
+    assert {e.specimen for e in wanted.among(catalogue.entries())} == found
+
+
+@pytest.mark.parametrize("text", ["2026-11-21", "2026-11", "today", "7d", "12 h"])
+def test_dates_as_one_writes_them(text: str) -> None:
+    assert read_since(text) < "2100"
+
+
+@pytest.mark.parametrize("text", ["", "yesterday", "7x", "d"])
+def test_what_is_no_date(text: str) -> None:
+    with pytest.raises(ValueError, match=r""):
+        read_since(text)
+
+
+def test_tags_as_one_writes_them() -> None:
+    assert read_tags(" good, second   try ,, good ") == ("good", "second try")
+    assert read_notes(Path("there is none")) == Notes()
+
+
+def test_the_index_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
+    assert index_path(tmp_path).parent == tmp_path / "cache"
+    assert index_path(tmp_path) != index_path(tmp_path / "runs")
