@@ -115,8 +115,10 @@ def read_since(text: str, now: datetime | None = None) -> str:
     elif unit in ("h", "d") and number.isdigit():
         begin = now - timedelta(hours=int(number) * (24 if unit == "d" else 1))
     else:
-        whole = f"{text}-01" if len(text) == 7 else text
-        begin = datetime.fromisoformat(whole)
+        try:
+            begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
+        except ValueError:
+            raise ValueError(f"'{text}' is no date") from None
         begin = begin.astimezone() if begin.tzinfo is None else begin
     return begin.astimezone(UTC).isoformat(timespec="milliseconds")
 
@@ -129,7 +131,6 @@ def read_entry(file: Path, path: str) -> Entry | None:
     try:
         with Run(file) as run:
             state = State.CRASHED if run.crashed else State(run.status)
-            points = run.points()
             found = "; ".join(f"{e.name} {uncertain(e.value, e.standard_error, e.unit)}" for e in run.estimates())
             reason = run.reason
             if state is State.RUNNING and not reason:
@@ -145,7 +146,7 @@ def read_entry(file: Path, path: str) -> Entry | None:
                     specimen=run.specimen,
                     start_time=run.start_time,
                     simulated=int(run.simulated),
-                    points=min((len(column) for column in points.values()), default=0),
+                    points=run.point_count,
                     seconds=run.samples / run.rate_hz if run.rate_hz else 0.0,
                     found=found,
                     tags="",
@@ -156,8 +157,10 @@ def read_entry(file: Path, path: str) -> Entry | None:
                     words="",
                 )
             )
-    except NoRunError:
-        return None
+    except NoRunError as error:
+        # A run that lost its end may not even say what it is; its name does.
+        entry = bare_entry(path, State.DAMAGED, f"{error}; or it is damaged: copy it again")
+        return entry if entry.start_time else None
     except NewerRunError as error:
         return bare_entry(path, State.NEWER, str(error))
     except (RunError, OSError, KeyError, ValueError, RuntimeError) as error:

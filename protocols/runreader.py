@@ -222,6 +222,11 @@ class Run:
         columns.setdefault(ENTRY, np.arange(length))  # format 1: one after the other
         return columns
 
+    @property
+    def point_count(self) -> int:
+        """How many points there are, without reading any."""
+        return next((int(column.shape[0]) for column in self._entry["points"].values()), 0)
+
     def units(self) -> dict[str, str]:
         """Units of the points' columns."""
         return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}

@@ -1,0 +1,138 @@
+"""Exports, read back with other people's programs."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.export import ExportError, export
+from app.main import main
+from protocols.runreader import Run
+from tests.runs import crashed_run, finished_run
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return finished_run(tmp_path / "runs", "T7")
+
+
+def sheet(file: Path) -> list[list[str]]:
+    with file.open(newline="", encoding="utf-8") as text:
+        return list(csv.reader(text))
+
+
+def test_csv_has_units_in_every_header_and_simulated_in_every_name(path: Path, tmp_path: Path) -> None:
+    with Run(path) as run:
+        files = {f.stem.rpartition("_")[2]: f for f in export(run, tmp_path / "out", "csv")}
+    assert files.keys() == {"about", "points", "estimates", "events", "raw"}
+    assert all("SIMULATED" in f.name for f in files.values())
+    points = sheet(files["points"])
+    assert points[0][:2] == ["frequency [Hz]", "peak_to_peak [m]"]
+    assert all("[" in head for head in points[0][:-1])
+    assert [float(row[0]) for row in points[1:]] == [100.0, 160.0]
+    assert points[1][-1] == "simulated"
+    assert sheet(files["estimates"])[1] == ["resonance frequency", "158.35", "0.01", "Hz", "fit"]
+    assert [row[2] for row in sheet(files["events"])[1:]] == ["Armed", "Noted"]
+    assert json.loads(sheet(files["events"])[2][3])["text"] == "ß: a long remark " * 100
+
+
+def test_raw_samples_keep_their_time_over_a_gap(path: Path, tmp_path: Path) -> None:
+    with Run(path) as run:
+        (file,) = export(run, tmp_path / "out", "csv", ("raw",))
+    head, *rows = sheet(file)
+    assert head == ["time [s]", "drive [V]", "displacement [m]"]
+    t, drive, moved = np.array(rows, float).T
+    assert len(t) == 2000
+    np.testing.assert_allclose(t[[0, 999, 1000, 1999]], [0, 0.1998, 0.4, 0.5998])
+    assert (drive.min(), drive.max()) == pytest.approx((0.0, 5.0), abs=6e-3)
+    assert (moved.min(), moved.max()) == pytest.approx((-5e-4, 5e-4), abs=1e-6)
+
+
+def test_json_holds_the_same(path: Path, tmp_path: Path) -> None:
+    with Run(path) as run:
+        (file,) = export(run, tmp_path / "out", "json")
+        drive = run.drive_v()
+    got = json.loads(file.read_text("utf-8"))
+    assert got["points"]["frequency"] == [100.0, 160.0]
+    assert got["raw"]["units"] == {"time": "s", "drive": "V", "displacement": "m"}
+    np.testing.assert_allclose(got["raw"]["drive"], drive, rtol=1e-8)
+    assert got["simulated"] is True
+
+
+def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    with Run(path) as run:
+        (file,) = export(run, tmp_path / "out", "mat")
+        moved = run.displacement_m()
+    got = loadmat(file, simplify_cells=True)
+    np.testing.assert_allclose(got["points"]["frequency"], [100.0, 160.0])
+    assert got["points"]["units"]["peak_to_peak"] == "m"
+    np.testing.assert_array_equal(got["raw"]["displacement"], moved)
+    assert got["about"]["specimen"] == "T7"
+    assert got["estimates"]["resonance_frequency"]["standard_error"] == 0.01
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "mat"])
+def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: Path) -> None:
+    with Run(path) as run:
+        assert export(run, tmp_path / "out", kind, ("raw",), stopped=lambda: True) == []  # type: ignore[arg-type]
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_too_long_a_run_is_refused_with_what_to_do(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.export.LARGEST_WHOLE", 100)
+    with Run(path) as run, pytest.raises(ExportError, match="take csv, or leave the raw data out"):
+        export(run, tmp_path, "mat")
+
+
+def test_a_folder_that_cannot_be_written_is_a_sentence(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with Run(path) as run, pytest.raises(ExportError, match="choose another folder"):
+        export(run, tmp_path / "file")
+
+
+def test_a_crashed_run_is_exported_up_to_its_end(tmp_path: Path) -> None:
+    with Run(crashed_run(tmp_path / "runs")) as run:
+        files = export(run, tmp_path / "out", "csv", ("points", "raw"))
+    assert len(sheet(files[0])) == 2
+    assert len(sheet(files[1])) == 2001
+
+
+def test_the_commands(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], cache: None) -> None:
+    half = path.with_name("20260101T000000Z_half_sine-dwell.h5")
+    half.write_bytes(path.read_bytes()[:9000])
+    assert main(["runs", str(path.parent), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [(run["specimen"], run["state"]) for run in listed] == [("T7", "completed"), ("half", "damaged")]
+    assert main(["runs", str(path.parent), "--status", "damaged"]) == 0
+    out = capsys.readouterr().out
+    assert "cut off" in out
+    assert "1 of 2 runs" in out
+    assert main(["export", str(half), str(path), "--out", str(tmp_path / "out"), "--part", "points"]) == 1
+    told = capsys.readouterr()
+    assert "cut off" in told.err
+    assert told.out.strip().endswith("_SIMULATED_points.csv")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["runs", "no-such-folder"], "name the one your runs are in"),
+        (["runs", ".", "--since", "soon"], "write a day"),
+        (["runs", ".", "--status", "done"], "there are: completed"),
+        (["export", "x.h5", "--part", "all"], "its parts are: about"),
+    ],
+)
+def test_what_is_asked_wrongly_gets_a_sentence(
+    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], cache: None
+) -> None:
+    assert main(arguments) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
