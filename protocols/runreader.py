@@ -278,13 +278,18 @@ def _open(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r", libver="latest", locking=False)
     except (OSError, ValueError) as error:
-        if "truncated file" in str(error):
-            raise RunError(f"{path} is cut off, as a half-copied file is: {error}; copy it again") from None
-        failure = error
+        failure: Exception = error
+    cut_off = "truncated file" in str(failure)
     try:
-        return h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
-    except (OSError, ValueError) as error:
-        failure = error
+        file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
+        # A full disk leaves a short file too, but never one that says it ended in order.
+        if not cut_off or file["entry/status"][()].decode() in (Status.RUNNING, Status.FAILED):
+            return file
+        file.close()
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        failure = failure if cut_off else error
+    if cut_off:
+        raise RunError(f"{path} is cut off, as a half-copied file is: {failure}; copy it again")
     raise RunError(f"{path} cannot be read as a run file: {failure}")
 
 
