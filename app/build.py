@@ -61,14 +61,14 @@ def connect(config: BenchConfig, speed: float | None = None) -> Iterator[Laborat
             source = open_source(config, virtual.clock, virtual.link, server, stack)
             meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_sees)
             bench = _bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
-            yield Laboratory(bench, SimulatedOperator(virtual), virtual)
+            yield Laboratory(bench, SimulatedOperator(virtual, config.truth.hands.patience_s), virtual)
         else:
             from sim_hardware.process import BenchProcess
 
             process = stack.enter_context(BenchProcess(config.truth, speed))
             see = partial(process.control, "laser_sees")
             laboratory = _assemble(config, stack, BeatingClock(speed), process.resource, process.server, see)
-            yield Laboratory(laboratory.bench, SimulatedOperator(process), process)
+            yield Laboratory(laboratory.bench, SimulatedOperator(process, config.truth.hands.patience_s), process)
 
 
 def _assemble(

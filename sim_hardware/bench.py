@@ -1,6 +1,7 @@
 """The simulated bench: one clock, one history, one plant, and the instruments that share them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from sim_hardware.plant import Plant
 from sim_hardware.port import Port
 from sim_hardware.scpi import Engine
 from sim_hardware.segments import Open, Segment
+from sim_hardware.sight import Sight
+from sim_hardware.situation import SPECIMEN, altered, check
 from sim_hardware.supply import Supply
 from sim_hardware.supply_dialects import engine_of
 from sim_hardware.truth import BenchTruth
@@ -62,7 +65,8 @@ class VirtualBench:
         self.plant = Plant(truth, self.history, self.faults)
         self._cable = _Cable(self.history, self.clock, truth.amplifier.open_v)
         outputs = [AnalogOutput(self._wired(name)) for name in ("ao0", "ao1")]
-        self.card = Card(truth, self.history, self.plant, self.faults, outputs)
+        self.sight = Sight(truth, self.plant)
+        self.card = Card(truth, self.history, self.plant, self.sight, self.faults, outputs)
         g = truth.generator
         self.generator = Generator(self._wired("generator"), truth.seed, g.clock_ppm, g.relay_s, truth.amplifier.open_v)
         self.generator.reset()
@@ -97,7 +101,7 @@ class VirtualBench:
     def laser_sees(self) -> float | None:
         """Displacement as a laser sensor's own display shows it now; None where it is out of range."""
         sensor, now = self.truth.sensor, self.clock.now()
-        seen = float(self.plant.displacement(np.array([min(self.plant.ready_until(now), now)]))[0])
+        seen = float(self.sight.seen(np.array([min(self.plant.ready_until(now), now)]))[0])
         return None if abs(seen) > sensor.range_m or self.faults.active("sensor-out-of-range") else seen
 
     def enable_hv(self) -> None:
@@ -109,6 +113,37 @@ class VirtualBench:
         """The operator turns high voltage off."""
         with self.history.instant(self.clock) as t:
             self.history.switch(t, hv=False)
+
+    def now(self) -> float:
+        """Bench time."""
+        return self.clock.now()
+
+    def hands(self, action: str, values: Mapping[str, float]) -> float:
+        """Do by hand what `sim_hardware.situation.HANDS` names; bench time when it is done. Weights take a moment.
+
+        Raises:
+            ValueError: no such action, a number is missing or makes no sense, or the specimen is live.
+        """
+        check(action, values)
+        done_s = now_s = self.clock.now()
+        if action in SPECIMEN:
+            how = partial(altered, action=action, values=values, truth=self.truth)
+            if how(self.plant.situation) == self.plant.situation:
+                return done_s
+            if self.history.live:
+                raise ValueError(
+                    f"{action}: high voltage is on, nobody reaches for a live specimen; switch it off first"
+                )
+            weights, hands = action.endswith("-weight"), self.truth.hands
+            done_s = self.plant.change(
+                self.clock,
+                how,
+                after_s=hands.reach_s if weights else 0.0,
+                over_s=hands.release_s if weights else 0.0,
+                landing_m_per_s=hands.landing_m_per_s,
+            )
+        self.sight.act(now_s, action, values)
+        return done_s
 
     def on_fault(self, listener: Callable[[], None]) -> None:
         """Call `listener` after every break or repair."""

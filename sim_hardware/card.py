@@ -15,6 +15,7 @@ from sim_hardware.analog_output import AnalogOutput
 from sim_hardware.faults import Faults
 from sim_hardware.history import History
 from sim_hardware.plant import Plant
+from sim_hardware.sight import Sight
 from sim_hardware.truth import BenchTruth, CardTruth
 
 Array = NDArray[np.float64]
@@ -113,6 +114,7 @@ class Card:
         truth: BenchTruth,
         history: History,
         plant: Plant,
+        sight: Sight,
         faults: Faults,
         outputs: Sequence[AnalogOutput] = (),
     ) -> None:
@@ -122,6 +124,7 @@ class Card:
         self.seed = truth.seed
         self.scale = Scale(truth.card.coefficients)
         self._sensor = truth.sensor
+        self._sight = sight
         self._history = history
         self._faults = faults
         self._started = 0
@@ -141,7 +144,7 @@ class Card:
             return self._history.volts(t), self.truth.noise_v
         if channel == SENSOR:
             s = self._sensor
-            w = self.plant.displacement(t - s.delay_s)
+            w = self._sight.seen(t)
             invalid = (np.abs(w) > s.range_m) | self._faults.during("sensor-out-of-range", t)
             volts = self._held(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
             return volts, math.hypot(self.truth.noise_v, s.noise_m / abs(s.gain_m_per_v))

@@ -64,6 +64,12 @@ class History:
         with self._lock:
             self._put(Piece(start_s, self._pieces[-1].segment, hv))
 
+    @property
+    def live(self) -> bool:
+        """Whether the amplifier's high voltage is on."""
+        with self._lock:
+            return self._pieces[-1].hv
+
     def _put(self, piece: Piece) -> None:
         if piece.start_s < max(self._read_until, self._starts[-1]):
             raise ValueError(f"the past cannot be changed: {piece.start_s} s has been read or written already")

@@ -1,31 +1,59 @@
-"""The operator of a simulated bench: does at the amplifier what a person would be asked to do."""
+"""The operator of a simulated bench: does with the bench what a person would be asked to do."""
 
+from collections.abc import Mapping
 from typing import Protocol
 
 from protocols.steps import Prompt
+from sim_hardware.situation import HANDS
+
+SLOW = {"place-weight", "remove-weight", "hang-membrane"}
+"""What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
 
 
-class Amplified(Protocol):
-    """Whatever has a high-voltage switch: a `VirtualBench`, or a `BenchProcess`."""
+class Bench(Protocol):
+    """Whatever hands can reach: a `VirtualBench`, or a `BenchProcess`."""
 
     def enable_hv(self) -> None: ...
 
     def disable_hv(self) -> None: ...
 
+    def hands(self, action: str, values: Mapping[str, float]) -> float: ...
+
+    def now(self) -> float: ...
+
 
 class SimulatedOperator:
-    """Answers a run's prompts (protocols.operator.Operator) by doing what `prompt.action` says."""
+    """Answers a run's prompts (protocols.operator.Operator) by doing what `prompt.action` says.
 
-    def __init__(self, bench: Amplified) -> None:
-        self._hands = {"disable-high-voltage": bench.disable_hv, "enable-high-voltage": bench.enable_hv}
-        self._answers: dict[int, str] = {}
+    Its words are the first of the choices. Where a weight is placed or lifted, the key is pressed only after a while,
+    so that the laser can see it before. A question that no hand answers gets the first choice at once.
+
+    Args:
+        patience_s: bench time from a weight's landing until the key.
+    """
+
+    def __init__(self, bench: Bench, patience_s: float = 10.0) -> None:
+        self._bench, self._patience_s = bench, patience_s
+        self._answers: dict[int, tuple[float, str]] = {}
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
-        """Do it at once. An action nobody taught it stays unanswered, as with a person who does not understand."""
-        if hand := self._hands.get(prompt.action):
-            hand()
-            self._answers[ask_id] = "done by the simulated operator"
+        """Begin with it at once."""
+        bench, due_s = self._bench, 0.0
+        match prompt.action:
+            case "disable-high-voltage":
+                bench.disable_hv()
+            case "enable-high-voltage":
+                bench.hands("connect-electrodes", {})  # nobody leaves a short across them
+                bench.enable_hv()
+            case action if action in HANDS:
+                due_s = bench.hands(action, dict(prompt.values))
+                due_s = due_s + self._patience_s if action in SLOW else 0.0
+        self._answers[ask_id] = due_s, prompt.choices[0]
 
     def answer(self, ask_id: int) -> str | None:
-        """The words, once."""
-        return self._answers.pop(ask_id, None)
+        """The words, once, when the time has come."""
+        due_s, words = self._answers.get(ask_id, (0.0, None))
+        if words is None or (due_s and self._bench.now() < due_s):
+            return None
+        del self._answers[ask_id]
+        return words

@@ -1,22 +1,27 @@
 """The one plant behind all simulated instruments: amplifier and tactor on a fixed time grid, simulated when asked for.
 
-Input volts pass the amplifier's static map, its high-voltage switch and its slew limit, and drive the tactor's modes,
-each stepped exactly for an input that is linear between grid points (first-order hold). Whole blocks of the grid are
-computed at once: y = T v + O x, with one small recursion from block to block.
+Input volts pass the amplifier's static map, its high-voltage switch and its slew limit. They and the weights on the
+tactor drive its modes (sim_hardware.stepper). What stands on the bench changes while it runs: the motion goes on from
+where it was, with the modes of what is there now.
 """
 
 import math
 import threading
-from dataclasses import dataclass
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.response import modal
-from model.skin import Skin
+from drivers.clock import Clock
+from sim_hardware.beyond import Creep, Hysteresis
 from sim_hardware.faults import Faults
 from sim_hardware.history import History
+from sim_hardware.situation import Situation, force_n
+from sim_hardware.slew import slewed
+from sim_hardware.stepper import BLOCK, Stepper
 from sim_hardware.truth import AmplifierTruth, BenchTruth
 
 Array = NDArray[np.float64]
@@ -25,112 +30,58 @@ Complex = NDArray[np.complex128]
 LIMITED = 1e-3
 """Share of its slew rate that the amplifier keeps at its current limit."""
 
-BLOCK = 128
-"""Grid steps simulated together; nothing is known of a block before it is complete."""
+TOUCH_S = 2e-3
+"""How long a weight's first touch lasts."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Stepper:
-    """Matrices of one block: displacement and next state for volts v[-1..BLOCK-1] and the state before."""
+class Change:
+    """From `start_s` on the situation is `now`; until `end_s` a hand lets the weights' force go over to `after_n`.
 
-    T: Array  # (BLOCK + 1, BLOCK), volts to displacement
-    O: Complex  # (m, BLOCK), state to displacement  # noqa: E741
-    W: Complex  # (BLOCK + 1, m), volts to the state after the block
-    advance: Complex  # (m,), state over one block
-    poles: Complex
+    `impulse_ns` is what a weight brings along when it touches down.
+    """
 
-    @classmethod
-    def of(cls, poles: Complex, residues: Complex, step_s: float) -> "_Stepper":
-        """First-order hold for w = Re sum r z, z' = s z + v; conjugate pairs are kept once."""
-        keep = poles.imag >= 0
-        s, r = poles[keep], residues[keep] * np.where(poles[keep].imag > 0, 2.0, 1.0)
-        # Modes beyond the grid follow the voltage at once; their oscillation could not be sampled anyway.
-        fast = np.abs(s) * step_s > 1.0
-        static = float(np.sum((-r[fast] / s[fast]).real))
-        s, r = s[~fast], r[~fast]
-        a, z = np.exp(s * step_s), s * step_s
-        new = (a - 1 - z) / (s * z)  # weight of the voltage at the end of a step
-        old = (a - 1) / s - new  # and of the one at its beginning
-        k = np.arange(BLOCK)
-        powers = a[:, None] ** k
-        both = powers * (a * new + old)[:, None]
-        later = (r @ both).real  # response `lag` + 1 steps after a voltage
-        T = np.zeros((BLOCK + 1, BLOCK))
-        T[0] = (r @ (powers * old[:, None])).real
-        for j in range(BLOCK):
-            T[j + 1, j] = float((r @ new).real) + static
-            T[j + 1, j + 1 :] = later[: BLOCK - 1 - j]
-        W = np.zeros((BLOCK + 1, s.size), complex)
-        W[0] = a ** (BLOCK - 1) * old
-        W[1:BLOCK] = both[:, : BLOCK - 1][:, ::-1].T
-        W[BLOCK] = new
-        return cls(T, r[:, None] * a[:, None] ** (k + 1), W, a**BLOCK, s)
+    start_s: float
+    end_s: float
+    now: Situation
+    before_n: float = 0.0
+    after_n: float = 0.0
+    impulse_ns: float = 0.0
 
-    def settled(self, volts: float) -> Complex:
-        """The state after `volts` stood for ever."""
-        return -volts / self.poles
-
-    def run(self, before_v: float, volts: Array, state: Complex) -> tuple[Array, Complex]:
-        """Displacement on the grid for whole blocks of `volts` (n BLOCK,), and the state after them."""
-        blocks = volts.reshape(-1, BLOCK)
-        u = np.concatenate((np.concatenate(([before_v], blocks[:-1, -1]))[:, None], blocks), axis=1)
-        pushes = u @ self.W
-        states = np.empty_like(pushes)
-        for i, push in enumerate(pushes):
-            states[i] = state
-            state = self.advance * state + push
-        return (u @ self.T + (states @ self.O).real).ravel(), state
-
-
-def slewed(target: Array, start_v: float, step_v: float) -> Array:
-    """`target` followed from `start_v` with at most `step_v` per sample; untouched where it is slow enough."""
-    rises = target.copy()
-    rises[1:] -= target[:-1]
-    rises[0] -= start_v
-    jumps = np.flatnonzero(np.abs(rises) > step_v)
-    if not jumps.size:
-        return target
-    out, wanted = target.copy(), target.tolist()
-    i, n = int(jumps[0]), target.size
-    while True:
-        at = float(out[i - 1]) if i else start_v
-        while i < n and abs(wanted[i] - at) > step_v:
-            at += math.copysign(step_v, wanted[i] - at)
-            out[i] = at
-            i += 1
-        # Caught up: sample i is admissible; go on to the next one that is not.
-        later = int(np.searchsorted(jumps, i, side="right"))
-        if later >= jumps.size:
-            return out
-        i = int(jumps[later])
+    def newtons(self, t: Array) -> Array:
+        """The force at times `t` (n,), none of them before `start_s`."""
+        share = np.clip((t - self.start_s) / max(self.end_s - self.start_s, 1e-9), 0.0, 1.0)
+        force = self.before_n + (self.after_n - self.before_n) * share**2 * (3 - 2 * share)
+        touch = np.clip((t - self.start_s) / TOUCH_S, 0.0, 1.0)
+        return np.asarray(force + self.impulse_ns / TOUCH_S * math.pi / 2 * np.sin(math.pi * touch))
 
 
 class Plant:
-    """Displacement of the tactor's centre for everything that reached the amplifier's input.
+    """Displacement of the tactor's centre for everything that reached the amplifier's input, and for what lies on it.
 
     It remembers the last `window_s`; a gap longer than the tactor's own memory that nobody looked at is not simulated.
     """
 
     def __init__(self, truth: BenchTruth, history: History, faults: Faults | None = None) -> None:
+        self._truth = truth
         self._history = history
         self._faults = faults or Faults()
         self._amplifier: AmplifierTruth = truth.amplifier
         self._rate = truth.plant_rate_hz
-        self._n = truth.modes
-        self._tactor = truth.tactor
-        self._stepper, self._memory = self._tactor_of(truth.skin)
         self._ring = np.zeros(max(BLOCK, math.ceil(truth.window_s * self._rate / BLOCK) * BLOCK))
         self._lock = threading.RLock()
+        self._steppers: dict[tuple[object, ...], Stepper] = {}
+        self._changes = [Change(-math.inf, -math.inf, Situation(truth.tactor.m_add, truth.skin))]
+        self._starts = [-math.inf]
+        beyond = truth.beyond
+        self._creep = Creep(beyond.creep_per_decade, BLOCK / self._rate)
+        self._creep_n = Creep(beyond.creep_per_decade, BLOCK / self._rate)
+        self._hysteresis = Hysteresis(beyond.hysteresis_width)
         self._next = 0  # first grid step not yet simulated
         self._valid_from = 0
-        self._state = self._stepper.settled(0.0)
-        self._before_v = 0.0
-
-    def _tactor_of(self, skin: Skin | None) -> tuple[_Stepper, int]:
-        form = modal(self._tactor, skin, self._n)
-        slowest = float(np.min(-form.poles.real))
-        memory = math.ceil(40 / slowest * self._rate) if slowest > 0 else np.iinfo(np.int64).max
-        return _Stepper.of(form.poles, form.residues, 1 / self._rate), int(memory)
+        self._stepper = self._stepper_of(self._changes[0].now)
+        self._state = self._stepper.settled(0.0, 0.0)
+        self._before_v = self._bent_v = self._before_n = 0.0
 
     def ready_at(self, t: float) -> float:
         """Bench time from which the displacement at `t` can be known."""
@@ -139,6 +90,48 @@ class Plant:
     def ready_until(self, now: float) -> float:
         """The latest time whose displacement can be known at `now`."""
         return (math.floor(now * self._rate + 1e-6) // BLOCK * BLOCK - 1) / self._rate
+
+    def change(
+        self,
+        clock: Clock,
+        how: Callable[[Situation], Situation],
+        after_s: float = 0.0,
+        over_s: float = 0.0,
+        landing_m_per_s: float = 0.0,
+    ) -> float:
+        """Change the situation `after_s` from now, or when the change before is over; bench time when it is complete.
+
+        `over_s` is the time a hand takes to put weights down or lift them off; they land at `landing_m_per_s`.
+        """
+        # The plant's lock first, then the history's: the order in which a reader takes them.
+        with self._lock, self._history.instant(clock) as now_s:
+            last = self._changes[-1]
+            start_s = max(now_s + after_s, last.end_s)
+            start_s = math.ceil(start_s * self._rate / BLOCK) * BLOCK / self._rate
+            end_s = start_s + math.ceil(over_s * self._rate / BLOCK) * BLOCK / self._rate
+            now = how(last.now)
+            after_n = force_n(now, self._truth)
+            placed_kg = sum(now.weights_kg) - sum(last.now.weights_kg)
+            if placed_kg >= 0:
+                self._append(Change(start_s, end_s, now, last.after_n, after_n, placed_kg * landing_m_per_s))
+            else:  # a weight in the hand moves with the tactor until it is lifted off
+                self._append(
+                    Change(start_s, end_s, replace(now, weights_kg=last.now.weights_kg), last.after_n, after_n)
+                )
+                self._append(Change(end_s, end_s, now, after_n, after_n))
+            return end_s
+
+    @property
+    def situation(self) -> Situation:
+        """What stands on the bench once every change that was begun is complete."""
+        return self._changes[-1].now
+
+    def largest_n(self, t: Array) -> Array:
+        """The largest force of the weights until each time `t` (n,)."""
+        with self._lock:
+            reached = np.maximum.accumulate([change.after_n for change in self._changes])
+            ends = [change.end_s for change in self._changes]
+        return np.asarray(reached[np.searchsorted(ends, t, side="right") - 1])
 
     def displacement(self, t: Array) -> Array:
         """Metres at past times `t`, ascending, shape (n,); linear between grid points, 0 before the bench began.
@@ -162,22 +155,78 @@ class Plant:
         high = low + (place - below) * (high - low)
         return np.where(below < 0, 0.0, high) if below[0] < 0 else high
 
+    def _append(self, change: Change) -> None:
+        self._changes.append(change)
+        self._starts.append(change.start_s)
+
+    def _at(self, step: int) -> int:
+        """Number of the change in force at a grid step."""
+        return bisect_right(self._starts, (step + 1e-3) / self._rate) - 1
+
+    def _stepper_of(self, situation: Situation) -> Stepper:
+        tactor, difference = self._truth.tactor, self._truth.beyond.side_difference
+        k2 = tactor.k2 * (1 + situation.side * difference / 2)
+        key = (situation.mass_kg, situation.skin, k2)
+        if key not in self._steppers:
+            there = replace(tactor, m_add=situation.mass_kg, k2=k2)
+            self._steppers[key] = Stepper.of(there, situation.skin, self._truth.modes, 1 / self._rate)
+        return self._steppers[key]
+
     def _simulate(self, first: int, last: int) -> None:
-        if first - self._next > self._memory + BLOCK:
-            self._next = self._valid_from = (first - self._memory) // BLOCK * BLOCK
-            self._before_v = float(self._specimen(self._next - 1, self._next)[0])
-            self._state = self._stepper.settled(self._before_v)
+        self._skip(first)
         while self._next <= last:
+            number = self._at(self._next)
+            change = self._changes[number]
+            stepper = self._stepper_of(change.now)
+            if stepper is not self._stepper:
+                self._state = stepper.taken_over(self._stepper, self._state, self._bent_v, self._before_n)
+                self._stepper = stepper
             # A bounded stretch at a time keeps memory flat when much is asked for at once.
             stop = min((last // BLOCK + 1) * BLOCK, self._next + min(1024 * BLOCK, self._ring.size))
-            volts = self._slewed(self._next, self._specimen(self._next, stop))
-            w, self._state = self._stepper.run(self._before_v, volts, self._state)
-            self._before_v = float(volts[-1])
+            if number + 1 < len(self._starts):
+                stop = min(stop, round(self._starts[number + 1] * self._rate))
+            volts = self._bent(self._slewed(self._next, self._specimen(self._next, stop, change.now)), change.now)
+            newtons = self._newtons(change, self._next, stop)
+            w, self._state = stepper.run(volts, self._bent_v, newtons, self._before_n, self._state)
+            self._bent_v, self._before_n = float(volts[-1]), float(newtons[-1])
             begin = self._next % self._ring.size
             head = min(w.size, self._ring.size - begin)
             self._ring[begin : begin + head] = w[:head]
             self._ring[: w.size - head] = w[head:]
             self._next = stop
+
+    def _skip(self, first: int) -> None:
+        """Leave out what nobody looked at, as far as the tactor has forgotten it when somebody does."""
+        stepper = self._stepper_of(self._changes[self._at(first)].now)
+        if stepper.slowest <= 0:
+            return
+        start = (first - math.ceil(40 / stepper.slowest * self._rate)) // BLOCK * BLOCK
+        if start <= self._next + BLOCK:
+            return
+        change = self._changes[self._at(start - 1)]
+        gap_s = (start - self._next) / self._rate
+        self._next = self._valid_from = start
+        volts = self._specimen(start - 1, start, change.now)
+        for creep, drive in ((self._creep, float(volts[0])), (self._creep_n, change.after_n)):
+            creep.skip(drive, gap_s)
+        self._bent_v = float(self._bent(volts, change.now)[0])
+        self._before_n = float(self._newtons(change, start - 1, start)[0])
+        self._stepper = self._stepper_of(change.now)
+        self._state = self._stepper.settled(self._bent_v, self._before_n)
+
+    def _newtons(self, change: Change, first: int, stop: int) -> Array:
+        """What the weights press with at grid steps first..stop, all under one change."""
+        if first / self._rate > change.end_s + TOUCH_S:
+            force = np.full(stop - first, change.after_n)
+        else:
+            force = change.newtons(np.arange(first, stop) / self._rate)
+        return self._creep_n.feed(force.reshape(-1, min(BLOCK, force.size))).ravel()
+
+    def _bent(self, volts: Array, situation: Situation) -> Array:
+        """What bends the specimen, seen from the sensor: its volts with hysteresis and creep, as the side up turns them."""
+        self._before_v = float(volts[-1])
+        bent = self._hysteresis.feed(volts)
+        return situation.side * self._creep.feed(bent.reshape(-1, min(BLOCK, bent.size))).ravel()
 
     def _slewed(self, first: int, wanted: Array) -> Array:
         """What the amplifier makes of the volts it wants from grid step `first` on, stretch by stretch of its limit."""
@@ -191,8 +240,10 @@ class Plant:
             before_v = float(volts[end - 1])
         return volts
 
-    def _specimen(self, first: int, stop: int) -> Array:
-        """Volts the amplifier wants on the specimen, grid steps first..stop."""
+    def _specimen(self, first: int, stop: int, situation: Situation) -> Array:
+        """Volts the amplifier wants on the specimen, grid steps first..stop; none where its electrodes are shorted."""
         volts, hv = self._history.read(np.arange(first, stop) / self._rate)
         wanted = self._amplifier.map.specimen_v(volts)
+        if situation.shorted:
+            return np.zeros_like(wanted)
         return wanted if hv.all() else np.where(hv, wanted, 0.0)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -94,6 +95,14 @@ class BenchProcess:
     def disable_hv(self) -> None:
         """The operator turns high voltage off."""
         self.control("disable_hv")
+
+    def hands(self, action: str, values: Mapping[str, float]) -> float:
+        """Do something by hand; bench time when it is done. Raises BenchError where it makes no sense."""
+        return float(self.control("hands", action=action, values=dict(values)))
+
+    def now(self) -> float:
+        """Bench time."""
+        return float(self.control("now"))
 
     def inject(self, fault: str) -> None:
         """Break something. Raises BenchError for an unknown name."""

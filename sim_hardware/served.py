@@ -25,7 +25,7 @@ class ServedBench:
     def control(self, verb: str, **arguments: Any) -> Any:
         """Carry out one verb; its answer as plain values.
 
-        Verbs: enable_hv, disable_hv, inject(fault), clear(fault), faults, report(tolerance_v), now, laser_sees.
+        Verbs: enable_hv, disable_hv, hands(action, values), inject(fault), clear(fault), faults, report(tolerance_v), now, laser_sees.
 
         Raises:
             ValueError: unknown verb, wrong arguments, or unknown fault.
@@ -34,6 +34,7 @@ class ServedBench:
         verbs = {
             "enable_hv": bench.enable_hv,
             "disable_hv": bench.disable_hv,
+            "hands": bench.hands,
             "inject": bench.inject,
             "clear": bench.clear,
             "faults": bench.faults.all_active,

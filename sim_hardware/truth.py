@@ -6,8 +6,9 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
 from model.amplifier import AmplifierMap
-from model.parameters import Tactor
+from model.parameters import Membrane, Tactor
 from model.skin import Skin
+from sim_hardware.beyond import BeyondTruth
 
 GENERATORS = {
     "335": "Keysight Technologies",
@@ -150,12 +151,41 @@ class CardTruth:
 
 
 @dataclass(frozen=True, slots=True)
+class HandsTruth:
+    """The operator's hands.
+
+    Attributes:
+        reach_s: from being asked for a weight until it touches the tactor.
+        release_s: from the first touch until the whole weight lies there, and the same to lift it off.
+        landing_m_per_s: how fast a weight comes down at the first touch.
+        patience_s: after a weight was placed or lifted, so long until the operator presses the key.
+        reference_m: how much deeper than it says the reference for the membrane's sag lies.
+    """
+
+    reach_s: float = 1.0
+    release_s: float = 0.3
+    landing_m_per_s: float = 5e-3
+    patience_s: float = 10.0
+    reference_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        _not_negative(
+            "hands",
+            reach_s=self.reach_s,
+            release_s=self.release_s,
+            landing_m_per_s=self.landing_m_per_s,
+            patience_s=self.patience_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class BenchTruth:
     """One simulated bench.
 
     Attributes:
         source: whose output the cable brings to the amplifier, one of `SOURCES`.
-        skin: what the tactor presses against; None is free.
+        skin: what the tactor presses against at the start; None is free.
+        membrane: the rubber that hands may put on it.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
         window_s: how much of the past the plant keeps.
@@ -164,6 +194,9 @@ class BenchTruth:
 
     tactor: Tactor = field(default_factory=Tactor)
     skin: Skin | None = None
+    membrane: Membrane = field(default_factory=Membrane)
+    hands: HandsTruth = field(default_factory=HandsTruth)
+    beyond: BeyondTruth = field(default_factory=BeyondTruth)
     modes: int = 7
     generator: GeneratorTruth = field(default_factory=GeneratorTruth)
     amplifier: AmplifierTruth = field(default_factory=AmplifierTruth)

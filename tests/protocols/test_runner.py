@@ -209,7 +209,7 @@ def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(protocol, tmp_path, lab)
     assert ran.status == Status.COMPLETED
-    assert protocol.__dict__["answers"][1] == "done by the simulated operator"
+    assert protocol.__dict__["answers"][1] == "done"
     recording = protocol.__dict__["answers"][3]
     assert recording.drive_v.shape == recording.displacement_m.shape == (250,)
     with Run(ran.path) as file:

@@ -113,7 +113,7 @@ def test_high_voltage_off_leaves_the_tactor_still(bench, source):
     assert bench.report().outside_rest_s == 0.0
 
 
-def test_the_simulated_operator_does_what_a_prompt_asks_and_leaves_what_it_does_not_understand(bench):
+def test_the_simulated_operator_does_what_a_prompt_asks_and_answers_questions_with_the_first_choice(bench):
     operator: Operator = SimulatedOperator(bench)
     bench.clock.sleep(1.0)
     operator.show(1, ENABLE_HIGH_VOLTAGE)
@@ -121,13 +121,9 @@ def test_the_simulated_operator_does_what_a_prompt_asks_and_leaves_what_it_does_
     operator.show(2, DISABLE_HIGH_VOLTAGE)
     bench.clock.sleep(1.0)
     assert bench.report().live_s == 1.0
-    assert [operator.answer(k) for k in (1, 1, 2)] == [
-        "done by the simulated operator",
-        None,
-        "done by the simulated operator",
-    ]
-    operator.show(3, Prompt("juggle", "Juggle."))
-    assert operator.answer(3) is None
+    assert [operator.answer(k) for k in (1, 1, 2)] == ["done", None, "done"]
+    operator.show(3, Prompt("drifted", "Go on, or stop?", choices=("go on", "stop")))
+    assert operator.answer(3) == "go on"
 
 
 def test_the_direct_link_is_a_drivers_link(bench):
