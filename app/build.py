@@ -78,7 +78,7 @@ def _assemble(
     from drivers.visa import VisaLink
 
     digitizer = _digitizer(config, clock, server, stack)
-    source = open_source(config, clock, partial(VisaLink, resource), server, stack)
+    source = open_source(config, clock, partial(VisaLink, resource, baud=config.wire.baud), server, stack)
     meters = open_meters(config.meters, clock, stack, see)
     watch = partial(_watchdog, config, resource, server, clock)
     return Laboratory(_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
@@ -112,16 +112,22 @@ def _watchdog(config: BenchConfig, resource: str, server: str, clock: BeatingClo
             source=f"{type(source).__module__}:{type(source).__qualname__}",
             resource="" if card_output else resource,
             timeout_s=config.wire.timeout_s,
+            baud=config.wire.baud,
             options=options(config, clock.speed),
             map=config.amplifier.map,
             limits=config.amplifier.limits,
             speed=clock.speed,
             silence_s=config.watchdog.silence_s,
-            own_connection=config.watchdog.own_connection and not card_output,
+            own_connection=config.watchdog.own_connection and not card_output and _shared(resource),
             patience_s=config.watchdog.patience_s,
         )
     )
     return clock.watchdog
+
+
+def _shared(resource: str) -> bool:
+    """Whether the wire takes two who talk: on a serial or USB line they would read each other's answers."""
+    return not resource.upper().startswith(("ASRL", "USB"))
 
 
 def _must_be(seen: Identity, serial: str, table: str) -> None:

@@ -37,6 +37,9 @@ class GeneratorTable(Table):
     driver: Annotated[str, "which driver: auto asks the instrument who it is"] = drivers.AUTO
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.7::5025::SOCKET"] = ""
     timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
+        9600
+    )
     serial: Annotated[str, SERIAL] = ""
 
     @field_validator("driver")

@@ -26,6 +26,9 @@ class SupplyTable(Table):
 
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.8::5025::SOCKET"] = ""
     timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
+        9600
+    )
     serial: Annotated[str, "serial number; where it is given, another instrument at this address is refused"] = ""
     channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
     current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "what the amplifier's input may draw"] = 0.1

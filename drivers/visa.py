@@ -1,19 +1,32 @@
 """A line over VISA: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, whatever the resource string says.
 
-pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later: both are one family here.
+pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises whatever it
+meets: all are one family here. After an answer that did not come, the next answer must not be taken for it. How that is
+made sure differs: a socket is opened anew, a serial line is read until it is quiet, and all others know a device clear.
 """
 
 import contextlib
 import socket
+import struct
+import time
 import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import pyvisa
-from pyvisa.constants import StatusCode
+from pyvisa.constants import BufferOperation, StatusCode
 from pyvisa.errors import VisaIOError
 
 from drivers.errors import LinkError
+
+TROUBLES = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
+"""What pyvisa and pyvisa-py raise where a wire fails; the last three are its HiSLIP's."""
+
+BITS = 11
+"""Of a byte on a serial line: start, eight, parity, stop."""
+
+LONGEST_NOISE_S = 5.0
+"""A serial line that is not quiet by then will not be: something else is connected, or the baud rate is wrong."""
 
 
 class VisaLink:
@@ -22,14 +35,16 @@ class VisaLink:
     Args:
         resource: a VISA resource string, e.g. `TCPIP::192.0.2.7::5025::SOCKET`.
         timeout_s: how long an answer may take.
+        baud: of a serial line, bits per second.
         backend: the VISA library; `@py` is pyvisa-py.
 
     Raises:
         LinkError: nothing answers there.
     """
 
-    def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py") -> None:
+    def __init__(self, resource: str, timeout_s: float = 2.0, backend: str = "@py", *, baud: int = 9600) -> None:
         self.name = resource
+        self._baud = baud
         self.timeout_s = timeout_s
         self._manager = pyvisa.ResourceManager(backend)
         self._session: Any = None
@@ -47,14 +62,21 @@ class VisaLink:
             raise LinkError(f"{self.name}: {error.description or error}") from error
         except UnicodeDecodeError as error:
             raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
-        except (pyvisa.Error, OSError, ValueError) as error:
+        except TROUBLES as error:
             reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
             raise LinkError(f"{self.name} cannot be reached ({reason}); check the cable and the address") from error
 
     def write(self, message: str) -> None:
         with self._words():
-            # Latin-1 carries every byte of a waveform's binary block as it is.
-            self._open_session().write(message, encoding="latin-1")
+            session = self._open_session()
+            if self._serial:  # a waveform takes its time at so many bits a second
+                session.timeout = 1000 * (self.timeout_s + BITS * len(message) / self._baud)
+            try:
+                # Latin-1 carries every byte of a waveform's binary block as it is.
+                session.write(message, encoding="latin-1")
+            finally:
+                if self._serial:
+                    session.timeout = 1000 * self.timeout_s
 
     def read(self) -> str:
         with self._words():
@@ -66,9 +88,29 @@ class VisaLink:
         # readable for ever, and clear() never returns. A new connection forgets a late answer just as well.
         if self.name.upper().endswith("::SOCKET"):
             self.reopen()
+        elif self._serial:
+            self._read_until_quiet()
         else:
-            with self._words():
-                self._open_session().clear()
+            try:
+                with self._words():
+                    self._open_session().clear()
+            except LinkError:  # pyvisa-py's HiSLIP stumbles over a late answer that is in the line already
+                self.reopen()
+
+    def _read_until_quiet(self) -> None:
+        """What comes within the time that an answer may take is none of ours any more."""
+        session, until_s = self._open_session(), time.monotonic() + LONGEST_NOISE_S
+        with self._words():
+            try:
+                while time.monotonic() < until_s:
+                    session.read_bytes(1)
+            except VisaIOError as error:
+                if error.error_code != StatusCode.error_timeout:
+                    raise
+
+    @property
+    def _serial(self) -> bool:
+        return self.name.upper().startswith("ASRL")
 
     def reopen(self) -> None:
         self._close_session()
@@ -76,6 +118,9 @@ class VisaLink:
             self._session = self._manager.open_resource(
                 self.name, read_termination="\n", write_termination="\n", timeout=self.timeout_s * 1000
             )
+            if self._serial:
+                self._session.baud_rate = self._baud
+                self._session.flush(BufferOperation.discard_read_buffer)
             self._send_at_once()
 
     def _send_at_once(self) -> None:
@@ -98,7 +143,7 @@ class VisaLink:
     def _close_session(self) -> None:
         session, self._session = self._session, None
         if session is not None:
-            with contextlib.suppress(pyvisa.Error, OSError):
+            with contextlib.suppress(*TROUBLES):
                 session.close()
 
 

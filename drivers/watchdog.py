@@ -39,6 +39,7 @@ class Charge:
         source: `module:Class` of the source's driver, called with (link, clock, **options).
         resource: VISA resource string of the source; empty for one without a link, called with (clock=clock, **options).
         timeout_s: how long the source may take to answer.
+        baud: of a serial line.
         speed: of a simulated bench, times real.
         silence_s: how long the run thread may say nothing while live.
         own_connection: whether the source takes a second connection beside the program's. Where it does not, the
@@ -49,6 +50,7 @@ class Charge:
     source: str
     resource: str
     timeout_s: float
+    baud: int = 9600
     options: dict[str, Any] = field(default_factory=dict)
     map: AmplifierMap = field(default_factory=AmplifierMap)
     limits: DriveLimits = field(default_factory=DriveLimits)

@@ -174,7 +174,7 @@ class Hound:
         else:
             from drivers.visa import VisaLink
 
-            link = VisaLink(charge.resource, charge.timeout_s)
+            link = VisaLink(charge.resource, charge.timeout_s, baud=charge.baud)
             try:
                 source = driver(link, self._clock, **charge.options)
             except BaseException:

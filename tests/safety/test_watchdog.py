@@ -318,3 +318,19 @@ def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_s
         assert isinstance(lab.bench.watchdog, NoWatchdog)
         assert lab.bench.watchdog.words == ""
     assert "a held level stays on the specimen" in SWITCHED_OFF
+
+
+@pytest.mark.parametrize(
+    ("resource", "shared"),
+    [
+        ("TCPIP::192.0.2.7::5025::SOCKET", True),
+        ("TCPIP::192.0.2.7::hislip0::INSTR", True),
+        ("ASRL/dev/ttyUSB0::INSTR", False),
+        ("usb0::0x2A8D::0x1301::MY1::INSTR", False),
+    ],
+)
+def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
+    """Two readers on one serial line would each get half of the answers."""
+    from app.build import _shared
+
+    assert _shared(resource) == shared

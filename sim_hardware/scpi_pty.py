@@ -1,0 +1,85 @@
+"""An SCPI instrument on a serial line: lines over a pseudo-terminal, with the faults a wire can have. Not on Windows."""
+
+import heapq
+import itertools
+import os
+import select
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+from sim_hardware.port import Port
+from sim_hardware.scpi_blocks import messages_in
+
+TICK_S = 0.01
+
+
+class ScpiPty:
+    """Serves a port until closed. A cable that is off is silence: a serial line does not notice it.
+
+    Args:
+        speed: bench seconds per wall second, for answers that take the instrument time.
+        command_s: bench seconds until the answer to any message is ready.
+
+    Attributes:
+        device: the name of the line, such as `/dev/pts/3`.
+    """
+
+    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+        import tty
+
+        self._instrument, self._speed, self._command_s = instrument, speed, command_s
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)  # a terminal would echo and turn CR into LF
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+        self._due: list[tuple[float, int, bytes]] = []
+        self._order = itertools.count()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="simulated serial instrument", daemon=True)
+        self._thread.start()
+
+    @property
+    def resource(self) -> str:
+        """VISA resource string."""
+        return f"ASRL{self.device}::INSTR"
+
+    def close(self) -> None:
+        """End the thread and pull the plug."""
+        self._closing.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        begun = b""
+        while not self._closing.is_set():
+            wait_s = max(self._due[0][0] - time.monotonic(), 0.0) if self._due else TICK_S
+            if select.select([self._master], [], [], min(wait_s, TICK_S))[0]:
+                lines, begun = messages_in(begun + os.read(self._master, 4096))
+                for line in lines:
+                    self._hear(line)
+            while self._due and self._due[0][0] <= time.monotonic():
+                self._send(heapq.heappop(self._due)[2])
+
+    def _hear(self, line: str) -> None:
+        reply = self._instrument.handle(line)
+        if reply is not None:
+            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+            due_s = time.monotonic() + (reply.delay_s + self._command_s) / self._speed + reply.late_s
+            heapq.heappush(self._due, (due_s, next(self._order), out))
+
+    def _send(self, data: bytes) -> None:
+        try:
+            os.write(self._master, data)
+        except BlockingIOError:
+            return  # nobody reads: what a serial line has not carried is lost

@@ -1,0 +1,150 @@
+"""The source contract on a serial line and over HiSLIP: other wires, each with a resynchronisation of its own."""
+
+import gc
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from drivers.clock import WallClock
+from drivers.dc_supply import DcSupply
+from drivers.errors import LinkError
+from drivers.keysight_33500 import Keysight33500
+from drivers.scpi import Scpi
+from drivers.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, on this module's wires
+    Made,
+    live,
+    test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
+    test_a_failed_wire_is_a_sentence_and_can_be_opened_anew,
+    test_a_fresh_box_is_not_at_rest_and_is_brought_there,
+    test_a_sine_is_stopped_gently_from_any_phase,
+    test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself,
+    test_letting_go_leaves_the_output_at_rest,
+    test_levels_are_reached_in_small_steps_and_left_the_same_way,
+    test_preparing_twice_is_harmless_even_live,
+    test_small_and_large_drives_follow_each_other_without_a_jump,
+)
+from sim_hardware.hislip import HislipServer
+from sim_hardware.scpi_pty import ScpiPty
+from tests.support import simulated, volts_are_safe
+
+# pyvisa-py's HiSLIP leaves the socket of a refused call open.
+pytestmark = pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning")
+
+SPEED = 10.0
+TIMEOUT_S = 0.2
+LINE = pytest.param(
+    ScpiPty, id="serial", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+)
+WIRES = [LINE, pytest.param(HislipServer, id="hislip")]
+
+
+@contextmanager
+def wired(kind: type, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]]:
+    bench = VirtualBench(simulated(**truth).truth, WallClock(SPEED))
+    with kind(bench.port, SPEED, bench.truth.generator.command_s) as wire:
+        if kind is HislipServer:
+            bench.on_fault(wire.poke)
+        link = VisaLink(wire.resource, TIMEOUT_S, baud=115_200)
+        yield bench, link
+        link.close()
+    gc.collect()
+
+
+@pytest.fixture(params=WIRES)
+def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+    with wired(request.param) as (bench, link):
+        source = Keysight33500(link, bench.clock)
+        yield source, bench, bench.clock
+        source.close()
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
+    kind: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim_hardware.port.LATE_S", 1.5 * TIMEOUT_S)  # while the line is being resynchronised
+    with wired(kind) as (bench, link):
+        scpi = Scpi(link, "generator")
+        bench.inject("scpi-late")
+        with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0.2 s"):
+            scpi.ask("VOLT:OFFS?")
+        bench.clear()
+        assert scpi.ask("*IDN?").startswith("Keysight")
+        assert scpi.ask("OUTP?") == "0"
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_half_an_answer_is_forgotten(kind: type) -> None:
+    with wired(kind) as (bench, link):
+        scpi = Scpi(link, "generator")
+        bench.inject("scpi-half")
+        with pytest.raises(LinkError):
+            scpi.ask("*IDN?")
+        bench.clear()
+        assert scpi.ask("OUTP?") == "0"
+
+
+def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyvisa-py takes it for the acknowledgement of its device clear, and stumbles; the session is then opened anew."""
+    monkeypatch.setattr("sim_hardware.port.LATE_S", 1.2 * TIMEOUT_S)
+    with wired(HislipServer) as (bench, link):
+        bench.inject("scpi-late")
+        link.write("VOLT:OFFS?")
+        with pytest.raises(LinkError):
+            link.read()
+        bench.clear()
+        time.sleep(TIMEOUT_S)  # it arrives
+        link.clear()
+        link.write("OUTP?")
+        assert link.read() == "0"
+
+
+def test_a_box_that_closes_its_hislip_session_is_a_sentence_and_comes_back() -> None:
+    with wired(HislipServer) as (bench, link):
+        bench.inject("scpi-dropped")
+        with pytest.raises(LinkError, match=r"cannot be reached|hislip0"):
+            Scpi(link, "generator").ask("OUTP?")
+        with pytest.raises(LinkError):
+            link.reopen()
+        bench.clear()
+        link.reopen()
+        link.write("OUTP?")
+        assert link.read() == "0"
+
+
+def test_noise_on_a_serial_line_does_not_last_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong baud rate gives bytes without end."""
+    monkeypatch.setattr("drivers.visa.LONGEST_NOISE_S", 0.2)
+
+    class Chatters:
+        def __init__(self) -> None:
+            self.timeout = 0.0
+
+        def read_bytes(self, _: int) -> bytes:
+            return b"?"
+
+        def close(self) -> None: ...
+
+    with wired(ScpiPty) as (_, link):
+        real, link._session = link._session, Chatters()
+        link.clear()
+        link._session = real
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_a_supply_holds_and_rests_over_it(kind: type) -> None:
+    with wired(kind, source="supply", supply={"model": "E3631A"}) as (bench, link):
+        source = DcSupply(link, bench.clock)
+        source.prepare(2.5, 0.0, 5.0)
+        bench.enable_hv()
+        source.move(3.5, 0.3)
+        source.stop()
+        source.move(2.5, 0.3)
+        assert source.at_rest(2.5, 0.0, 5.0)
+        bench.clock.sleep(0.5)
+        volts_are_safe(bench.report())
