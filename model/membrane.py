@@ -5,6 +5,7 @@ thirteen thicknesses, far outside its own validity; stretching carries most of t
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from annotated_types import Interval
@@ -69,10 +70,16 @@ def _stretch(m: Membrane, q: float, total: float) -> float:
 
     With a = (L / 2) sqrt(T / E I) and s from the centre (-1..1), w' = q L^3 / (8 E I) [s - sinh(a s) / sinh a] / a^2.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(64)
+    nodes, weights = _gauss()
     a2 = 3 * m.L_m**2 * total / m.h_m**2
     slope = q * m.L_m**3 / (8 * m.E_m * m.b_m * m.h_m**3 / 12) * _slope(a2, nodes)
     return float(weights @ slope**2 / 4)
+
+
+@cache
+def _gauss() -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    return nodes, weights
 
 
 def _slope(a2: float, s: Array) -> Array:

@@ -1,0 +1,201 @@
+"""Simulated campaigns of one specimen, from solutions that share nothing with the fit's own.
+
+`closed_form` solves the twelve interface conditions at every frequency (no Galerkin); `elements` is a beam of Hermite finite
+elements, the only one that knows a clamp that gives. Statics come from the elements too, not from Eqs. (7) and (8). What lies
+outside the model (hysteresis, creep, a clamp that gives, drift) is put in here, and only here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from itertools import pairwise
+
+import numpy as np
+
+from model.amplifier import AmplifierMap
+from model.closed_form import exact_response
+from model.identification.observations import (
+    Campaign,
+    CommonError,
+    FrequencyResponse,
+    MassResonance,
+    MembraneSag,
+    StaticLoading,
+    VoltageSteps,
+)
+from model.membrane import sag
+from model.parameters import Membrane, Tactor
+from model.skin import Skin, skin
+
+G = 9.80665
+LOADS_N = G * np.array([0.02, 0.05, 0.1, 0.2, 0.5])
+MASSES_KG = 1e-3 * np.arange(1.75, 10, 1.0)
+LEVELS_V = np.arange(0.5, 5.01, 0.5)
+FREQUENCIES_HZ = np.array([25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250.0])
+ELONGATIONS_M = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
+
+SENSOR = CommonError("gain of the displacement sensor", "displacement", 0.002)
+AMPLIFIER = CommonError("gain of the amplifier", "volts", 0.005)
+DELAY = CommonError("delay of the sensor", "delay", 5e-6)
+WEIGHTS = CommonError("weights", "load", 0.001)
+GLUE = CommonError("mass of glue and cylinder", "mass", 5e-5)
+SHARED = (SENSOR, AMPLIFIER, DELAY, WEIGHTS, GLUE)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard errors: relative to the value, and in metres, of one point; hertz of a resonance."""
+
+    loading: float = 0.005
+    steps: float = 0.005
+    dwell: float = 0.003
+    floor_m: float = 2e-7
+    resonance_hz: float = 0.3
+    sag: float = 0.01
+
+
+@dataclass(frozen=True)
+class World:
+    """What is measured, and how it departs from the model (all zero: not at all).
+
+    Attributes:
+        clamp: rotational stiffness of the clamp over k1 / L1; infinite is rigid.
+        creep: share of the response gained per decade of time, as a complex compliance around 10 Hz.
+        hysteresis: share of the response at full drive that comes late, in proportion to the drive (Rayleigh).
+        drift: share by which the response grows from the first run to the last.
+        solve: response per volt of a tactor on a skin.
+    """
+
+    tactor: Tactor = field(default_factory=Tactor)
+    membrane: Membrane = field(default_factory=Membrane)
+    clamp: float = np.inf
+    creep: float = 0.0
+    hysteresis: float = 0.0
+    drift: float = 0.0
+    by_elements: bool = False
+
+    def response(self, tactor: Tactor, f: np.ndarray, on: Skin | None = None) -> np.ndarray:
+        if self.by_elements or np.isfinite(self.clamp):
+            return elements(tactor, f, on, self.clamp)
+        return exact_response(tactor, f, on)
+
+    def late(self, f: np.ndarray) -> np.ndarray:
+        """Creep as a factor of the response at f (creep laws of log time have a constant loss angle)."""
+        return 1 - self.creep * (np.log10(f / 10) + 1j * np.pi / 2 / np.log(10))
+
+
+def elements(tactor: Tactor, f: np.ndarray, on: Skin | None, clamp: float, load: bool = False) -> np.ndarray:
+    """Deflection of the centre per volt (or per newton), Hermite elements, ten a segment."""
+    t, on = tactor, on or Skin()
+    x = np.unique(np.concatenate([np.linspace(a, b, 11) for a, b in ((0, t.L1), (t.L1, t.L2), (t.L2, t.L))]))
+    size = 2 * x.size
+    M, C, K = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
+    for i, (a, b) in enumerate(pairwise(x)):
+        h, mid = b - a, (a + b) / 2
+        bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h]])
+        bend = np.vstack((bend, [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h])) / h**3
+        mass = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h]])
+        mass = np.vstack((mass, [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h])) * h / 420
+        third = mid > t.L2
+        here = slice(2 * i, 2 * i + 4)
+        K[here, here] += (t.k1 if mid < t.L1 else t.k2) * bend + (on.k_s * mass if third else 0)
+        M[here, here] += (t.rho1 if mid < t.L1 else t.rho2 + (t.eta if third else 0)) * mass
+        C[here, here] += (t.c0 + (on.c_s if third else 0)) * mass
+    if np.isfinite(clamp):
+        K[1, 1] += clamp * t.k1 / t.L1
+    keep = np.setdiff1d(np.arange(size), [0, size - 1] + ([] if np.isfinite(clamp) else [1]))
+    B = np.zeros(size)
+    if load:
+        B[-2] = 0.5
+    else:
+        B[2 * int(np.argmin(abs(x - t.L1))) + 1] = -t.mu
+    centre = int(np.flatnonzero(keep == size - 2)[0])
+    M, C, K = (A[np.ix_(keep, keep)] for A in (M, C, K))
+    w = 2 * np.pi * np.asarray(f)[:, None, None]
+    return np.linalg.solve(K - w * w * M + 1j * w * C, B[keep][:, None])[:, centre, 0]
+
+
+def peak_hz(call: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Frequency of the largest response, by ever finer scans."""
+    low, high = 20.0, 700.0
+    for _ in range(7):
+        f = np.linspace(low, high, 41)
+        top = int(np.clip(abs(call(f)).argmax(), 1, 39))
+        low, high = f[top - 1], f[top + 1]
+    a, b, c = abs(call(np.array([low, (low + high) / 2, high])))
+    return (low + high) / 2 + (high - low) / 4 * (a - c) / (a - 2 * b + c)
+
+
+@lru_cache(maxsize=32)
+def perfect(
+    world: World, noise: Noise, common: tuple[CommonError, ...], amplitudes_v: tuple[float, ...] = (2.5,)
+) -> Campaign:
+    """Every run of the paper without noise, with the errors that `noise` says; the free dwell is done first and last."""
+    t, m = world.tactor, world.membrane
+    still = np.zeros(1)
+    per_newton = elements(t, still, None, world.clamp, load=True)[0].real
+    per_volt = elements(t, still, None, world.clamp)[0].real
+
+    def shared(*which: CommonError) -> tuple[CommonError, ...]:
+        return tuple(e for e in which if e in common)
+
+    w = per_newton * LOADS_N
+    runs: list = [
+        StaticLoading(
+            side, LOADS_N, w, noise.loading * w + noise.floor_m, side, common=shared(SENSOR, WEIGHTS), simulated=True
+        )
+        for side in ("mfc", "aluminium")
+    ]
+    heavy = [replace(t, m_add=mass) for mass in MASSES_KG]
+    f = np.array([peak_hz(partial(world.response, loaded)) for loaded in heavy])
+    runs.append(
+        MassResonance("masses", MASSES_KG, f, np.full(f.size, noise.resonance_hz), common=shared(GLUE), simulated=True)
+    )
+    levels = np.concatenate((LEVELS_V, LEVELS_V[-2::-1]))
+    rising = np.arange(levels.size) < LEVELS_V.size
+    V = AmplifierMap().specimen_v(levels)
+    loop = world.hysteresis * (1 - (V / 1500) ** 2) * 1500 / 2  # Rayleigh: half-width of the loop
+    w = per_volt * (V + np.where(rising, -loop, loop)) * (1 + world.creep)  # read after 1 s, a decade later than 10 Hz
+    runs.append(
+        VoltageSteps(
+            "steps", levels, w, noise.steps * abs(per_volt * V) + noise.floor_m, rising,
+            common=shared(SENSOR, AMPLIFIER), simulated=True,
+        )
+    )  # fmt: skip
+    for elongation in (None, *ELONGATIONS_M):
+        on = None if elongation is None else skin(m, elongation / m.L_m, tactor=t)
+        for a in amplitudes_v if elongation is None else amplitudes_v[:1]:
+            name = "free" if a == amplitudes_v[0] else f"free {a:g} V"
+            runs += [_dwell(world, noise, name, elongation, on, a, shared)]
+    dwells = sum(isinstance(r, FrequencyResponse) for r in runs)
+    runs.append(replace(_dwell(world, noise, "free again", None, None, amplitudes_v[0], shared), order=float(dwells)))
+    place = 0
+    for i, run in enumerate(runs):
+        if isinstance(run, FrequencyResponse):
+            runs[i] = replace(
+                run, order=float(place), fundamental_m=run.fundamental_m * (1 + world.drift * place / dwells)
+            )
+            place += 1
+    hang = np.full(5, sag(m).centre_m)
+    runs.append(MembraneSag("sag", hang, noise.sag * hang, common=(), simulated=True))
+    return Campaign(tuple(runs))
+
+
+def _dwell(world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float, shared) -> FrequencyResponse:
+    H = world.response(world.tactor, FREQUENCIES_HZ, on) * world.late(FREQUENCIES_HZ)
+    F = 400 * a * H
+    h = world.hysteresis * a / 2.5
+    F = F * (1 + h - 1j * h * 4 / (3 * np.pi))  # Rayleigh: softer and later with amplitude
+    harmonics = np.full((F.size, 4), np.nan)
+    harmonics[:, 0] = abs(F)
+    for k in (2, 3, 4):
+        V = {2: 212.2066, 3: 0.0, 4: 42.4413}[k] * a / 2.5
+        harmonics[:, k - 1] = abs(V * world.response(world.tactor, k * FREQUENCIES_HZ, on))
+    third = abs(world.response(world.tactor, 3 * FREQUENCIES_HZ, on)) * 400 * a * h * 4 / (15 * np.pi)
+    harmonics[:, 2] = np.hypot(harmonics[:, 2], third)
+    errors = noise.dwell * abs(400 * a * world.response(world.tactor, FREQUENCIES_HZ, on)) + noise.floor_m
+    label = name if elongation is None else f"membrane {1e3 * elongation:.3g} mm"
+    return FrequencyResponse(
+        label, FREQUENCIES_HZ, F, errors, a, 2.5, elongation, harmonics_m=harmonics,
+        common=shared(SENSOR, AMPLIFIER, DELAY), simulated=True,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Identification: from observations of one specimen to parameters with their errors, and to what the data cannot tell."""

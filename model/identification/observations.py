@@ -1,0 +1,279 @@
+"""What was observed of one specimen, one frozen record a run: values, standard errors, which may be used, what they share.
+
+Every record carries the `label` of its run, a mask `good` (None: all), the `common` errors of its instruments, and
+whether it is `simulated`. Points that are not good stay in the record and out of every fit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.membrane import weight
+from model.parameters import Membrane
+from model.quantity import ParameterError
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
+
+Side = Literal["mfc", "aluminium", "both"]
+Acts = Literal["displacement", "volts", "load", "mass", "delay"]
+ACTS_UNITS: dict[Acts, str] = {"displacement": "1", "volts": "1", "load": "1", "mass": "kg", "delay": "s"}
+
+
+@dataclass(frozen=True, slots=True)
+class CommonError:
+    """An error that all values taken with one instrument share: unknown, but the same every time.
+
+    It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
+    it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on
+    delay a lateness of the displacement, in s, that nobody has taken out of the phases.
+    """
+
+    name: str
+    acts_on: Acts
+    standard_error: float
+
+    def __post_init__(self) -> None:
+        if self.acts_on not in get_args(Acts):
+            raise ParameterError(f"common error {self.name!r} acts on {self.acts_on!r}: choose {', '.join(ACTS_UNITS)}")
+        if not (np.isfinite(self.standard_error) and self.standard_error > 0):
+            raise ParameterError(
+                f"common error {self.name!r} has a standard error of {self.standard_error:g}: it must be positive; "
+                "leave the error out if the instrument is perfect"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    label: str
+
+    @property
+    def use(self) -> Mask:
+        """(F,): the usable points."""
+        return np.asarray(getattr(self, "good"))  # noqa: B009
+
+    def _read(self, kind: str, columns: Sequence[str], errors: Sequence[str], x: str) -> None:
+        """Turn the named fields into read-only columns of one length and check them."""
+        size = np.atleast_1d(np.asarray(getattr(self, x))).shape
+        if len(size) != 1 or not size[0]:
+            raise ParameterError(f"{kind} {self.label!r}: {x} has shape {size}; give at least one value, in one row")
+        good = getattr(self, "good", None)
+        good = np.ones(size, bool) if good is None else np.atleast_1d(np.asarray(good))
+        if good.shape != size or good.dtype != bool:
+            raise ParameterError(f"{kind} {self.label!r}: good must be {size[0]} times true or false")
+        for name in columns:
+            value = getattr(self, name)
+            if value is None:
+                continue
+            try:
+                v = np.asarray(value)
+                v = v.astype(complex if v.dtype.kind == "c" else float)
+            except (TypeError, ValueError):
+                raise ParameterError(f"{kind} {self.label!r}: {name} is not a row of numbers") from None
+            v = np.broadcast_to(v, size).copy() if v.ndim == 0 else v.copy()
+            if v.shape[:1] != size or (v.ndim != 1 and name != "harmonics_m"):
+                raise ParameterError(
+                    f"{kind} {self.label!r}: {name} has shape {v.shape} beside {size[0]} values of {x}; give one each"
+                )
+            usable = v[good] if v.ndim == 1 else np.zeros(1)
+            if not np.isfinite(usable).all():
+                raise ParameterError(
+                    f"{kind} {self.label!r}: {name} is not finite at a point that counts as good; flag it"
+                )
+            if name in errors and not (usable > 0).all():
+                raise ParameterError(
+                    f"{kind} {self.label!r}: {name} holds {usable.min():g}; a standard error must be positive"
+                )
+            v.setflags(write=False)
+            object.__setattr__(self, name, v)
+        good.setflags(write=False)
+        object.__setattr__(self, "good", good)
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLoading(_Run):
+    """Deflection of the centre under a load there, electrodes shorted; both positive in the direction of the push."""
+
+    load_n: Array
+    deflection_m: Array
+    errors_m: Array
+    side: Side = "both"
+    """Which side is pushed; "both" where the two are averaged already."""
+    good: Mask | None = None
+    common: tuple[CommonError, ...] = ()
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        if self.side not in get_args(Side):
+            raise ParameterError(f"static loading {self.label!r}: side is {self.side!r}; choose mfc, aluminium or both")
+        self._read("static loading", ("load_n", "deflection_m", "errors_m"), ("errors_m",), "load_n")
+
+
+@dataclass(frozen=True, eq=False)
+class MassResonance(_Run):
+    """Resonance frequency for each mass added in the cylinder.
+
+    `meaning` says what the frequency is: the "peak" of the displacement's spectrum under a constant voltage, or the
+    "undamped" natural frequency, as from a fit of the pole. At a damping ratio of 0.21 they are 5 % apart.
+    """
+
+    mass_kg: Array
+    frequency_hz: Array
+    errors_hz: Array
+    meaning: Literal["peak", "undamped"] = "peak"
+    good: Mask | None = None
+    common: tuple[CommonError, ...] = ()
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        if self.meaning not in ("peak", "undamped"):
+            raise ParameterError(f"mass resonance {self.label!r}: meaning is {self.meaning!r}; choose peak or undamped")
+        self._read("mass resonance", ("mass_kg", "frequency_hz", "errors_hz"), ("errors_hz",), "mass_kg")
+
+
+@dataclass(frozen=True, eq=False)
+class VoltageSteps(_Run):
+    """Deflection against rest for constant volts at the amplifier's input."""
+
+    input_v: Array
+    deflection_m: Array
+    errors_m: Array
+    rising: Mask | None = None
+    """Whether the level was reached from below (True) or above; None where nobody knows."""
+    time_s: Array | None = None
+    """How long each level had stood when it was read."""
+    good: Mask | None = None
+    common: tuple[CommonError, ...] = ()
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        self._read("voltage steps", ("input_v", "deflection_m", "errors_m", "time_s"), ("errors_m",), "input_v")
+        if self.rising is not None:
+            rising = np.asarray(self.rising)
+            if rising.dtype != bool or rising.shape != np.shape(self.input_v):
+                raise ParameterError(f"voltage steps {self.label!r}: rising must be true or false for each level")
+            object.__setattr__(self, "rising", rising)
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse(_Run):
+    """Response to a sine around rest, at single frequencies.
+
+    `fundamental_m` is what a sine fit gives, (F,): complex, |F| sin(w t + arg F) with the phase against the sine at the
+    amplifier's input; or real where only the amplitude is known; or None where only max - min is. `errors_m` is the standard
+    error of each of its two components.
+    """
+
+    frequency_hz: Array
+    fundamental_m: Complex | Array | None = None
+    errors_m: Array | None = None
+    drive_amplitude_v: Array | float = 2.5
+    """Peak amplitude at the amplifier's input."""
+    drive_offset_v: Array | float = 2.5
+    elongation_m: float | None = None
+    """How far the membrane is stretched; None is the free tactor."""
+    added_mass_kg: float | None = None
+    """A mass that is known; None is the effective mass `m_add`, which is identified."""
+    peak_to_peak_m: Array | None = None
+    peak_to_peak_errors_m: Array | None = None
+    harmonics_m: Array | None = None
+    """(F, K): peak amplitudes of orders 1..K, NaN where unknown, each with the error of the fundamental."""
+    order: float | None = None
+    """When it was measured among the others (any clock): the first and the last of a kind tell drift."""
+    good: Mask | None = None
+    common: tuple[CommonError, ...] = ()
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        kind = "frequency response"
+        for value, error in (("fundamental_m", "errors_m"), ("peak_to_peak_m", "peak_to_peak_errors_m")):
+            if (getattr(self, value) is None) != (getattr(self, error) is None):
+                raise ParameterError(f"{kind} {self.label!r}: {value} and {error} go together; give both or neither")
+        if self.fundamental_m is None and self.peak_to_peak_m is None:
+            raise ParameterError(f"{kind} {self.label!r}: give the fundamental, or max - min, with its errors")
+        columns = ("frequency_hz", "fundamental_m", "errors_m", "drive_amplitude_v", "drive_offset_v")
+        more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m")
+        self._read(kind, (*columns, *more), ("errors_m", "peak_to_peak_errors_m", "frequency_hz"), "frequency_hz")
+        if self.elongation_m is not None and not self.elongation_m >= 0:
+            raise ParameterError(f"{kind} {self.label!r}: elongation is {self.elongation_m} m; it must be at least 0")
+
+    @classmethod
+    def polar(
+        cls,
+        label: str,
+        frequency_hz: ArrayLike,
+        amplitude_m: ArrayLike,
+        phase_rad: ArrayLike,
+        errors_m: ArrayLike,
+        **more: Any,
+    ) -> Self:
+        """From amplitude and phase; `errors_m` is that of the amplitude, and of the phase times the amplitude."""
+        F = np.asarray(amplitude_m) * np.exp(1j * np.asarray(phase_rad))
+        return cls(label, np.asarray(frequency_hz, float), F, np.asarray(errors_m, float), **more)
+
+
+@dataclass(frozen=True, eq=False)
+class MembraneSag(_Run):
+    """Sag of the membrane's centre under a uniform load, its own weight by default."""
+
+    deflection_m: Array
+    errors_m: Array
+    geometry: Membrane | None = None
+    """Of the strip that hung; None: the specimen's membrane. Its E_m is not used."""
+    load_n_per_m: float | None = None
+    delta: float = 0.0
+    good: Mask | None = None
+    common: tuple[CommonError, ...] = ()
+    simulated: bool = False
+
+    def __post_init__(self) -> None:
+        self._read("membrane sag", ("deflection_m", "errors_m"), ("errors_m",), "deflection_m")
+
+    def load(self, membrane: Membrane) -> float:
+        """N/m: what was given, or the weight of rubber."""
+        return weight(self.geometry or membrane) if self.load_n_per_m is None else self.load_n_per_m
+
+
+RunT = TypeVar("RunT", bound=_Run)
+Observation = StaticLoading | MassResonance | VoltageSteps | FrequencyResponse | MembraneSag
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """All runs of one specimen that an identification shall use.
+
+    Raises:
+        ParameterError: no run, a run without a usable point, two of one label, or one common error described in two ways.
+    """
+
+    runs: tuple[Observation, ...]
+    common: dict[str, CommonError] = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise ParameterError("there is no run to identify anything from: choose at least one")
+        labels = [run.label for run in self.runs]
+        for label in labels:
+            if labels.count(label) > 1:
+                raise ParameterError(f"two runs are called {label!r}: give each its own label")
+        common: dict[str, CommonError] = {}
+        for run in self.runs:
+            if not run.use.any():
+                raise ParameterError(f"run {run.label!r} has no usable point: leave it out, or measure it again")
+            for error in run.common:
+                if common.setdefault(error.name, error) != error:
+                    raise ParameterError(f"the common error {error.name!r} is described in two ways: make them one")
+        object.__setattr__(self, "common", common)
+
+    def of(self, kind: type[RunT]) -> list[RunT]:
+        """The runs of one kind, in order."""
+        return [run for run in self.runs if isinstance(run, kind)]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any run is."""
+        return any(run.simulated for run in self.runs)
