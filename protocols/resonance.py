@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocols.signals.mode import fit_mode
 from protocols.values import Estimate
-
-Array = NDArray[Any]
 
 SOURCE = "complex fit of one mode and a constant to the fundamentals of this run"
 
@@ -24,32 +22,13 @@ def fit_resonance(points: Sequence[Any]) -> tuple[Estimate, ...]:
     Returns:
         Resonance frequency in hertz and damping ratio; empty where the points do not span a resonance.
     """
-    if len(points) < 5:
-        return ()
-    from scipy.optimize import least_squares
-
     f = np.array([p.frequency for p in points])
     response = np.array([p.fundamental / p.drive_amplitude * np.exp(1j * p.phase) for p in points])
-    scale = np.abs(response).max()
-    peak = f[np.abs(response).argmax()]
-
-    def model(parameters: Array) -> Array:
-        f0, zeta, a, b, re, im = parameters
-        r = f / (f0 * peak)
-        return np.asarray((a + 1j * b) / (1 - r**2 + 2j * zeta * r) + re + 1j * im)
-
-    def misfit(parameters: Array) -> Array:
-        gap = model(parameters) - response / scale
-        return np.concatenate([gap.real, gap.imag], dtype=float)
-
-    fit = least_squares(misfit, [1.0, 0.2, 0.4, 0.0, 0.0, 0.0], max_nfev=500)
-    freedom = 2 * len(f) - len(fit.x)
-    if not fit.success or freedom < 1 or not f.min() < fit.x[0] * peak < f.max():
+    try:
+        mode = fit_mode(f, response)
+    except ValueError:
         return ()
-    jacobian = np.asarray(fit.jac)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * 2 * fit.cost / freedom
-    errors = np.sqrt(np.diag(covariance))
     return (
-        Estimate("resonance frequency", float(fit.x[0] * peak), float(errors[0] * peak), "Hz", SOURCE),
-        Estimate("damping ratio", float(abs(fit.x[1])), float(errors[1]), "1", SOURCE),
+        Estimate("resonance frequency", mode.natural_hz, mode.natural_error_hz, "Hz", SOURCE),
+        Estimate("damping ratio", mode.damping_ratio, mode.damping_error, "1", SOURCE),
     )

@@ -1,11 +1,10 @@
-"""From samples to numbers: the sine fit with harmonics, and the settling detector. Pure functions.
+"""The sine fit with harmonics: amplitude, phase and frequency of a periodic response.
 
 Sign and phase: a component of order k is `|F_k| sin(2 pi k f t + arg F_k)` with t = 0 at the first sample.
 """
 
-from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,64 +128,3 @@ def _pieces(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Iterato
         basis[2::2] = turned.imag
         basis[3::2] = turned.real
         yield part, basis
-
-
-@dataclass
-class SettlingDetector:
-    """Tells when the response to a sine has become steady.
-
-    Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
-    amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes
-    are below `tolerance`, or below what the noise alone would make, and the drive is the one commanded.
-
-    Args:
-        window: samples in a window.
-        drive_amplitude_v: the commanded amplitude.
-        tolerance: relative change of the response between windows.
-    """
-
-    rate_hz: float
-    frequency_hz: float
-    window: int
-    drive_amplitude_v: float
-    tolerance: float
-    drive_seen_v: float = 0.0
-    """Amplitude of the drive in the latest window, as the card saw it."""
-
-    _drive: Array = field(default_factory=lambda: np.empty(0))
-    _displacement: Array = field(default_factory=lambda: np.empty(0))
-    _responses: deque[complex] = field(default_factory=lambda: deque(maxlen=3))
-    _noise: float = 0.0
-
-    DRIVE_TOLERANCE = 0.05
-
-    @property
-    def drive_is_on(self) -> bool:
-        """Whether the card sees the commanded drive to within 5 %."""
-        return abs(self.drive_seen_v - self.drive_amplitude_v) <= self.DRIVE_TOLERANCE * self.drive_amplitude_v
-
-    def feed(self, drive_v: Array, displacement: Array) -> bool:
-        """Take more samples; True once the response is steady."""
-        self._drive = np.concatenate([self._drive, drive_v])
-        self._displacement = np.concatenate([self._displacement, displacement])
-        while len(self._drive) >= self.window:
-            if self._window_is_steady():
-                return True
-            self._drive = self._drive[self.window :]
-            self._displacement = self._displacement[self.window :]
-        return False
-
-    def _window_is_steady(self) -> bool:
-        drive = fit_sine(self._drive[: self.window], self.rate_hz, self.frequency_hz)
-        response = fit_sine(self._displacement[: self.window], self.rate_hz, self.frequency_hz, 3)
-        self.drive_seen_v = abs(drive.fundamental)
-        if not self.drive_is_on:
-            self._responses.clear()
-            return False
-        self._responses.append(response.fundamental / drive.fundamental)
-        if len(self._responses) < 3:
-            return False
-        first, second, third = self._responses
-        # Two windows differ by noise alone with sqrt(2) standard errors; three of those are no change.
-        allowed = max(self.tolerance * abs(third), 3 * 1.414 * response.standard_error / self.drive_seen_v)
-        return abs(third - second) <= allowed and abs(second - first) <= allowed

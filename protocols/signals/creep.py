@@ -1,0 +1,109 @@
+"""Logarithmic creep: how much a deflection grows per decade of time after a step, by least squares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.samples import check_positive, check_samples
+
+Array = NDArray[np.float64]
+
+BINS_PER_DECADE = 20
+"""Samples are averaged in bins of the logarithm of time: the late decades hold nearly all samples, and say no more."""
+
+LEAST_BINS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Creep:
+    """x(t) = value + per_decade log10(t / reference) (+ drift t), in the unit of the samples.
+
+    Attributes:
+        value, value_error: at the reference time, and its standard error.
+        per_decade, per_decade_error: growth from t to 10 t.
+        drift_per_s, drift_error: of a straight line beside it; 0 where none was fitted.
+        reference_s: the reference time.
+        degrees_of_freedom: of the standard errors; see `coverage_factor`.
+        decades: of time that were fitted.
+    """
+
+    value: float
+    value_error: float
+    per_decade: float
+    per_decade_error: float
+    drift_per_s: float
+    drift_error: float
+    reference_s: float
+    degrees_of_freedom: int
+    decades: float
+
+    @property
+    def share_per_decade(self) -> float:
+        """Growth per decade over the value, e.g. 0.015."""
+        return self.per_decade / self.value
+
+
+def fit_creep(
+    time_s: ArrayLike, samples: ArrayLike, zero: float = 0.0, reference_s: float = 1.0, with_drift: bool = False
+) -> Creep:
+    """Fit creep to what followed a step.
+
+    The errors come from how the bins scatter about the line, each weighted with its count of samples; slow noise scatters
+    bins more than its share of samples would, and is felt.
+
+    Args:
+        time_s: (N,), since the step, rising; all > 0.
+        samples: (N,), what the sensor told.
+        zero: the level before the step.
+        reference_s: where `value` is told.
+        with_drift: whether a straight line in time is fitted beside the logarithm.
+
+    Raises:
+        ValueError: not finite, a time <= 0, or less than half a decade.
+    """
+    check_positive(reference_s=reference_s)
+    t, x = check_samples("time", time_s, LEAST_BINS), check_samples("the creep", samples, LEAST_BINS)
+    if t.size != x.size:
+        raise ValueError(f"{t.size} times and {x.size} samples are given: they must be as many")
+    if not t[0] > 0 or np.any(np.diff(t) <= 0):
+        raise ValueError(f"the times must rise from above 0 (the first is {t[0]:g} s): creep is counted from the step")
+    decades = float(np.log10(t[-1] / t[0]))
+    if decades < 0.5:
+        raise ValueError(
+            f"from {t[0]:g} to {t[-1]:g} s are {decades:.2f} decades, at least 0.5 are needed: record longer, or from earlier on"
+        )
+    log = np.log10(t / reference_s)
+    edges = np.linspace(log[0], log[-1], int(np.ceil(decades * BINS_PER_DECADE)) + 1)[:-1]
+    starts = np.unique(np.searchsorted(log, edges))
+    counts = np.diff(np.append(starts, t.size))
+    columns = [np.ones(t.size), log, *([t] if with_drift else [])]
+    # Means of the regressors, not their values at the bins' middles: the fit is then exact for a bin of any width.
+    basis = np.stack([np.add.reduceat(c, starts) / counts for c in columns], axis=1)
+    binned = np.add.reduceat(x - zero, starts) / counts
+    freedom = counts.size - basis.shape[1]
+    if counts.size < LEAST_BINS:
+        raise ValueError(
+            f"{t.size} samples fill {counts.size} bins of time, at least {LEAST_BINS} are needed: sample faster"
+        )
+    weight = np.sqrt(counts)
+    q, r = np.linalg.qr(basis * weight[:, None])
+    solution = np.linalg.solve(r, q.T @ (binned * weight))
+    left = weight * (binned - basis @ solution)
+    inverse = np.linalg.inv(r)
+    errors = np.sqrt((inverse**2).sum(1) * float(left @ left) / freedom)
+    drift, drift_error = (float(solution[2]), float(errors[2])) if with_drift else (0.0, 0.0)
+    return Creep(
+        value=float(solution[0]) + drift * reference_s,
+        value_error=float(
+            np.linalg.norm(inverse.T @ np.array([1.0, 0.0, *([reference_s] if with_drift else [])]))
+            * np.sqrt(left @ left / freedom)
+        ),
+        per_decade=float(solution[1]),
+        per_decade_error=float(errors[1]),
+        drift_per_s=drift,
+        drift_error=drift_error,
+        reference_s=reference_s,
+        degrees_of_freedom=freedom,
+        decades=decades,
+    )

@@ -1,0 +1,141 @@
+"""A free decay: frequency and damping of what rings after a step or a release, by least squares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.samples import check_positive, check_samples
+
+Array = NDArray[np.float64]
+
+LEAST = 16
+LARGEST_DAMPING = 0.8
+"""Above it hardly anything rings, and frequency and damping cannot be told apart."""
+
+GRID_DAMPING = (0.003, 0.01, 0.03, 0.08, 0.15, 0.25, 0.4)
+GRID_SAMPLES = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """x(t) = offset + amplitude exp(-zeta w0 t) cos(w0 sqrt(1 - zeta^2) t + phase), t from the first sample fitted.
+
+    Attributes:
+        natural_hz, natural_error_hz: undamped natural frequency w0 / 2 pi and its standard error.
+        damping_ratio, damping_error: zeta.
+        amplitude, amplitude_error: at t = 0, unit of the samples.
+        phase: rad.
+        offset, offset_error: where it comes to rest.
+        noise: standard deviation of what the fit leaves.
+        degrees_of_freedom: of the standard errors; see `coverage_factor`.
+    """
+
+    natural_hz: float
+    natural_error_hz: float
+    damping_ratio: float
+    damping_error: float
+    amplitude: float
+    amplitude_error: float
+    phase: float
+    offset: float
+    offset_error: float
+    noise: float
+    degrees_of_freedom: int
+
+    @property
+    def ringing_hz(self) -> float:
+        """The damped frequency, at which it is seen to ring."""
+        return self.natural_hz * float(np.sqrt(1 - self.damping_ratio**2))
+
+
+def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> Decay:
+    """Fit one decaying oscillation.
+
+    A grid of frequencies and dampings, at each of which the rest is linear, finds the valley; Gauss and Newton its bottom.
+
+    Args:
+        samples: (N,), from the release on.
+        rate_hz: samples per second.
+        band_hz: where the natural frequency is looked for.
+        skip_s: left out at the beginning, until the drive stands and higher modes have died.
+
+    Raises:
+        ValueError: too short, not finite, or nothing that rings within the band.
+    """
+    from scipy.optimize import least_squares
+
+    check_positive(rate_hz=rate_hz, **{"lowest frequency": band_hz[0]})
+    if not band_hz[0] < band_hz[1] <= 0.45 * rate_hz:
+        raise ValueError(f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz must rise and end below {0.45 * rate_hz:g} Hz")
+    x = check_samples("the decay", np.asarray(samples, float)[round(skip_s * rate_hz) :], LEAST)
+    t = np.arange(x.size) / rate_hz
+    w, zeta = _valley(x, t, band_hz)
+    basis = _basis(t, w, zeta)
+    linear = np.linalg.lstsq(basis, x, rcond=None)[0]
+    scale = float(np.hypot(linear[1], linear[2])) or 1.0
+
+    def curve(p: Array) -> Array:
+        return np.asarray(_basis(t, w * p[0], p[1]) @ p[2:])
+
+    def misfit(p: Array) -> Array:
+        return curve(p) - x / scale
+
+    start = np.array([1.0, zeta, *linear / scale])
+    fit = least_squares(misfit, start, x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
+    freedom = x.size - 5
+    natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
+    if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < LARGEST_DAMPING:
+        raise ValueError(
+            f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the fit went to {natural:.4g} Hz, damping {damping:.3g}"
+        )
+    noise = float(np.sqrt(2 * fit.cost / freedom))
+    jacobian = np.asarray(fit.jac)
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * noise**2
+    errors = np.sqrt(np.diag(covariance))
+    a, b = float(fit.x[3]), float(fit.x[4])
+    amplitude = float(np.hypot(a, b))
+    along = np.array([a, b]) / amplitude
+    amplitude_error = float(np.sqrt(along @ covariance[3:, 3:] @ along))
+    if amplitude < 5 * amplitude_error:
+        raise ValueError(
+            f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the amplitude, {scale * amplitude:.3g}, "
+            f"is within 5 standard errors of zero ({scale * amplitude_error:.2g} each)"
+        )
+    return Decay(
+        natural_hz=natural,
+        natural_error_hz=float(errors[0]) * w / (2 * np.pi),
+        damping_ratio=damping,
+        damping_error=float(errors[1]),
+        amplitude=scale * amplitude,
+        amplitude_error=scale * amplitude_error,
+        phase=float(np.arctan2(-b, a)),
+        offset=scale * float(fit.x[2]),
+        offset_error=scale * float(errors[2]),
+        noise=scale * noise,
+        degrees_of_freedom=freedom,
+    )
+
+
+def _valley(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Angular frequency and damping, of a coarse grid, that explain most of the beginning of the record."""
+    x, t = x[:GRID_SAMPLES], t[:GRID_SAMPLES]
+    span, told_apart = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]
+    # A mode is as wide as its damping; a record tells two frequencies apart that are 1 / duration apart.
+    counts = [4 + int(2 * min(span / zeta, told_apart)) for zeta in GRID_DAMPING]
+    zeta = np.repeat(GRID_DAMPING, counts)
+    w = 2 * np.pi * np.concatenate([np.geomspace(*band_hz, count) for count in counts])
+    ringing = np.exp(np.outer((-zeta + 1j * np.sqrt(1 - zeta**2)) * w, t))
+    ringing -= ringing.mean(1, keepdims=True)  # the offset is fitted as well
+    a, b = ringing.real, ringing.imag
+    aa, bb, ab = (np.einsum("gn,gn->g", *pair) for pair in ((a, a), (b, b), (a, b)))
+    xa, xb = a @ x, b @ x
+    explained = (bb * xa**2 - 2 * ab * xa * xb + aa * xb**2) / (aa * bb - ab**2)
+    best = int(explained.argmax())
+    return float(w[best]), float(zeta[best])
+
+
+def _basis(t: Array, w: float, zeta: float) -> Array:
+    """1, and cosine and sine that decay; (N, 3)."""
+    ringing = np.exp((-zeta + 1j * np.sqrt(max(1 - zeta**2, 1e-6))) * w * t)
+    return np.stack((np.ones(t.size), ringing.real, ringing.imag), axis=1)

@@ -1,0 +1,173 @@
+"""A level and a step: means whose standard errors know that neighbouring samples are not independent.
+
+The spectrum of the noise at frequency zero, not its variance, makes the error of a mean. It is taken from the lowest cosine
+components of what a straight line and the mains leave (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
+gives a known number of degrees of freedom for the interval.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.samples import check_positive, check_samples
+
+Array = NDArray[np.float64]
+
+MAINS_HZ = 50.0
+MAINS_ORDERS = 3
+"""Mains and its harmonics that are fitted; the third is strong where transformers saturate."""
+
+COMPONENTS = 12
+"""Most cosine components that tell the noise: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
+
+LEAST = 24
+"""Fewest samples of a level."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """The level of a stretch of samples at its middle, in the unit of the samples.
+
+    Attributes:
+        value: at the middle, drift and mains removed.
+        standard_error: of the value, slow noise included.
+        degrees_of_freedom: of the standard error; see `coverage_factor`.
+        drift_per_s: slope of the straight line.
+        noise: standard deviation of what line and mains leave.
+    """
+
+    value: float
+    standard_error: float
+    degrees_of_freedom: float
+    drift_per_s: float
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepValue:
+    """What a step did at a stated time after it, against the level just before; in the unit of the samples.
+
+    Attributes:
+        value: after - before.
+        standard_error: of the value.
+        degrees_of_freedom: of the standard error (Welch, Satterthwaite).
+        before, after: the two levels.
+    """
+
+    value: float
+    standard_error: float
+    degrees_of_freedom: float
+    before: Level
+    after: Level
+
+
+def level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ) -> Level:
+    """The level of a stretch, (N,), with its standard error.
+
+    Args:
+        samples: evenly spaced; 0.1 s is whole cycles of both 50 and 60 Hz.
+        rate_hz: samples per second.
+        mains_hz: fitted and removed with two harmonics; None where there is none.
+
+    Raises:
+        ValueError: fewer than 24 samples, not finite, or shorter than a cycle of the mains.
+    """
+    from scipy.fft import dct
+
+    check_positive(rate_hz=rate_hz)
+    x = check_samples("the level", samples, LEAST)
+    n = x.size
+    basis = _basis(n, rate_hz, mains_hz)
+    q, r = np.linalg.qr(basis)
+    middle = float(x.mean())
+    projected = q.T @ (x - middle)
+    solution = np.linalg.solve(r, projected)
+    residual = x - middle - q @ projected
+    lowest = 1 + np.arange(min(COMPONENTS, max(4, int(0.4 * n ** (2 / 3)))))
+    power = float((dct(residual, norm="ortho")[lowest] ** 2).sum())
+    # Line and mains took their share of these components: what is left of them counts, in power and in freedom.
+    freedom = lowest.size - float((dct(q, norm="ortho", axis=0)[lowest] ** 2).sum())
+    at_middle = np.linalg.solve(
+        r.T, np.eye(basis.shape[1])[0]
+    )  # row of the pseudo-inverse that gives the value, squared
+    return Level(
+        value=middle + float(solution[0]),
+        standard_error=math.sqrt(power / freedom) * float(np.linalg.norm(at_middle)),
+        degrees_of_freedom=freedom,
+        drift_per_s=float(solution[1]) * 2 * rate_hz / (n - 1),
+        noise=float(np.sqrt(residual @ residual / (n - basis.shape[1]))),
+    )
+
+
+def step_value(
+    samples: ArrayLike,
+    rate_hz: float,
+    step_s: float,
+    read_s: float,
+    window_s: float = 0.1,
+    guard_s: float = 0.0,
+    mains_hz: float | None = MAINS_HZ,
+) -> StepValue:
+    """What stands `read_s` after a step, against what stood just before it.
+
+    Creep is logarithmic, so a step has no end value: the time at which it is read belongs to the number.
+
+    Args:
+        samples: (N,), before and after the step, evenly spaced.
+        rate_hz: samples per second.
+        step_s: when the step began, from the first sample.
+        read_s: after the step; the middle of the window that is read.
+        window_s: length of both windows.
+        guard_s: kept between the end of the first window and the step, for a step whose time is not known to a sample.
+        mains_hz: see `level`.
+
+    Raises:
+        ValueError: a window lies outside the samples or on the step, or holds too little.
+    """
+    check_positive(rate_hz=rate_hz, read_s=read_s, window_s=window_s)
+    x = np.asarray(samples, float)
+    length = round(window_s * rate_hz)
+    end_before = math.floor((step_s - guard_s) * rate_hz)
+    begin_after = round((step_s + read_s) * rate_hz - length / 2)
+    if end_before - length < 0:
+        raise ValueError(
+            f"only {max(end_before, 0) / rate_hz:g} s were recorded before the step, {window_s:g} s are needed to take its zero"
+        )
+    if begin_after < math.ceil(step_s * rate_hz):
+        raise ValueError(
+            f"a window of {window_s:g} s around {read_s:g} s after the step begins before the step: read later, or shorten it"
+        )
+    if begin_after + length > x.size:
+        raise ValueError(
+            f"the record ends {x.size / rate_hz - step_s:g} s after the step, {read_s + window_s / 2:g} s are needed to read it"
+        )
+    before = level(x[end_before - length : end_before], rate_hz, mains_hz)
+    after = level(x[begin_after : begin_after + length], rate_hz, mains_hz)
+    return StepValue(after.value - before.value, *combined(before, after), before, after)
+
+
+def combined(first: Level, second: Level) -> tuple[float, float]:
+    """Standard error and degrees of freedom of a sum or difference of two levels (Welch, Satterthwaite)."""
+    one, two = first.standard_error**2, second.standard_error**2
+    if one + two == 0:
+        return 0.0, first.degrees_of_freedom + second.degrees_of_freedom
+    freedom = (one + two) ** 2 / (one**2 / first.degrees_of_freedom + two**2 / second.degrees_of_freedom)
+    return math.sqrt(one + two), freedom
+
+
+def _basis(n: int, rate_hz: float, mains_hz: float | None) -> Array:
+    """1, the time from -1 to 1, and the mains; (n, 2 + 2 orders)."""
+    columns = [np.ones(n), np.linspace(-1, 1, n)]
+    if mains_hz is not None:
+        if n / rate_hz < 1 / mains_hz:
+            raise ValueError(
+                f"{1e3 * n / rate_hz:.3g} ms are shorter than a cycle of the mains ({mains_hz:g} Hz): "
+                "take a longer window, or give mains_hz=None"
+            )
+        t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz
+        for order in range(1, MAINS_ORDERS + 1):
+            if order * mains_hz < 0.45 * rate_hz:
+                columns += [np.sin(2 * np.pi * order * mains_hz * t), np.cos(2 * np.pi * order * mains_hz * t)]
+    return np.stack(columns, axis=1)

@@ -1,0 +1,127 @@
+"""Hysteresis loops of displacement over drive: width, area, asymmetry, with errors from how well cycles repeat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.samples import check_positive, check_samples
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS = 8
+GRID = 64
+"""Drive levels at which rising and falling branch are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Hysteresis, averaged over cycles; each figure with its standard error from the spread over the cycles.
+
+    Attributes:
+        width, width_error: falling minus rising branch at the middle of the drive's range, unit of the displacement.
+        largest, largest_error: the width where it is largest.
+        stroke, stroke_error: displacement at the top of the drive - at its bottom.
+        area, area_error: integral of the width over the drive, displacement times drive; positive where it lags.
+        asymmetry, asymmetry_error: area above the middle of the drive minus area below it, over the area; -1..1.
+        degrees_of_freedom: of the errors, cycles - 1; see `coverage_factor`.
+    """
+
+    width: float
+    width_error: float
+    largest: float
+    largest_error: float
+    stroke: float
+    stroke_error: float
+    area: float
+    area_error: float
+    asymmetry: float
+    asymmetry_error: float
+    degrees_of_freedom: int
+
+    @property
+    def share(self) -> float:
+        """Width over stroke: the hysteresis as data sheets tell it."""
+        return self.width / self.stroke
+
+
+def fold(samples: ArrayLike, rate_hz: float, period_s: float, points: int = 128, dropped: int = 1) -> Array:
+    """Cycles of a periodic record, each averaged into `points` phases: (cycles, points).
+
+    The period need not be a whole number of samples. Averaging over a phase lowers a sine by sin(pi / points) pi / points.
+
+    Args:
+        samples: (N,), from phase 0 on; an incomplete last cycle is left out.
+        rate_hz: samples per second.
+        period_s: of the drive.
+        points: phases of a cycle.
+        dropped: cycles left out at the beginning: the first loop starts elsewhere.
+
+    Raises:
+        ValueError: no cycle remains, or a phase holds no sample.
+    """
+    check_positive(rate_hz=rate_hz, period_s=period_s)
+    x = check_samples("the record", samples, LEAST_POINTS)
+    per_cycle = period_s * rate_hz
+    cycles = int((x.size + 1e-6) / per_cycle) - dropped
+    if dropped < 0 or cycles < 1:
+        raise ValueError(
+            f"{x.size / per_cycle:.3g} cycles of {period_s:g} s were recorded and {dropped} are dropped: none remains"
+        )
+    if points < LEAST_POINTS or per_cycle < 2 * points:
+        raise ValueError(f"a cycle has {per_cycle:g} samples: not enough for {points} phases, at least two each")
+    edges = np.ceil((dropped + np.arange(cycles * points + 1) / points) * per_cycle - 1e-6).astype(int)
+    sums = np.add.reduceat(x[: edges[-1]], edges[:-1])
+    return np.asarray(sums / np.diff(edges)).reshape(cycles, points)
+
+
+def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> Loop:
+    """Width, area and asymmetry of loops that were gone through several times.
+
+    Args:
+        drive: (cycles, points), each cycle once around from anywhere, in equal steps of time or levels.
+        displacement: likewise. One cycle is refused: it has no measure of how well it repeats.
+
+    Raises:
+        ValueError: fewer than two cycles, not finite, or a drive that does not move.
+    """
+    x, y = np.asarray(drive, float), np.asarray(displacement, float)
+    if x.shape != y.shape or x.ndim != 2:
+        raise ValueError(f"drive {x.shape} and displacement {y.shape} must both be (cycles, points)")
+    cycles, points = x.shape
+    if cycles < 2 or points < LEAST_POINTS:
+        raise ValueError(
+            f"{cycles} cycles of {points} points are given: at least 2 of {LEAST_POINTS} are needed, "
+            "because only repetition shows the error"
+        )
+    check_samples("the drive", x.ravel(), 1)
+    check_samples("the displacement", y.ravel(), 1)
+    if not np.ptp(x, axis=1).min() > 0:
+        raise ValueError(f"the drive stands at {x.flat[0]:g} for a whole cycle: there is no loop")
+    figures = np.array([_one(*cycle) for cycle in zip(x, y, strict=True)])
+    values: list[float] = figures.mean(0).tolist()
+    errors: list[float] = (figures.std(0, ddof=1) / np.sqrt(cycles)).tolist()
+    width, largest, stroke, area, asymmetry = zip(values, errors, strict=True)
+    return Loop(*width, *largest, *stroke, *area, *asymmetry, cycles - 1)
+
+
+def _one(x: Array, y: Array) -> tuple[float, ...]:
+    """Width in the middle, largest width, stroke, area, asymmetry of one cycle."""
+    low = int(x.argmin())
+    x, y = np.roll(x, -low), np.roll(y, -low)
+    x, y = np.append(x, x[0]), np.append(y, y[0])
+    top = int(x.argmax())
+    level = np.linspace(x[0], x[top], GRID + 1)
+    width = _branch(level, x[top:], y[top:]) - _branch(level, x[: top + 1], y[: top + 1])
+    # The loop is a polygon: its area is exact (Gauss), while a grid misses where the branches part steeply at the ends.
+    area = 0.5 * float(np.sum(y[:-1] * x[1:] - y[1:] * x[:-1])) * -1
+    largest = float(width[np.abs(width).argmax()])
+    lower, upper = float(width[: GRID // 2].sum()), float(width[GRID // 2 + 1 :].sum())
+    asymmetry = (upper - lower) / (upper + lower) if upper + lower else 0.0
+    return float(width[GRID // 2]), largest, float(y[top] - y[0]), area, asymmetry
+
+
+def _branch(level: Array, x: Array, y: Array) -> Array:
+    """Displacement of one branch at drive levels; noise may make neighbours change places."""
+    order = np.argsort(x, kind="stable")
+    return np.asarray(np.interp(level, x[order], y[order]))

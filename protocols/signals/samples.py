@@ -1,0 +1,37 @@
+"""What every estimator asks of its input, and the factor that turns a standard error into an interval."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def check_samples(what: str, samples: ArrayLike, least: int) -> Array:
+    """One row of finite samples, (N,).
+
+    Raises:
+        ValueError: not one row, fewer than `least`, or some are not numbers.
+    """
+    x = np.asarray(samples, float)
+    if x.ndim != 1:
+        raise ValueError(f"{what} has {x.ndim} axes: give one row of samples")
+    if x.size < least:
+        raise ValueError(f"{what} has {x.size} samples, at least {least} are needed: record longer")
+    if not np.isfinite(x.sum()):  # one pass without a mask; the count is only for the sentence
+        bad = x.size - int(np.count_nonzero(np.isfinite(x)))
+        raise ValueError(f"{what}: {bad} of {x.size} samples are not finite numbers; cut them away or measure again")
+    return x
+
+
+def check_positive(**values: float) -> None:
+    """Raise ValueError for a value that is not a positive finite number."""
+    for name, value in values.items():
+        if not (value > 0 and np.isfinite(value)):
+            raise ValueError(f"{name} must be positive and finite, not {value}")
+
+
+def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
+    """Standard errors on either side of a value that hold the truth with probability `level` (Student's t)."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(degrees_of_freedom, 0.5 + level / 2))

@@ -1,0 +1,150 @@
+"""Hysteresis loops, free decays and the multisine, against signals whose truth is known."""
+
+import numpy as np
+import pytest
+
+from model.parameters import Tactor
+from model.response import poles
+from model.time import step_response
+from protocols.signals.decay import fit_decay
+from protocols.signals.loop import fold, measure_loops
+from protocols.signals.multisine import Multisine
+from protocols.signals.samples import coverage_factor
+
+RATE = 5000.0
+
+
+def ellipse(rng: np.random.Generator, cycles: int, lag: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    turn = 2 * np.pi * np.arange(cycles * 256) / 256
+    return (2.5 + 2 * np.sin(turn)).reshape(cycles, 256), (
+        3 * np.sin(turn - lag) + sigma * rng.standard_normal(turn.size)
+    ).reshape(cycles, 256)
+
+
+def test_an_ellipse_has_the_width_and_the_area_of_an_ellipse() -> None:
+    loop = measure_loops(*ellipse(np.random.default_rng(1), 3, 0.1, 0.0))
+    assert loop.width == pytest.approx(2 * 3 * np.sin(0.1), rel=1e-3)
+    assert loop.largest == pytest.approx(loop.width, rel=1e-3)
+    assert loop.stroke == pytest.approx(2 * 3 * np.cos(0.1), rel=1e-3)
+    assert loop.area == pytest.approx(np.pi * 2 * 3 * np.sin(0.1), rel=2e-3)
+    assert loop.asymmetry == pytest.approx(0, abs=1e-9)
+    assert loop.share == pytest.approx(np.tan(0.1), rel=1e-3)
+
+
+def test_a_loop_that_leads_has_a_negative_area_and_a_fat_top_is_told() -> None:
+    assert measure_loops(*ellipse(np.random.default_rng(1), 3, -0.1, 0.0)).area < 0
+    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)[1:-1]])
+    y = x + np.where(np.arange(98) >= 50, 0.2 * np.clip(x - 0.5, 0, None) * (1 - x), 0)
+    assert measure_loops(np.tile(x, (2, 1)), np.tile(y, (2, 1))).asymmetry == pytest.approx(1, abs=0.02)
+
+
+def test_the_errors_of_a_loop_cover() -> None:
+    rng = np.random.default_rng(2)
+    truth = measure_loops(*ellipse(rng, 2, 0.1, 0.0))
+    found = [measure_loops(*ellipse(rng, 6, 0.1, 0.02)) for _ in range(400)]
+    factor = coverage_factor(5)
+    for name in ("width", "stroke", "area", "asymmetry"):
+        inside = [abs(getattr(f, name) - getattr(truth, name)) <= factor * getattr(f, f"{name}_error") for f in found]
+        assert 0.92 < np.mean(inside) < 0.98, name
+    areas = np.array([f.area for f in found])
+    bound = 2 * 0.02 * np.sqrt(np.pi**2 * 2 / 256 / 6)  # of the quadrature component of a sine fit, times pi times 2
+    assert areas.std() == pytest.approx(bound, rel=0.15)
+
+
+def test_cycles_that_are_no_whole_number_of_samples_are_folded() -> None:
+    period = 0.50003
+    t = np.arange(13_000) / RATE
+    folded = fold(np.sin(2 * np.pi * t / period), RATE, period, 64)
+    assert folded.shape == (4, 64)
+    phase = 2 * np.pi * (np.arange(64) + 0.5) / 64
+    assert np.abs(folded - np.sin(phase)).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("drive", "moved", "words"),
+    [
+        (np.zeros((1, 20)), np.zeros((1, 20)), "only repetition shows the error"),
+        (np.zeros((2, 20)), np.zeros((2, 20)), "the drive stands at 0"),
+        (np.zeros((2, 20)), np.zeros((2, 21)), r"must both be \(cycles, points\)"),
+        (np.full((2, 20), np.nan), np.zeros((2, 20)), "40 of 40 samples are not finite"),
+    ],
+)
+def test_what_is_no_loop_is_refused(drive: np.ndarray, moved: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        measure_loops(drive, moved)
+
+
+def ringing(t: np.ndarray, f: float, zeta: float) -> np.ndarray:
+    w = 2 * np.pi * f
+    return np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2) * t + 0.3)
+
+
+@pytest.mark.parametrize(("f", "zeta"), [(158.3, 0.211), (300.0, 0.02), (140.0, 0.005)])
+def test_a_decay_reaches_the_bound_and_covers_it(f: float, zeta: float) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(1000) / RATE
+    sigma, seeds = 0.01, 40
+    found = [
+        fit_decay(3 + ringing(t, f, zeta) + sigma * rng.standard_normal(t.size), RATE, (60, 500)) for _ in range(seeds)
+    ]
+    step = 1e-6
+    columns = [
+        (ringing(t, f + f * step, zeta) - ringing(t, f - f * step, zeta)) / (2 * f * step),
+        (ringing(t, f, zeta + step) - ringing(t, f, zeta - step)) / (2 * step),
+        np.ones(t.size),
+        ringing(t, f, zeta),
+        np.exp(-zeta * 2 * np.pi * f * t) * np.sin(2 * np.pi * f * np.sqrt(1 - zeta**2) * t + 0.3),
+    ]
+    bound = sigma * np.sqrt(np.diag(np.linalg.inv(np.stack(columns) @ np.stack(columns).T)))
+    for k, (values, errors, truth) in enumerate(
+        (
+            (np.array([d.natural_hz for d in found]), np.array([d.natural_error_hz for d in found]), f),
+            (np.array([d.damping_ratio for d in found]), np.array([d.damping_error for d in found]), zeta),
+        )
+    ):
+        assert abs(values.mean() - truth) < 4 * bound[k] / np.sqrt(seeds)
+        assert values.std(ddof=1) == pytest.approx(bound[k], rel=0.3)
+        assert errors.mean() == pytest.approx(bound[k], rel=0.05)
+    assert found[0].amplitude == pytest.approx(1, abs=5 * found[0].amplitude_error)
+    assert found[0].offset == pytest.approx(3, abs=5 * found[0].offset_error)
+    assert found[0].phase == pytest.approx(0.3, abs=0.05)
+
+
+def test_the_step_of_the_model_rings_at_its_pole() -> None:
+    t = np.arange(1500) / RATE
+    found = fit_decay(step_response(Tactor(), t), RATE, (60, 500), skip_s=3e-3)
+    pole = poles(Tactor())[0]
+    assert found.natural_hz == pytest.approx(abs(pole) / 2 / np.pi, rel=1e-3)
+    assert found.damping_ratio == pytest.approx(-pole.real / abs(pole), rel=2e-3)
+    assert found.ringing_hz == pytest.approx(pole.imag / 2 / np.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("samples", "words"),
+    [
+        (np.random.default_rng(4).standard_normal(1000), "nothing rings between 60 and 500 Hz"),
+        (np.zeros(1000), "nothing rings between 60 and 500 Hz"),
+        (np.full(1000, np.nan), "1000 of 1000 samples are not finite"),
+        (np.zeros(10), "has 10 samples, at least 16"),
+    ],
+)
+def test_what_does_not_ring_has_no_frequency(samples: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        fit_decay(samples, RATE, (60, 500))
+
+
+def test_a_multisine_has_equal_lines_and_stays_below_its_peak() -> None:
+    design = Multisine.between(25, 525, 2.0, 2.5)
+    fine = design.samples(64_000)
+    assert 2.4 < np.abs(fine).max() <= 2.5
+    assert np.abs(fine).max() / fine.std() < 2.0
+    lines = np.abs(np.fft.rfft(design.samples(5000))) / 5000
+    assert lines[50:1051] == pytest.approx(design.amplitude)
+    assert np.delete(lines, np.arange(50, 1051)).max() < 1e-12
+
+
+def test_a_multisine_that_cannot_be_is_refused() -> None:
+    with pytest.raises(ValueError, match="no line of a period"):
+        Multisine.between(110, 190, 0.01, 1.0)
+    with pytest.raises(ValueError, match="a whole number above 1050 is needed"):
+        Multisine.between(25, 525, 1.0, 1.0).samples(1000)

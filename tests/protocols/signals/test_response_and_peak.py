@@ -1,0 +1,268 @@
+"""Frequency response and resonance peak: against the model's exact answer to a sweep, and statistically."""
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from drivers.drive import LinearSweep
+from model.parameters import Tactor
+from model.poles import Modal
+from model.response import frequency_response, poles
+from model.sweep import sweep_response as exact_sweep
+from model.time import march
+from protocols.signals.mode import fit_mode
+from protocols.signals.multisine import Multisine
+from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
+from protocols.signals.response import FrequencyResponse, periodic_response, sweep_response
+from protocols.signals.samples import coverage_factor
+
+RATE = 5000.0
+N = 3
+"""Shapes of the model; its exact answer to a sweep costs two complex error functions a pole, harmonic and sample."""
+SWEEP = LinearSweep(25.0, 525.0, 20.0, 2.5, 2.5)
+TIME = np.arange(round(SWEEP.duration_s * RATE)) / RATE
+FUNDAMENTAL = 400.0
+"""Volts on the specimen per volt at the input that the two-slope amplifier gives the fundamental: (200 + 600) / 2."""
+
+
+@functools.cache
+def bench(start_hz: float = 25.0, stop_hz: float = 525.0) -> tuple[np.ndarray, np.ndarray]:
+    """Drive and the model's exact displacement, four harmonics of the amplifier included."""
+    drive = LinearSweep(start_hz, stop_hz, 20.0, 2.5, 2.5).volts(TIME)
+    return drive, exact_sweep(Tactor(), TIME, start_hz, stop_hz, 20.0, n=N, orders=4)
+
+
+@functools.cache
+def true_peak_hz(tactor: Tactor = Tactor()) -> float:  # noqa: B008 - frozen
+    return float(
+        minimize_scalar(
+            lambda f: -abs(frequency_response(tactor, [f], n=N)[0]),
+            bounds=(100, 400),
+            method="bounded",
+            options={"xatol": 1e-7},
+        ).x
+    )
+
+
+@pytest.mark.parametrize(("start_hz", "stop_hz"), [(25.0, 525.0), (525.0, 25.0)])
+def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float) -> None:
+    drive, moved = bench(start_hz, stop_hz)
+    rng = np.random.default_rng(1)
+    found = sweep_response(drive, moved + 5e-7 * rng.standard_normal(moved.size), RATE, (25, 525)).within(60, 480)
+    exact = FUNDAMENTAL * frequency_response(Tactor(), found.frequency_hz, n=N)
+    gap = np.abs(found.response / exact - 1)
+    assert np.median(gap) < 1e-3
+    assert gap.max() < 0.02
+    within = np.abs(found.modulus - np.abs(exact)) <= found.half_width()
+    assert within.mean() > 0.93  # the lowest lines state more than they err: a fast sweep's harmonic is near
+    assert 0.92 < within[found.frequency_hz > 160].mean() < 0.985
+    assert found.coherence.min() > 0.99
+
+
+def test_the_harmonics_of_the_amplifier_are_not_taken_for_noise() -> None:
+    drive, moved = bench()
+    found = sweep_response(drive, moved, RATE, (25, 525)).within(110, 450)
+    assert np.median(found.standard_error / found.modulus) < 5e-4  # the second harmonic alone is 15 % of the spectrum
+
+
+def two_modes() -> Modal:
+    s = np.array([-0.211 + 0.977j, -0.211 - 0.977j]) * 2 * np.pi * 158.3
+    r = np.array([-0.5j, 0.5j]) * 1e-3
+    return Modal(s, r)
+
+
+def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
+    rng = np.random.default_rng(2)
+    n, sigma, seeds = 1 << 15, 2e-8, 60
+    t = np.arange(n) / RATE
+    drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
+    clean = march(two_modes(), drive, RATE)
+    without = sweep_response(drive, clean, RATE, (50, 500))
+    noisy = [sweep_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)) for _ in range(seeds)]
+    scatter = np.stack([r.modulus for r in noisy]).std(0, ddof=1)
+    stated = np.stack([r.standard_error for r in noisy])
+    assert np.sqrt(np.mean(scatter**2 / np.mean(stated**2, 0))) == pytest.approx(1, abs=0.05)
+    inside = np.mean([np.mean(np.abs(r.modulus - without.modulus) <= r.half_width()) for r in noisy])
+    assert 0.93 < inside < 0.97
+    # Cramer-Rao: a line is a Hann-weighted mean of bins; 1.5 is what the weighting costs against equal weights.
+    X = np.fft.rfft(drive)
+    in_line = round(without.resolution_hz * n / RATE)
+    k = round(250 * n / RATE)
+    bound = np.sqrt(1.5 * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2))
+    here = scatter[np.abs(without.frequency_hz - 250) < 100].mean()
+    assert here == pytest.approx(bound, rel=0.05)
+
+
+def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
+    rng = np.random.default_rng(3)
+    design = Multisine.between(25, 525, 1.0, 1.0)
+    period = design.samples(RATE)
+    drive = np.tile(period, 7)
+    clean = march(two_modes(), drive, RATE, "linear")
+    sigma, seeds = 2e-8, 40
+    found = [
+        periodic_response(drive, clean + sigma * rng.standard_normal(clean.size), RATE, 1.0, (25, 525))
+        for _ in range(seeds)
+    ]
+    form, f = two_modes(), found[0].frequency_hz
+    assert f.tolist() == design.frequency_hz.tolist()
+    exact = (form.residues / (2j * np.pi * f[:, None] - form.poles)).sum(1)
+    gaps = np.stack([r.modulus for r in found]) - np.abs(exact)
+    # `march` has straight lines between samples, a band-limited drive has none: (pi f / rate)^2 / 3 of the response
+    gaps -= (np.sinc(f / RATE) ** 2 - 1) * np.abs(exact) * 0.5
+    bound = sigma / np.abs(np.fft.rfft(period)[design.lines]) * np.sqrt(period.size / 2 / 6)
+    assert np.mean(gaps.std(0) / bound) == pytest.approx(1, abs=0.05)
+    inside = np.mean([np.mean(np.abs(g) <= r.half_width()) for g, r in zip(gaps, found, strict=True)])
+    assert 0.93 < inside < 0.97
+    assert found[0].degrees_of_freedom == 10
+
+
+def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
+    design = Multisine.between(50, 500, 0.5, 1.0)
+    t = np.arange(20_000) / RATE * (1 + 50e-6)
+    waves = np.exp(2j * np.pi * np.outer(t, design.frequency_hz))
+    H = 1 / (1 - (design.frequency_hz / 158) ** 2 + 0.42j * design.frequency_hz / 158)
+    drive, moved = (waves @ np.exp(1j * design.phases)).real, (waves @ (H * np.exp(1j * design.phases))).real
+    found = periodic_response(drive, moved, RATE, 0.5, (50, 500))
+    assert np.abs(found.response / H - 1).max() < 2e-3
+
+
+def test_a_given_delay_is_taken_out() -> None:
+    drive, moved = bench()
+    late = 5
+    plain = sweep_response(drive, moved, RATE, (25, 525)).within(60, 480)
+    removed = sweep_response(drive[late:], moved[:-late], RATE, (25, 525), delay_s=late / RATE).within(60, 480)
+    assert np.abs(removed.response / plain.response - 1).max() < 0.02
+    assert np.median(np.abs(removed.response / plain.response - 1)) < 1e-3
+
+
+@pytest.mark.parametrize("grams", [1.75, 9.75])
+def test_the_peak_is_where_the_model_has_it(grams: float) -> None:
+    tactor = Tactor(m_add=grams * 1e-3)
+    drive = SWEEP.volts(TIME)
+    moved = exact_sweep(tactor, TIME, duration_s=20.0, n=N, orders=2)
+    rng = np.random.default_rng(4)
+    noisy = moved + 5e-7 * rng.standard_normal(moved.size)
+    truth = true_peak_hz(tactor)
+    peak, paper = response_peak(sweep_response(drive, noisy, RATE, (25, 525))), spectrum_peak(noisy, RATE)
+    assert (
+        abs(peak.frequency_hz - truth) < coverage_factor(peak.degrees_of_freedom, 0.999) * peak.standard_error_hz + 2e-3
+    )
+    assert abs(paper.frequency_hz - truth) < 0.05
+    response = sweep_response(drive, noisy, RATE, (25, 525))
+    assert peak.height == pytest.approx(FUNDAMENTAL * abs(frequency_response(tactor, [truth], n=N)[0]), rel=1e-3)
+    mode = fit_mode(*lines(response.within(0.7 * truth, 1.4 * truth)))
+    pole = poles(tactor, n=N)[0]
+    assert mode.natural_hz == pytest.approx(abs(pole) / 2 / np.pi, rel=1e-3)
+    assert mode.damping_ratio == pytest.approx(-pole.real / abs(pole), rel=5e-3)
+
+
+def lines(r: FrequencyResponse) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    return r.frequency_hz, r.response, r.standard_error, r.correlation
+
+
+def test_the_highest_bin_is_an_accident_and_the_fit_is_not() -> None:
+    _, moved = bench()
+    f = np.fft.rfftfreq(moved.size, 1 / RATE)
+    inside = (f > 125) & (f < 500)
+    highest = f[inside][np.abs(np.fft.rfft(moved))[inside].argmax()]
+    assert abs(highest - true_peak_hz()) > 1.0
+    assert abs(spectrum_peak(moved, RATE).frequency_hz - true_peak_hz()) < 0.1
+
+
+def test_the_low_pass_of_the_paper_does_not_move_the_peak() -> None:
+    _, moved = bench()
+    plain, filtered = spectrum_peak(moved, RATE), spectrum_peak(low_pass(moved, RATE), RATE)
+    assert filtered.frequency_hz == pytest.approx(plain.frequency_hz, abs=1e-4)
+
+
+def test_the_low_pass_keeps_what_is_slow_in_phase_and_drops_what_is_fast() -> None:
+    t = np.arange(20_000) / RATE
+    slow, fast = np.sin(2 * np.pi * 160 * t) + 3 + t, np.sin(2 * np.pi * 800 * t)
+    inner = slice(1000, -1000)
+    assert np.abs(low_pass(slow + fast, RATE) - slow)[inner].max() < 1e-3
+
+
+def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
+    rng = np.random.default_rng(5)
+    n, sigma, seeds = 1 << 15, 2e-8, 300
+    t = np.arange(n) / RATE
+    drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
+    clean = march(two_modes(), drive, RATE)
+    without = response_peak(sweep_response(drive, clean, RATE, (50, 500)), (100, 300)).frequency_hz
+    found: list[Peak] = [
+        response_peak(sweep_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)), (100, 300))
+        for _ in range(seeds)
+    ]
+    values = np.array([p.frequency_hz for p in found])
+    errors = np.array([p.standard_error_hz for p in found])
+    assert abs(values.mean() - without) < 4 * values.std() / np.sqrt(seeds)
+    inside = np.mean(
+        [abs(p.frequency_hz - without) <= coverage_factor(p.degrees_of_freedom) * p.standard_error_hz for p in found]
+    )
+    assert 0.92 < inside < 0.98
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.12)
+    # Cramer-Rao for the same curve, third degree in f^2, from all bins of the half-power width, modulus only.
+    f, X = np.fft.rfftfreq(n, 1 / RATE), np.fft.rfft(drive)
+    low, high = found[0].band_hz
+    used = (f >= low) & (f <= high)
+    H = (two_modes().residues / (2j * np.pi * f[used, None] - two_modes().poles)).sum(1)
+    v = (f[used] ** 2 - without**2) / 1e4
+    basis = np.vander(v, 4, increasing=True)  # of log |H|
+    weight = np.abs(H * X[used]) ** 2 / (n * sigma**2 / 2)
+    covariance = np.linalg.inv((basis * weight[:, None]).T @ basis)
+    curvature = np.polyfit(v, np.log(np.abs(H)), 3)[1] * 2
+    bound = np.sqrt(covariance[1, 1]) / abs(curvature) * 1e4 / (2 * without)
+    assert values.std() == pytest.approx(bound, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"resolution_hz": 0.1}, "a record of 20 s gives lines of 1.6 Hz, not 0.1 Hz"),
+        ({"band_hz": (25, 3000)}, "within 0..2500 Hz"),
+        ({"displacement": np.full(100_000, np.nan)}, "100000 of 100000 samples are not finite"),
+        ({"displacement": np.zeros(10)}, "has 10 samples, at least 128"),
+        ({"displacement": np.zeros(99_999)}, "must be of the same scans"),
+        ({"drive": np.full(100_000, 2.5)}, "there is no drive between 25 and 525 Hz"),
+    ],
+)
+def test_a_sweep_that_cannot_be_used_is_refused(change: dict, words: str) -> None:
+    drive, moved = bench()
+    with pytest.raises(ValueError, match=words):
+        sweep_response(**({"drive": drive, "displacement": moved, "rate_hz": RATE, "band_hz": (25, 525)} | change))
+
+
+@pytest.mark.parametrize(
+    ("period_s", "dropped", "words"),
+    [
+        (1.00003, 1, "must be a whole number"),
+        (1.0, 5, "at least two must remain"),
+        (0.5, -1, "at least two must remain"),
+    ],
+)
+def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        periodic_response(np.ones(30_000), np.ones(30_000), RATE, period_s, (25, 525), dropped)
+
+
+@pytest.mark.parametrize(
+    ("samples", "words"),
+    [
+        (np.random.default_rng(6).standard_normal(100_000), r"is largest at .* Hz, in a peak only \d lines wide"),
+        (np.zeros(100_000), "is zero in 125..500 Hz"),
+        (np.full(100_000, np.nan), "100000 of 100000 samples are not finite"),
+        (np.zeros(100), "has 100 samples, at least 256"),
+    ],
+)
+def test_no_peak_is_no_number(samples: np.ndarray, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        spectrum_peak(samples, RATE)
+
+
+def test_a_peak_outside_the_band_is_not_taken_for_one_at_its_edge() -> None:
+    _, moved = bench()
+    with pytest.raises(ValueError, match=r"no peak within 180..500 Hz: .* at its edge"):
+        spectrum_peak(moved, RATE, (180.0, 500.0))
