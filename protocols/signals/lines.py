@@ -31,8 +31,7 @@ class Blocks:
     @property
     def window(self) -> Array:
         """(length,), sum 1."""
-        hann: Array = np.array(1 - np.cos(2 * np.pi * np.arange(self.length) / self.length), float)
-        return hann / self.length
+        return np.asarray((1 - np.cos(2 * np.pi * np.arange(self.length) / self.length)) / self.length)
 
     @property
     def count(self) -> int:
@@ -41,7 +40,7 @@ class Blocks:
     @property
     def frequency_hz(self) -> Array:
         """(count,), the lines' frequencies; the window is symmetric about its bin length / 2."""
-        return (self.first + self.length // 2 * (1 + np.arange(self.count))) * self.bin_hz
+        return np.asarray((self.first + self.length // 2 * (1 + np.arange(self.count))) * self.bin_hz)
 
     def of(self, bins: NDArray[Bin]) -> NDArray[Bin]:
         """(count, length) view of the bins `first` .. `first + size`."""
