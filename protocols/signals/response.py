@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from protocols.signals.lines import OVERLAP_CORRELATION, Blocks, blocks_for, spectrum
@@ -24,6 +25,9 @@ Complex = NDArray[np.complex128]
 
 LEAST_BINS = 32
 """Bins under one line of a sweep: fewer leave no room beside the gate to see the noise."""
+
+FADED_CYCLES = 6
+"""Cycles of the lowest frequency over which a sweep is faded in and out."""
 
 GATES = np.arange(3, 11)
 """Lags, in units of 1 / resolution, at which the noise is seen: beyond the Hann window's main lobe, which ends at 2."""
@@ -106,13 +110,20 @@ def sweep_response(
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
     x, y = _both(drive, displacement, 4 * LEAST_BINS, rate_hz)
-    X, bin_hz = spectrum(x, rate_hz)
-    Y, _ = spectrum(y, rate_hz)
+    swept = _driven(x)
+    duration = swept.stop - swept.start
+    if duration < 4 * LEAST_BINS:
+        raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
+    # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
+    # cycles of the lowest frequency it has nothing in the band; the response, which lasts milliseconds, does not notice.
+    faded = min(round(FADED_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
+    X, bin_hz = spectrum(x[swept], rate_hz, faded)
+    Y, _ = spectrum(y[swept], rate_hz, faded)
     least_hz = LEAST_BINS * bin_hz
     width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
     if width < least_hz * (1 - 1e-9):
         raise ValueError(
-            f"a record of {x.size / rate_hz:g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
+            f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
             "ask for a coarser resolution or sweep longer"
         )
     blocks = blocks_for(band_hz, width, bin_hz, rate_hz / 2)
@@ -124,19 +135,13 @@ def sweep_response(
     X, Y = X[bins], Y[bins]
     cross, power = Y * X.conj(), X.real**2 + X.imag**2
     S_xx = np.asarray(blocks.of(power) @ blocks.window)
-    strong = np.median(S_xx)
-    # The drive's own noise spreads over all frequencies; a sweep stands far above what a constant drive leaves.
-    if not strong > 0:
-        raise ValueError(
-            f"there is no drive between {band_hz[0]:g} and {band_hz[1]:g} Hz: check the drive channel's cable"
-        )
-    inside = np.flatnonzero(S_xx > 0.5 * strong)
-    # The outermost two lines still feel where the sweep began and ended.
-    swept = np.zeros(S_xx.size, bool)
-    swept[inside[0] + 2 : inside[-1] - 1] = True
+    # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.
+    strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
+    used = np.zeros(S_xx.size, bool)
+    used[strong[0] + 2 : strong[-1] - 1] = True
     with np.errstate(divide="ignore", invalid="ignore"):
-        H = np.where(swept, np.asarray(blocks.of(cross) @ blocks.window) / S_xx, 0)
-    variance = _noise(cross, power, H, blocks, _rises(X)) / np.where(swept, S_xx, np.inf) ** 2
+        H = np.where(used, np.asarray(blocks.of(cross) @ blocks.window) / S_xx, 0)
+    variance = _noise(cross, power, H, blocks, _rises(X)) / np.where(used, S_xx, np.inf) ** 2
     S_nn = variance * S_xx / np.sum(blocks.window**2)
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
@@ -144,10 +149,10 @@ def sweep_response(
         coherence = signal / (signal + S_nn)
     turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
-        frequency_hz=f[swept],
-        response=(H * turn)[swept],
-        standard_error=np.sqrt(variance / 2)[swept],
-        coherence=np.nan_to_num(coherence[swept]),
+        frequency_hz=f[used],
+        response=(H * turn)[used],
+        standard_error=np.sqrt(variance / 2)[used],
+        coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_FREEDOM,
         resolution_hz=blocks.length * bin_hz,
         correlation=OVERLAP_CORRELATION,
@@ -233,12 +238,22 @@ def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex,
         shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
         return np.asarray(np.abs(blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)) ** 2)
 
-    # What stands at lag m leaks into the line as far as the side lobes of the Hann window let it.
+    # What stands at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
     m = np.abs(HARMONIC_GATES)
     leaked = (seen(HARMONIC_GATES) / (np.pi * m * (m**2 - 1)) ** 2).max(1)
-    variance = seen(GATES).mean(1) + leaked
-    pool = np.ones(min(POOLED_LINES, variance.size))
-    return np.asarray(np.convolve(variance, pool, "same") / np.convolve(np.ones(variance.size), pool, "same"))
+    reach = np.pad(leaked, POOLED_LINES, "edge")
+    noise, pool = seen(GATES).mean(1), np.ones(POOLED_LINES)
+    pooled = np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same")
+    return np.asarray(pooled + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
+
+
+def _driven(drive: Array) -> slice:
+    """From where to where the drive is away from the middle of its range."""
+    low, high = float(drive.min()), float(drive.max())
+    if not high > low:
+        raise ValueError(f"the drive stands at {low:g}: check the drive channel's cable")
+    moves = np.abs(drive - 0.5 * (low + high)) > 0.05 * (high - low)
+    return slice(int(moves.argmax()), moves.size - int(moves[::-1].argmax()))
 
 
 def _rises(X: NDArray[np.complex64]) -> bool:

@@ -49,7 +49,7 @@ def test_a_landing_is_told_once_with_time_and_size() -> None:
 def test_the_size_is_covered() -> None:
     rng = np.random.default_rng(2)
     inside = []
-    for _ in range(300):
+    for _ in range(200):
         t, y = trace(rng, 3.0)
         found = fed(LandingDetector(RATE, least_step=5.0), y + 40.0 * (t > 1.3), 500)
         assert found is not None

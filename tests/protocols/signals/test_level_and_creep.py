@@ -26,7 +26,7 @@ def covered(values: np.ndarray, truth: float, errors: np.ndarray, freedoms: np.n
 @pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
 def test_a_level_is_covered_whether_its_noise_is_white_or_slow(memory: float) -> None:
     rng = np.random.default_rng(11)
-    n, seeds = 1000, 600
+    n, seeds = 1000, 400
     t = np.arange(n) / RATE
     mains = 3.0 * np.sin(2 * np.pi * 50 * t + 0.4) + 0.5 * np.sin(2 * np.pi * 150 * t)
     found = [level(2.0 + mains + slow_noise(rng, n, memory), RATE) for _ in range(seeds)]
@@ -48,7 +48,7 @@ def test_a_variance_alone_would_have_promised_four_times_too_much() -> None:
 
 def test_a_step_is_read_where_it_is_asked_for() -> None:
     rng = np.random.default_rng(13)
-    n, seeds = 6000, 400
+    n, seeds = 4000, 300
     t = np.arange(n) / RATE - 0.2
     size = np.where(t > 0, 1 + 0.02 * np.log10(np.maximum(t, 1e-4)), 0.0)
     truth = 1 + 0.02 * np.log10(0.5)
@@ -93,7 +93,7 @@ def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | No
 @pytest.mark.parametrize("with_drift", [False, True])
 def test_creep_reaches_the_bound_and_covers_it(with_drift: bool) -> None:
     rng = np.random.default_rng(14)
-    rate, sigma, seeds = 200.0, 0.05, 1000
+    rate, sigma, seeds = 200.0, 0.05, 600
     t = np.arange(20, 12_000) / rate  # 0.1 to 60 s
     clean = 5 + 1 + 0.02 * np.log10(t) + (1e-3 * t if with_drift else 0)
     found = [

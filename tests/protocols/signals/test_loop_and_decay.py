@@ -83,7 +83,7 @@ def ringing(t: np.ndarray, f: float, zeta: float) -> np.ndarray:
 def test_a_decay_reaches_the_bound_and_covers_it(f: float, zeta: float) -> None:
     rng = np.random.default_rng(3)
     t = np.arange(1000) / RATE
-    sigma, seeds = 0.01, 40
+    sigma, seeds = 0.01, 30
     found = [
         fit_decay(3 + ringing(t, f, zeta) + sigma * rng.standard_normal(t.size), RATE, (60, 500)) for _ in range(seeds)
     ]
