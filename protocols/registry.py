@@ -11,11 +11,12 @@ from pathlib import Path
 
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
+from protocols.voltage_steps import VoltageSteps
 from protocols.wiring_check import WiringCheck
 
 GROUP = "tactor_bench.protocols"
 
-PROTOCOLS: dict[str, type[Protocol]] = {protocol.name: protocol for protocol in (SineDwell, WiringCheck)}
+PROTOCOLS: dict[str, type[Protocol]] = {protocol.name: protocol for protocol in (SineDwell, VoltageSteps, WiringCheck)}
 
 
 class ProtocolFileError(Exception):
