@@ -66,7 +66,7 @@ def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
 
 def _mean_variance(row: Sequence[Any]) -> float:
     """Of the mean of repeats: from their scatter where there are some, at least what their own errors make."""
-    own = sum(p.deflection_errors**2 for p in row) / len(row) ** 2
+    own = sum(float(p.deflection_errors) ** 2 for p in row) / len(row) ** 2
     scatter = float(np.var([p.deflection for p in row], ddof=1)) / len(row) if len(row) > 1 else 0.0
     return max(own, scatter)
 

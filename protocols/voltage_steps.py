@@ -40,6 +40,9 @@ PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 RAMP_V_PER_S = 5.0
 """The guard's slope unless the bench file says otherwise; only the expected duration hangs on it."""
 
+GUARD_S = 0.01
+"""Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
+
 RUNG_OUT_S = 0.1
 """After the ramp, before creep is looked at: the first mode has died down by then."""
 
@@ -133,7 +136,7 @@ class VoltageSteps(Protocol):
         rate, moved = recording.rate_hz, recording.displacement_m
         ramp = find_ramp(recording.drive_v, rate, self.hold_s, self.window_s)
         seen = step_value(
-            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + 1 / rate
+            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + GUARD_S
         )  # fmt: skip
         creep, creep_errors = self._creep(moved, rate, ramp, seen.before.value)
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
