@@ -8,12 +8,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration, point_line, uncertain
+from app.words import duration, point_line, quantity
 from protocols.events import (
     Answered,
     Armed,
     Asked,
     AtRest,
+    BlockSeen,
     BlockTaken,
     GoingToRest,
     Noted,
@@ -83,7 +84,7 @@ class ConsoleObserver:
                 say(("[green]at rest:[/] " if confirmed else "[bold red]NOT AT REST:[/] ") + words, highlight=False)
             case RunEnded():
                 for estimate in event.estimates:
-                    value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
+                    value = quantity(estimate.value, estimate.standard_error, estimate.unit)
                     say(f"{estimate.name}: {value}", highlight=False)
                 colour = (
                     "green" if event.status == "completed" else "bold red" if event.status == "unsafe" else "yellow"
@@ -108,7 +109,7 @@ class JsonObserver:
     def __exit__(self, *_: object) -> None: ...
 
     def __call__(self, event: SessionEvent) -> None:
-        if isinstance(event, BlockTaken):
+        if isinstance(event, BlockTaken | BlockSeen):
             return
         line = {"event": type(event).__name__, **event_record(event)}
         sys.stdout.write(json.dumps(line, default=str) + "\n")

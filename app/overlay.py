@@ -28,12 +28,13 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The model over frequency: `peak_to_peak` is max - min, `fundamental` a peak amplitude; (F,), SI."""
+    """The model over frequency, (F,), SI: `peak_to_peak` is max - min, `fundamental` a peak amplitude, `phase` its own."""
 
     question: Question
     frequency_hz: Array
     peak_to_peak: Array
     fundamental: Array
+    phase: Array
 
 
 class Overlay:
@@ -81,7 +82,7 @@ class Overlay:
         driven = amplifier_response(
             self._tactor, frequency, question.amplitude_v, self._amplifier.rest_v, self._amplifier
         )
-        return Curve(question, frequency, driven.peak_to_peak, np.abs(driven.fundamental))
+        return Curve(question, frequency, driven.peak_to_peak, np.abs(driven.fundamental), np.angle(driven.fundamental))
 
     def close(self) -> None:
         """End the thread."""

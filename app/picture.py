@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from app.words import uncertain
+from app.words import quantity
 from model.parameters import Tactor
 from model.response import amplifier_response
 from protocols.quality import Quality
@@ -58,7 +58,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
     )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    found = [f"{e.name} {uncertain(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
 
 

@@ -12,6 +12,7 @@ from app.view import (
     Heard,
     Instrument,
     Lamp,
+    PauseAsked,
     Progress,
     RunAsked,
     StopAsked,
@@ -24,14 +25,17 @@ from protocols.events import (
     Asked,
     AtRest,
     GoingToRest,
+    Paused,
     Playing,
     PointMeasured,
     Progressed,
+    Resumed,
     RunEnded,
     RunStarted,
     Status,
 )
-from protocols.operator import ENABLE_HIGH_VOLTAGE
+from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.quality import Quality
 
 LOG_LINES = 500
 
@@ -43,8 +47,8 @@ def reduce(view: View, heard: Heard) -> View:
     """The view after an event."""
     event = heard.event
     after = _next(view, event, heard.streamed_s)
-    if isinstance(event, RunAsked | StopAsked | Acknowledged | ConnectAsked):
-        said = _asked_words(event) if after is not view else None
+    if isinstance(event, RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked):
+        said = _asked_words(event, after) if after is not view else None
     else:
         said = sentence(event)
     if said is None:
@@ -69,31 +73,47 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
             return replace(view, state=state, instruments=_lamps(view, Lamp.WAITING), trouble="")
         case RunAsked(title):
             progress = Progress(title, 0, 0.0)
-            return replace(view, busy=True, progress=progress, outcome=None, trouble="", points=(), prompt=None)
+            view = replace(view, busy=True, progress=progress, outcome=None, trouble="", prompt=None)
+            return replace(view, points=(), entries=(), pausing=False, paused=False)
         case Refused(words):
             outcome = RunEnded(Status.FAILED, words, "")
             return replace(view, busy=False, progress=None, trouble=words, state=_resting(view), outcome=outcome)
         case RunStarted():
             progress = Progress(title_of(event.protocol), event.entries, event.expected_s, left_s=event.expected_s)
             state = view.state if view.state is BenchState.GOING_TO_REST else BenchState.ARMING
-            return replace(
-                view, busy=True, state=state, progress=progress, rest=None, drive=None, simulated=event.simulated
-            )
+            view = replace(view, busy=True, state=state, progress=progress, simulated=event.simulated)
+            return replace(view, rest=None, drive=None, protocol=event.protocol)
         case Asked(_, prompt):
             # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
-            live = prompt.action == ENABLE_HIGH_VOLTAGE.action and view.state is BenchState.ARMING
+            off = view.state in (BenchState.ARMING, BenchState.HV_OFF)
+            live = prompt.action == ENABLE_HIGH_VOLTAGE.action and off
             return replace(view, prompt=event, state=BenchState.LIVE if live else view.state)
-        case Answered(ask_id, _):
-            return replace(view, prompt=None) if view.prompt and view.prompt.ask_id == ask_id else view
-        case Armed():
-            return _live(replace(view, rest_lost=False, instruments=_lamps(view, Lamp.READY)))
+        case Answered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
+            # In a run, rest is measured before the operator is asked to switch off.
+            off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.state is BenchState.LIVE
+            return replace(
+                view, prompt=None, drive=None if off else view.drive, state=_off(view) if off else view.state
+            )
+        case Armed(high_voltage):
+            view = replace(view, rest_lost=False, instruments=_lamps(view, Lamp.READY), high_voltage=high_voltage)
+            return _live(view)
         case Playing(drive):
             return _live(replace(view, drive=drive))
+        case PauseAsked() if view.can_pause:
+            return replace(view, pausing=not view.paused)
+        case Paused() if view.state is not BenchState.GOING_TO_REST:
+            state = BenchState.PAUSED if view.high_voltage else BenchState.HV_OFF
+            return replace(view, state=state, pausing=False, paused=True, drive=None, prompt=None)
+        case Resumed():
+            return _live(replace(view, pausing=False, paused=False))
         case Progressed(done, entries, left_s, label) if view.progress is not None:
             progress = replace(view.progress, done=done, entries=entries, left_s=left_s, label=label, at_s=streamed_s)
             return replace(view, progress=progress)
-        case PointMeasured(_, point):
-            return replace(view, points=(*view.points, point))
+        case PointMeasured(_, point, entry, replaces):
+            points = list(view.points)
+            if replaces is not None and replaces < len(points):
+                points[replaces] = replace(points[replaces], quality=points[replaces].quality | Quality.SUPERSEDED)
+            return replace(view, points=(*points, point), entries=(*view.entries, entry))
         case StopAsked() if view.busy and view.state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
             return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
         case GoingToRest():
@@ -111,7 +131,13 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
 
 def _live(view: View) -> View:
     # A run that was asked to stop may still tell what it did before it heard.
-    return view if view.state is BenchState.GOING_TO_REST else replace(view, state=BenchState.LIVE)
+    if view.state is BenchState.GOING_TO_REST:
+        return view
+    return replace(view, state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
+
+
+def _off(view: View) -> BenchState:
+    return view.state if view.state is BenchState.GOING_TO_REST else BenchState.HV_OFF
 
 
 def _resting(view: View) -> BenchState:
@@ -133,6 +159,8 @@ def _ended(view: View, event: RunEnded) -> View:
         state=BenchState.UNSAFE if unsafe else _resting(view),
         rest_lost=unsafe or view.rest_lost,
         busy=False,
+        pausing=False,
+        paused=False,
         drive=None,
         prompt=None,
         outcome=event,
@@ -146,8 +174,12 @@ def _lamps(view: View, lamp: Lamp) -> tuple[Instrument, ...]:
     return tuple(replace(instrument, lamp=lamp) for instrument in view.instruments)
 
 
-def _asked_words(event: RunAsked | StopAsked | Acknowledged | ConnectAsked) -> tuple[Level, str] | None:
+def _asked_words(
+    event: RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked, view: View
+) -> tuple[Level, str] | None:
     match event:
+        case PauseAsked():
+            return Level.PLAIN, "Pause was asked" if view.pausing else "Going on was asked"
         case StopAsked():
             return Level.ATTENTION, "Stop was asked; the bench goes to rest"
         case ConnectAsked():

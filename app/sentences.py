@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration, uncertain
+from app.words import duration, quantity, uncertain
 from protocols.events import (
     Answered,
     Armed,
@@ -15,7 +15,9 @@ from protocols.events import (
     AtRest,
     GoingToRest,
     Noted,
+    Paused,
     PointMeasured,
+    Resumed,
     RunEnded,
     RunStarted,
     SettleEnded,
@@ -59,8 +61,14 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
             return Level.PLAIN, f"{begun}, into {PurePath(event.path).name}"
         case StreamStarted():
             return Level.PLAIN, f"The card runs at {event.rate_hz:g} scans per second"
-        case Armed():
+        case Armed(high_voltage):
+            if not high_voltage:
+                return Level.GOOD, "Rest is measured; high voltage is off and stays off"
             return Level.ATTENTION, "Armed: rest is measured and high voltage is on"
+        case Paused(words):
+            return Level.ATTENTION, f"Paused, high voltage still on: {words}"
+        case Resumed():
+            return Level.PLAIN, "The run goes on with the entry that was interrupted"
         case SettleEnded(settled=False, after_s=after_s):
             return Level.ATTENTION, f"The response did not settle within {after_s:.1f} s; it is recorded and flagged"
         case PointMeasured(_, point):
@@ -98,7 +106,7 @@ def _dwell_words(point: Any) -> str:
 
 def estimate_words(estimate: Estimate) -> str:
     """`resonance frequency 158.3500 ± 0.0072 Hz`."""
-    return f"{estimate.name} {uncertain(estimate.value, estimate.standard_error, estimate.unit)}"
+    return f"{estimate.name} {quantity(estimate.value, estimate.standard_error, estimate.unit)}"
 
 
 def title_of(protocol: str) -> str:

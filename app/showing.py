@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from app.words import duration, size, uncertain
+from app.words import duration, quantity, size
 from protocols.quality import Quality
 from protocols.runreader import Run
 
@@ -60,7 +60,7 @@ def run_text(run: Run) -> str:
     else:
         lines.append("no points")
     for estimate in run.estimates():
-        value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
+        value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
 

@@ -24,6 +24,10 @@ class BenchState(StrEnum):
     """The instruments answer; nobody has measured rest yet."""
     ARMING = "arming"
     LIVE = "live"
+    PAUSED = "paused"
+    """At measured rest, high voltage still on."""
+    HV_OFF = "hv off"
+    """Rest is measured and the operator has switched high voltage off: the specimen may be touched."""
     GOING_TO_REST = "going to rest"
     AT_REST = "at rest"
     UNSAFE = "unsafe"
@@ -78,6 +82,11 @@ class RunAsked:
 
 
 @dataclass(frozen=True, slots=True)
+class PauseAsked:
+    """The operator pressed Pause."""
+
+
+@dataclass(frozen=True, slots=True)
 class StopAsked:
     """The operator pressed Stop, or wants to leave."""
 
@@ -92,7 +101,7 @@ class ConnectAsked:
     """The operator wants the bench to be opened once more."""
 
 
-ViewEvent = SessionEvent | RunAsked | StopAsked | Acknowledged | ConnectAsked
+ViewEvent = SessionEvent | RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +126,13 @@ class View:
     """The instruments answered when they were last asked to."""
     busy: bool = False
     """A run was asked for and has not ended."""
+    pausing: bool = False
+    """A pause was asked for and has not begun."""
+    paused: bool = False
+    protocol: str = ""
+    """Name of the protocol of the present or last run."""
+    high_voltage: bool = True
+    """Whether the present run has it on."""
     drive: Drive | None = None
     rest: AtRest | None = None
     """Rest as last measured; None while nothing is known."""
@@ -125,6 +141,8 @@ class View:
     progress: Progress | None = None
     prompt: Asked | None = None
     points: tuple[Any, ...] = ()
+    entries: tuple[int, ...] = ()
+    """The entry of the plan each point belongs to."""
     outcome: RunEnded | None = None
     unsafe: str = ""
     """The unsafe sentence, until it is acknowledged."""
@@ -137,11 +155,16 @@ class View:
     @property
     def unusable(self) -> int:
         """How many of the points no fit may use."""
-        return sum(not Quality(point.quality).usable for point in self.points)
+        flags = [Quality(point.quality) for point in self.points]
+        return sum(not flag.usable and Quality.SUPERSEDED not in flag for flag in flags)
 
     @property
     def can_run(self) -> bool:
         return self.connected and not self.busy and not self.unsafe
+
+    @property
+    def can_pause(self) -> bool:
+        return self.busy and self.state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
 
     @property
     def volts(self) -> str:
@@ -150,7 +173,7 @@ class View:
             case BenchState.LIVE if self.drive is not None:
                 low, high = self.amplifier.specimen_v([self.drive.low_v, self.drive.high_v])
                 return volts_between(float(low), float(high))
-            case BenchState.LIVE | BenchState.AT_REST:
+            case BenchState.LIVE | BenchState.AT_REST | BenchState.PAUSED | BenchState.HV_OFF:
                 return "0 V"
             case BenchState.GOING_TO_REST:
                 return "to 0 V"
@@ -165,6 +188,10 @@ class View:
         match self.state:
             case BenchState.LIVE:
                 return f"on the specimen, {pace(self.drive)}" if self.drive else "on the specimen, high voltage on"
+            case BenchState.PAUSED:
+                return "rest measured, high voltage still on"
+            case BenchState.HV_OFF:
+                return "rest measured, high voltage off"
             case BenchState.AT_REST if self.rest is not None:
                 return f"on the specimen, rest measured {self.rest.measured_v:.3f} V"
             case BenchState.GOING_TO_REST:

@@ -25,6 +25,21 @@ def size(count: float) -> str:
     return f"{count:.3g} GB"
 
 
+SHOWN = {"m": (1e6, "µm"), "m/V": (1e6, "µm/V"), "m/N": (1e6, "µm/N"), "kg": (1e3, "g"), "s": (1e3, "ms")}
+"""Units that nobody at a bench thinks in: by what to multiply, and what then stands there."""
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Factor and unit in which a quantity is shown to a person; `1` has no unit."""
+    return SHOWN.get(unit, (1.0, "" if unit == "1" else unit))
+
+
+def quantity(value: float, standard_error: float, unit: str) -> str:
+    """A value and its error in the unit people think in: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
+    factor, unit = shown_unit(unit)
+    return uncertain(factor * value, factor * standard_error, unit or "1")
+
+
 def uncertain(value: float, standard_error: float, unit: str) -> str:
     """A value to the two figures its standard error has: `158.3460 ± 0.0075 Hz`; the unit `1` is left away."""
     if not (standard_error > 0 and math.isfinite(standard_error)):

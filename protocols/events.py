@@ -40,7 +40,9 @@ class StreamStarted:
 
 @dataclass(frozen=True, slots=True)
 class Armed:
-    """High voltage is on and the source rests, as measured."""
+    """The source rests, as measured; high voltage is on, or stays off where the protocol needs none."""
+
+    high_voltage: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,13 @@ class BlockTaken:
 
     block: Block
     row: int
+
+
+@dataclass(frozen=True, slots=True)
+class BlockSeen:
+    """A block that nobody keeps, taken while a person takes their time. Told, never stored."""
+
+    block: Block
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +180,7 @@ Event = (
     | Armed
     | EntryBegan
     | BlockTaken
+    | BlockSeen
     | Playing
     | SettleEnded
     | Recorded

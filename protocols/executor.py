@@ -13,7 +13,7 @@ from drivers.bench import Armed as ArmedBench
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.ports import Block, Reading
-from protocols.events import Answered, Asked, Event, Noted, Playing, Recorded, SettleEnded
+from protocols.events import Answered, Asked, BlockSeen, Event, Noted, Playing, Recorded, SettleEnded
 from protocols.operator import Operator
 from protocols.protocol import Protocol
 from protocols.quality import Quality
@@ -40,6 +40,7 @@ class Executor:
 
     Args:
         publish: stores an event and tells it.
+        tell: tells an event without storing it.
         interrupted: called after every block and in every wait; raises where the run shall not go on.
         expired: why the sensor's calibration is out of date; empty where it is not.
     """
@@ -50,11 +51,13 @@ class Executor:
         store: RunFile,
         operator: Operator,
         publish: Callable[[Event], None],
+        tell: Callable[[Event], None],
         interrupted: Callable[[], None],
         expired: str,
     ) -> None:
         self._bench, self._store, self._operator = bench, store, operator
-        self._publish, self._interrupted, self._expired = publish, interrupted, expired
+        self._publish, self._tell = publish, tell
+        self._interrupted, self._expired = interrupted, expired
         self._armed: ArmedBench | None = None
         self._recordings = 0
         self._rest_v = bench.amplifier.map.rest_v
@@ -107,11 +110,17 @@ class Executor:
             self._interrupted()
             # The card must be emptied while a person takes their time; what it sees then is no measurement.
             if self._armed is not None:
-                self._armed.skip()
+                self.skip(self._armed)
             else:
                 self._bench.clock.sleep(0.05)
         self._publish(Answered(ask_id, words))
         return words
+
+    def skip(self, armed: ArmedBench) -> Block:
+        """Take a block that is not kept, and let whoever watches see it."""
+        block = armed.skip()
+        self._tell(BlockSeen(block))
+        return block
 
     def _show(self, prompt: Prompt) -> int:
         ask_id = next(_ASK_IDS)
@@ -123,7 +132,7 @@ class Executor:
         ask_id = self._show(step.prompt)
         while (words := self._operator.answer(ask_id)) is None:
             self._interrupted()
-            block = armed.skip()
+            block = self.skip(armed)
             drive_v, displacement_m, _ = self._units(armed, block.raw)
             if step.detector.feed(drive_v, displacement_m):
                 self._publish(Answered(ask_id, "seen by the laser"))

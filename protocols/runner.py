@@ -90,7 +90,7 @@ class Runner:
         self._setup: Prompt | None = None
         self._pausable = False
         self._expired = bench.sensor.expired(datetime.now(UTC).date())
-        self._executor = Executor(bench, store, operator, self._publish, self._look_up, self._expired)
+        self._executor = Executor(bench, store, operator, self._publish, self._tell, self._look_up, self._expired)
 
     def run(self) -> tuple[Status, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
@@ -100,7 +100,7 @@ class Runner:
             with self._bench.armed(
                 protocol.sample_rate_hz, self._take, self, self._started, protocol.high_voltage
             ) as armed:
-                self._publish(Armed())
+                self._publish(Armed(protocol.high_voltage))
                 try:
                     self._carry_out(armed)
                 finally:
@@ -182,6 +182,7 @@ class Runner:
                 self._pausable = True
                 recordings, redo = self._executor.carry_out(self._protocol, index, entry, armed)
             except PauseAsked:
+                self._pausable = False
                 self._wait_at_rest(armed)
                 continue
             finally:
@@ -224,7 +225,7 @@ class Runner:
         self._publish(Paused(rest.words))
         while self._pause.is_set():
             self._look_up()
-            armed.skip()
+            self._executor.skip(armed)
         self._publish(Resumed())
 
     def _check_drift(self, armed: ArmedBench) -> None:

@@ -15,6 +15,8 @@ SYMBOL = {
     BenchState.IDLE: "open",
     BenchState.ARMING: "dots",
     BenchState.LIVE: "bolt",
+    BenchState.PAUSED: "pause",
+    BenchState.HV_OFF: "open",
     BenchState.GOING_TO_REST: "down",
     BenchState.AT_REST: "rest",
     BenchState.UNSAFE: "danger",
@@ -81,6 +83,7 @@ class BenchBar(QWidget):
     """The top of the window, the same on every page."""
 
     stop_pressed = Signal()
+    pause_pressed = Signal()
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -102,6 +105,10 @@ class BenchBar(QWidget):
         self.stop.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.stop.setToolTip("Go to rest and end the run: Esc or F12, at any moment")
         self.stop.clicked.connect(self.stop_pressed)
+        self.pause = QPushButton("PAUSE\nF8")
+        self.pause.setProperty("kind", "pause")
+        self.pause.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.pause.clicked.connect(self.pause_pressed)
         self.lamps: list[LampLabel] = []
         self._lamp_row = QHBoxLayout()
         self._lamp_row.setSpacing(16)
@@ -119,6 +126,7 @@ class BenchBar(QWidget):
         top.addWidget(self.volts, 8)
         top.addLayout(run, 9)
         top.addWidget(self.simulated)
+        top.addWidget(self.pause)
         top.addWidget(self.stop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(10, 8, 10, 4)
@@ -129,7 +137,7 @@ class BenchBar(QWidget):
     def set_height(self, window_height: int) -> None:
         """Signs grow with the window: who has a large screen stands further away."""
         height = min(max(window_height // 9, 72), 130)
-        for widget in (self.state, self.volts, self.simulated, self.stop):
+        for widget in (self.state, self.volts, self.simulated, self.pause, self.stop):
             widget.setFixedHeight(height)
 
     def set_theme(self, theme: Theme) -> None:
@@ -149,6 +157,13 @@ class BenchBar(QWidget):
         self.task.colour("", self._theme.text)
         self.simulated.setVisible(view.simulated)
         self.stop.setEnabled(view.busy)
+        self.pause.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pausing else "PAUSE\nF8")
+        self.pause.setToolTip(
+            "Measure on, from the start of the interrupted entry: F8"
+            if view.paused
+            else "Go to rest and wait there; the present entry is measured again from its start: F8"
+        )
+        self.pause.setEnabled(view.can_pause and not view.pausing)
         if last is None or last.instruments != view.instruments:
             self._show_lamps(view.instruments)
         self.show_progress(0.0 if view.progress is None else view.progress.at_s)

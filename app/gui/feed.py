@@ -38,6 +38,7 @@ class LiveFeed:
         self._sensor: LaserSensor | None = None
         self._rate_hz = 1.0
         self._scans = 0
+        self._latest_um: float | None = None
 
     @property
     def streamed_s(self) -> float:
@@ -65,6 +66,13 @@ class LiveFeed:
             displacement.append(displacement_um)
         with self._lock:
             self._scans += block.raw.shape[1]
+            self._latest_um = float(displacement_um.mean())
+
+    @property
+    def latest_um(self) -> float | None:
+        """Mean displacement of the latest block; None before there is one."""
+        with self._lock:
+            return self._latest_um
 
     def traces(self, span: Span) -> tuple[MinMaxTrace, MinMaxTrace]:
         """Drive and displacement over one of `SPANS`."""

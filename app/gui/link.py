@@ -12,7 +12,8 @@ from app.gui.mailbox import MailboxOperator
 from app.session import Connected, Observer, Session, SessionEvent
 from app.view import Heard
 from drivers.bench import Bench
-from protocols.events import BlockTaken, RunEnded, StreamStarted
+from protocols.continuation import Earlier
+from protocols.events import BlockSeen, BlockTaken, RunEnded, StreamStarted
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
 
@@ -26,7 +27,11 @@ class SessionLike(Protocol):
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Measurement, folder: Path, specimen: str) -> None: ...
+    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: Earlier | None = None) -> None: ...
+
+    def pause(self) -> None: ...
+
+    def resume(self) -> None: ...
 
     def stop(self) -> None: ...
 
@@ -62,7 +67,7 @@ class Link:
 
     def observe(self, event: SessionEvent) -> None:
         """Called in the bench thread: blocks go to the feed, everything else into the queue."""
-        if isinstance(event, BlockTaken):
+        if isinstance(event, BlockTaken | BlockSeen):
             self.feed.take(event.block)
             return
         if isinstance(event, StreamStarted) and self.session.bench is not None:

@@ -6,10 +6,7 @@ from protocols.steps import Prompt
 
 
 class MailboxOperator:
-    """Holds one prompt and its answer (protocols.operator.Operator).
-
-    Ids begin anew with every run, so a new prompt throws away whatever was there.
-    """
+    """Holds one prompt and its answer (protocols.operator.Operator); a new prompt throws away whatever was there."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -3,26 +3,30 @@
 import math
 from typing import Any
 
-from PySide6.QtCore import QByteArray, QSettings, Qt
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
+from PySide6.QtWidgets import QSplitter, QStackedWidget, QWidget
 
 from app.gui.feed import LiveFeed
 from app.gui.log_pane import LogPane
-from app.gui.response_plot import ResponsePlot
+from app.gui.points_plot import PointsPlot
+from app.gui.response_plot import ResponsePlot, draws
 from app.gui.run_panel import GetAmplifier, RunPanel
 from app.gui.theme import Theme
 from app.gui.time_plot import TimePlot
 from app.overlay import Overlay, Question
+from app.presets import Presets
 from app.view import View
 from model.amplifier import AmplifierMap
 from model.quantity import ParameterError
 from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
 
 
 class MeasurePage(QSplitter):
     """One page of the window."""
 
     title = "Measure"
+    again_pressed = Signal(tuple)
 
     def __init__(
         self,
@@ -31,17 +35,24 @@ class MeasurePage(QSplitter):
         overlay: Overlay,
         map_: AmplifierMap,
         amplifier: GetAmplifier,
+        presets: Presets,
         theme: Theme,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self._overlay = overlay
-        self.panel = RunPanel(protocol, amplifier)
+        self._view: View | None = None
+        self.panel = RunPanel(protocol, amplifier, presets)
         self.response = ResponsePlot(theme)
+        self.points = PointsPlot(theme)
+        self.plots = QStackedWidget()
+        for plot in (self.response, self.points):
+            self.plots.addWidget(plot)
+            plot.again_pressed.connect(self.again_pressed)
         self.traces = TimePlot(feed, map_, theme)
         self.log = LogPane(theme)
         self.right = QSplitter(Qt.Orientation.Vertical)
-        for widget, share in ((self.response, 5), (self.traces, 4), (self.log, 2)):
+        for widget, share in ((self.plots, 5), (self.traces, 4), (self.log, 2)):
             self.right.addWidget(widget)
             self.right.setStretchFactor(self.right.count() - 1, share)
             widget.setMinimumHeight(56)
@@ -59,15 +70,20 @@ class MeasurePage(QSplitter):
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        for widget in (self.response, self.traces, self.log):
+        for widget in (self.response, self.points, self.traces, self.log):
             widget.set_theme(theme)
 
     def show_view(self, view: View) -> None:
         """Show a view."""
         self.panel.show_view(view)
-        self.response.show_simulated(view.simulated)
-        self.response.show_points(view.points)
-        self.response.show_found(view.outcome)
+        kind = PROTOCOLS.get(view.protocol, self.panel.kind) if view.busy or view.points else self.panel.kind
+        plot = self.response if draws(kind) else self.points
+        self.points.show_kind(kind)
+        plot.show_simulated(view.simulated)
+        plot.show_points(view.points, view.entries, view.can_run)
+        plot.show_found(view.outcome)
+        self.plots.setCurrentWidget(plot)
+        self._view = view
         self.traces.show_simulated(view.simulated)
         self.log.show_view(view)
 
@@ -83,6 +99,8 @@ class MeasurePage(QSplitter):
 
     def _ask(self) -> None:
         """Want the curve that belongs to the form."""
+        if self._view is not None:
+            self.show_view(self._view)  # another protocol may want another plot
         protocol: Any = self.panel.protocol
         if protocol is None:
             return
@@ -102,6 +120,7 @@ class MeasurePage(QSplitter):
 
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
+        settings.setValue("measure/protocol", self.panel.kind.name)
         settings.setValue("measure/columns", self.saveState())
         settings.setValue("measure/rows", self.right.saveState())
         settings.setValue("measure/span", self.traces.chosen)

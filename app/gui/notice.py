@@ -52,16 +52,16 @@ class Notice(QFrame):
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             label.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)
-        text = QVBoxLayout()
+        self.text = text = QVBoxLayout()
         text.setSpacing(4)
         text.addWidget(self.words)
         text.addWidget(self.detail)
-        self._symbol = Symbol(self)
-        self._symbol.name = symbol
-        layout = QHBoxLayout(self)
+        self.symbol = Symbol(self)
+        self.symbol.name = symbol
+        self.row = layout = QHBoxLayout(self)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(14)
-        layout.addWidget(self._symbol)
+        layout.addWidget(self.symbol)
         layout.addLayout(text, 1)
         self.buttons = [QPushButton(choice.words) for choice in choices]
         for button, choice in zip(self.buttons, choices, strict=True):

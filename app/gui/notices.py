@@ -7,6 +7,7 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.gui.notice import Choice, Notice
+from app.gui.prompt_notice import PromptNotice
 from app.view import View
 from drivers.bench import BY_HAND
 from protocols.events import Asked
@@ -22,7 +23,7 @@ CLOSING = "Closing: the bench goes to rest and lets go of its instruments …"
 class Notices(QWidget):
     """Hidden while there is nothing to say."""
 
-    answered = Signal()
+    answered = Signal(str)
     stop_pressed = Signal()
     acknowledged = Signal()
     connect_pressed = Signal()
@@ -41,15 +42,9 @@ class Notices(QWidget):
             "question",
             self,
         )
-        self.prompt = Notice(
-            (
-                Choice("Done   (Enter)", self.answered.emit),
-                Choice("Stop   (Esc)", self.stop_pressed.emit, "stop"),
-            ),
-            "prompt",
-            "hand",
-            self,
-        )
+        self.prompt = PromptNotice(self)
+        self.prompt.chosen.connect(self._answer)
+        self.prompt.stopped.connect(self.stop_pressed)
         self.trouble = Notice(
             (
                 Choice("Connect again   (F6)", self.connect_pressed.emit),
@@ -89,13 +84,18 @@ class Notices(QWidget):
         self.trouble.buttons[0].setVisible(self._no_bench)
         self._arrange()
 
-    def show_prompt(self, prompt: Asked | None, waiting: int | None) -> None:
+    def show_prompt(self, prompt: Asked | None, waiting: int | None, laser_um: float | None = None) -> None:
         """Show a prompt, if it is this window that must answer it and not a simulated operator."""
-        words = prompt.prompt.text if prompt is not None and waiting == prompt.ask_id else ""
-        if words != self.prompt.words.text() or bool(words) == self.prompt.isHidden():
-            self.prompt.say(words)
+        asked = prompt if prompt is not None and waiting == prompt.ask_id else None
+        if self.prompt.ask(asked):
             self._since_s = time.monotonic()
             self._arrange()
+        self.prompt.show_laser(laser_um)
+
+    @property
+    def patient(self) -> bool:
+        """Whether a question has stood long enough to be read."""
+        return time.monotonic() - self._since_s >= GUARD_S
 
     def ask_to_close(self, view: View) -> None:
         """Ask once whether the window shall close."""
@@ -130,15 +130,19 @@ class Notices(QWidget):
             key.setEnabled(self._asks(self.closing) or self._asks(self.prompt))
 
     def _asks(self, notice: Notice) -> bool:
-        return not notice.isHidden() and not notice.buttons[0].isHidden()
+        return not notice.isHidden() and bool(notice.buttons) and not notice.buttons[0].isHidden()
 
     def _enter(self) -> None:
-        if time.monotonic() - self._since_s < GUARD_S:
+        if not self.patient:
             return
         if self._asks(self.closing):
             self.leave_pressed.emit()
         elif self._asks(self.prompt):
-            self.answered.emit()
+            self.prompt.buttons[0].click()
+
+    def _answer(self, words: str) -> None:
+        if self.patient:
+            self.answered.emit(words)
 
     def _read(self) -> None:
         if self._asks(self.closing):

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import pyqtgraph as pg
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPen
 from PySide6.QtWidgets import QGraphicsSimpleTextItem
 
@@ -48,6 +49,7 @@ class Corner:
 
     def __init__(self, plot: Any, words: str, font: QFont, right: bool) -> None:
         self._plot, self._right = plot, right
+        self._words = words
         self._item = QGraphicsSimpleTextItem(words, plot)
         self._item.setFont(font)
         plot.getViewBox().sigResized.connect(self._place)
@@ -57,13 +59,14 @@ class Corner:
         self._item.setBrush(QBrush(QColor(ink)))
 
     def say(self, words: str) -> None:
-        if words != self._item.text():
+        if words != self._words:
+            self._words = words
             self._item.setText(words)
             self._place()
 
     @property
     def words(self) -> str:
-        return self._item.text()
+        return self._words
 
     def show(self, visible: bool) -> None:
         self._item.setVisible(visible)
@@ -74,6 +77,10 @@ class Corner:
 
     def _place(self, *_: object) -> None:
         box = self._plot.getViewBox().geometry()
+        if not self._right:  # the other end is SIMULATED's
+            room = max(box.width() - 8 * QFontMetricsF(self._item.font()).averageCharWidth() - 80, 40)
+            metrics = QFontMetricsF(self._item.font())
+            self._item.setText(metrics.elidedText(self._words, Qt.TextElideMode.ElideRight, room))
         left = box.right() - self._item.boundingRect().width() if self._right else box.left()
         self._item.setPos(max(left, 0), box.top() - self._item.boundingRect().height())
 

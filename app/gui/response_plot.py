@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QSize, Qt
+from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
 from app.gui.form import mark
 from app.gui.plots import Corner, calm_range, paint, quiet, simulated_mark
+from app.gui.selection import Selection
+from app.gui.strip import SHOWS, Strip
 from app.gui.theme import Theme
 from app.overlay import Curve
 from app.sentences import estimate_words, point_words
 from protocols.events import RunEnded
+from protocols.protocol import Protocol
 from protocols.quality import Quality
 
 AXIS_WIDTH = 62
@@ -44,14 +47,22 @@ SERIES = (
 )
 
 
+def draws(kind: type[Protocol]) -> bool:
+    """Whether a protocol's points are amplitudes over frequency."""
+    return all(hasattr(kind.point_type, series.column) for series in SERIES)
+
+
 class ResponsePlot(QWidget):
-    """Measured points and the model's curve; the points are those of one run."""
+    """Measured points and the model's curve; the points are those of one run. A click on a point chooses it."""
+
+    again_pressed = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme = theme
         self._curve: Curve | None = None
         self._points: Sequence[Any] = ()
+        self._entries: Sequence[int] = ()
         self._told: Sequence[Any] = ()
         self._top_hz = 250.0
         self.canvas = pg.PlotWidget(enableMenu=False)
@@ -79,11 +90,21 @@ class ResponsePlot(QWidget):
         self.found = Corner(self._plot, "", self.font(), right=False)
         self.shown = [QCheckBox(series.words) for series in SERIES]
         self.hint = QLabel()
+        self.strip = Strip(self._plot, AXIS_WIDTH, theme)
+        self.below = QComboBox()
+        self.below.addItems([f"below: {words}" for words in SHOWS])
+        self.below.setToolTip("What is drawn under the response: measured less model, or the phase")
+        self.below.currentIndexChanged.connect(self._show_below)
+        self.again = QPushButton()
+        self.chosen = Selection(self.again, self._draw_points)
+        self.again.clicked.connect(lambda: self.again_pressed.emit(self.chosen.take()))
+        self.scatters[0].sigClicked.connect(lambda _, spots: self.chosen.toggle(self._entries, spots))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
         layout.addLayout(self._head())
         layout.addWidget(self.canvas, 1)
+        layout.addWidget(self.strip)
         self._scale()
         self.set_theme(theme)
 
@@ -101,6 +122,7 @@ class ResponsePlot(QWidget):
             bars.setData(pen=pg.mkPen(self._ink(at)))
             box.setIcon(self._sample(at))
             box.setIconSize(QSize(46, 14))
+        self.strip.set_theme(theme)
         self._draw_points()
 
     def show_simulated(self, simulated: bool) -> None:
@@ -114,12 +136,16 @@ class ResponsePlot(QWidget):
         self._top_hz = curve.question.top_hz
         for series, line in zip(SERIES, self._lines, strict=True):
             line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
+        self.strip.draw(self._points, curve)
         self._scale()
 
-    def show_points(self, points: Sequence[Any]) -> None:
+    def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
         """Draw the points of the present run."""
+        self.chosen.allow(can_run)
         if points is self._told:
             return
+        self._entries = entries
+        self.chosen.keep(entries)
         self._told = points
         # Other protocols measure other things (the wiring check); they are told in the log.
         self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
@@ -138,10 +164,12 @@ class ResponsePlot(QWidget):
             y = series.factor * np.array([getattr(p, series.column) for p in self._points])
             errors = series.factor * np.array([getattr(p, f"{series.column}_errors") for p in self._points])
             ink = QColor(self._ink(at))
-            pen = pg.mkPen(ink, width=2)
+            taken = [at < len(self._entries) and self._entries[at] in self.chosen.entries for at in range(len(x))]
+            pens = [pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2) for t in taken]
             fills = [pg.mkBrush(ink) if good else pg.mkBrush(self._theme.panel) for good in usable]
-            self.scatters[at].setData(x=x, y=y, symbol=series.symbol, pen=pen, brush=fills, data=words)
+            self.scatters[at].setData(x=x, y=y, symbol=series.symbol, pen=pens, brush=fills, data=words)
             self._bars[at].setData(x=x, y=y, height=2 * errors)
+        self.strip.draw(self._points, self._curve)
 
     def _scale(self) -> None:
         self._tell_apart()
@@ -176,8 +204,11 @@ class ResponsePlot(QWidget):
             box.setToolTip(f"{SERIES[at].words}: measured points and the model's curve")
             box.toggled.connect(self._toggled)
             head.addWidget(box)
-        head.addStretch()
-        head.addWidget(self.hint)
+        head.addWidget(self.again)
+        self.hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.hint.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        head.addWidget(self.hint, 1)
+        head.addWidget(self.below)
         return head
 
     def _toggled(self) -> None:
@@ -186,6 +217,10 @@ class ResponsePlot(QWidget):
             for item in drawn:
                 item.setVisible(box.isChecked())
         self._scale()
+
+    def _show_below(self, at: int) -> None:
+        self.strip.shows = SHOWS[at]
+        self.strip.draw(self._points, self._curve)
 
     def _ink(self, at: int) -> str:
         return (self._theme.measured, self._theme.second)[at]

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
+    QComboBox,
     QFileDialog,
     QFrame,
     QGridLayout,
@@ -19,11 +20,14 @@ from PySide6.QtWidgets import (
 )
 
 from app.gui.form import Form, mark
+from app.gui.preset_button import PresetButton
+from app.presets import Presets
 from app.view import View, volts_between
 from app.words import duration, size
 from drivers.amplifier import HvAmplifier
 from drivers.errors import BenchError
 from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 
 GetAmplifier = Callable[[], HvAmplifier | None]
@@ -33,32 +37,48 @@ class RunPanel(QWidget):
     """The left side of the measuring page.
 
     Args:
+        protocol: fills the form at first.
         amplifier: the guard that the rehearsal asks; None while there is no bench.
+        presets: the lab's own sets of parameters.
     """
 
     run_pressed = Signal()
     changed = Signal()
 
-    def __init__(self, protocol: Protocol, amplifier: GetAmplifier, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, protocol: Protocol, amplifier: GetAmplifier, presets: Presets, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
         self._amplifier = amplifier
-        self._defaults = type(protocol).model_validate({})
+        self._texts: dict[str, Protocol] = {}
+        """What the forms of the other protocols said last."""
         self._can_run, self._why = False, ""
         self._rehearsed: tuple[object, ...] = ()
         self._told = ("", False)
         self.form = Form(protocol)
+        self.choice = QComboBox()
+        self.choice.setToolTip("What to measure")
+        self.choice.setAccessibleName("protocol")
+        for name, kind in PROTOCOLS.items():
+            self.choice.addItem(kind.title, name)
+        self.choice.setCurrentIndex(self.choice.findData(protocol.name))
+        self.about = QLabel(about(type(protocol)))
+        self.about.setWordWrap(True)
+        mark(self.about, "note")
         self.specimen, self.folder = QLineEdit(), QLineEdit()
         self.rehearsal = QLabel()
         self.rehearsal.setWordWrap(True)
         self.rehearsal.setTextFormat(Qt.TextFormat.PlainText)
         self.run = QPushButton("Run   (F5 or Ctrl+R)")
         self.run.setProperty("kind", "go")
-        self.defaults = QPushButton("Defaults")
-        self.defaults.setToolTip("The values of the paper")
+        self.presets = PresetButton(presets)
         self._browse = QToolButton()
-        self._build(type(protocol).title)
+        self._scroll = QScrollArea()
+        self._build()
         self.form.changed.connect(self._edited)
-        self.defaults.clicked.connect(lambda: self.form.set(self._defaults))
+        self.choice.currentIndexChanged.connect(self._chosen)
+        self.presets.taken.connect(self.fill)
+        self.presets.show_for(type(protocol), lambda: self.protocol)
         self.run.clicked.connect(self.run_pressed)
         self._browse.clicked.connect(self._choose_folder)
         self.specimen.textChanged.connect(self._edited)
@@ -70,13 +90,39 @@ class RunPanel(QWidget):
         return self.form.checked.protocol
 
     @property
+    def kind(self) -> type[Protocol]:
+        """Which protocol the form is of."""
+        return self.form.kind
+
+    def fill(self, protocol: Protocol) -> None:
+        """Show a protocol and its parameters."""
+        if type(protocol) is self.form.kind:
+            self.form.set(protocol)
+            return
+        if (present := self.protocol) is not None:
+            self._texts[present.name] = present
+        self.form = Form(protocol)
+        self.form.setAutoFillBackground(False)
+        self._scroll.setWidget(self.form)  # deletes the form before
+        self.form.changed.connect(self._edited)
+        self.about.setText(about(type(protocol)))
+        self.presets.show_for(type(protocol), lambda: self.protocol)
+        with QSignalBlocker(self.choice):
+            self.choice.setCurrentIndex(self.choice.findData(protocol.name))
+        self._edited()
+
+    def _chosen(self) -> None:
+        name = self.choice.currentData()
+        self.fill(self._texts.get(name) or PROTOCOLS[name].model_validate({}))
+
+    @property
     def ready(self) -> bool:
         """Whether Run would begin something."""
         return self.run.isEnabled()
 
     def show_view(self, view: View) -> None:
         """Whether a run may begin, and why not."""
-        for editor in (self.form, self.specimen, self.folder, self._browse, self.defaults):
+        for editor in (self.form, self.choice, self.specimen, self.folder, self._browse, self.presets):
             editor.setEnabled(not view.busy)
         self._can_run = view.can_run
         self._why = (
@@ -121,8 +167,9 @@ class RunPanel(QWidget):
         except BenchError as refusal:
             return f"✕ {refusal}", True
         entries = "1 point" if told.entries == 1 else f"{told.entries} points"
+        prompts = "1 prompt" if told.prompts == 1 else f"{told.prompts} prompts"
         return (
-            f"{entries}, about {duration(told.duration_s)}, "
+            f"{entries}, {prompts}, about {duration(told.duration_s)}, "
             f"{volts_between(told.lowest_specimen_v, told.highest_specimen_v)} on the specimen, "
             f"file about {size(told.file_bytes)}. Closest to a limit: {told.worst}."
         ), False
@@ -132,13 +179,12 @@ class RunPanel(QWidget):
         if chosen:
             self.folder.setText(str(Path(chosen)))
 
-    def _build(self, title: str) -> None:
-        heading = QLabel(title)
-        heading.setProperty("kind", "heading")
+    def _build(self) -> None:
+        mark(self.choice, "heading")
         top = QHBoxLayout()
-        top.addWidget(heading, 1)
-        top.addWidget(self.defaults)
-        scroll = QScrollArea()
+        top.addWidget(self.choice, 1)
+        top.addWidget(self.presets)
+        scroll = self._scroll
         scroll.setWidget(self.form)
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -165,7 +211,13 @@ class RunPanel(QWidget):
         layout.setContentsMargins(0, 2, 8, 0)
         layout.setSpacing(8)
         layout.addLayout(top)
+        layout.addWidget(self.about)
         layout.addWidget(scroll, 1)
         layout.addLayout(where)
         layout.addWidget(self.rehearsal)
         layout.addWidget(self.run)
+
+
+def about(kind: type[Protocol]) -> str:
+    """The first sentence a protocol says of itself."""
+    return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())

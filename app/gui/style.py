@@ -41,6 +41,9 @@ def sheet(theme: Theme) -> str:
         background: #c00018; color: white; border: none; font-size: 13pt; font-weight: bold; padding: 0 14px;
     }}
     QPushButton[kind="stop"]:disabled {{ background: {theme.panel}; color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QPushButton[kind="pause"] {{ font-size: 11pt; font-weight: bold; padding: 0 10px; border: 2px solid {theme.text}; }}
+    QPushButton[kind="pause"]:disabled {{ color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QLabel[kind="laser"] {{ font-size: 20pt; }}
     QProgressBar {{ background: {theme.field}; border: 1px solid {theme.line}; border-radius: 5px; }}
     QProgressBar::chunk {{ background: {theme.accent}; border-radius: 4px; }}
     QSplitter::handle {{ background: {theme.window}; }}

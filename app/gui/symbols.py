@@ -81,9 +81,16 @@ def _hand(painter: QPainter, box: QRectF) -> None:
     painter.drawPolyline(_polygon(box, (0.56, 0.2), (0.88, 0.5), (0.56, 0.8)))
 
 
+def _pause(painter: QPainter, box: QRectF) -> None:
+    painter.setBrush(painter.pen().color())
+    for x in (0.2, 0.58):
+        painter.drawRect(_polygon(box, (x, 0.12), (x + 0.22, 0.88)).boundingRect())
+
+
 SYMBOLS: dict[str, Draw] = {
     "bolt": _bolt,
     "rest": _rest,
+    "pause": _pause,
     "down": _down,
     "danger": _danger,
     "nothing": _nothing,

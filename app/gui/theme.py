@@ -38,7 +38,7 @@ class Theme:
     def state(self, state: BenchState) -> tuple[str, str]:
         """Ground and writing of the state sign."""
         match state:
-            case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING:
+            case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED:
                 return "#ffc400", "#000000"
             case BenchState.AT_REST:
                 return "#1b7a3d", "#ffffff"

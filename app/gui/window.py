@@ -17,11 +17,14 @@ from app.gui.pages import Pages
 from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
 from app.overlay import Overlay
+from app.presets import Presets, presets_path
 from app.reducer import reduce
-from app.session import watchdog_notes
-from app.view import Acknowledged, ConnectAsked, Heard, RunAsked, StopAsked, ViewEvent, opening
+from app.session import Refused, watchdog_notes
+from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
 from drivers.amplifier import HvAmplifier
+from protocols.continuation import earlier
 from protocols.protocol import Protocol
+from protocols.runreader import RunError
 
 FRAME_MS = 16
 
@@ -50,7 +53,10 @@ class MainWindow(QMainWindow):
         self.overlay = Overlay(amplifier=config.amplifier.map)
         self.bar = BenchBar(self.theme)
         self.notices = Notices(self)
-        self.measure = MeasurePage(protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, self.theme)
+        presets = Presets(presets_path())
+        self.measure = MeasurePage(
+            protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
+        )
         self.pages = Pages([self.measure])
         self._build(config.name)
         self._connect_keys()
@@ -81,10 +87,33 @@ class MainWindow(QMainWindow):
         self.link.session.stop()
         self._tell(StopAsked())
 
-    def answer(self) -> None:
-        """The operator has done what the prompt says."""
+    def pause(self) -> None:
+        """Go to rest and wait there, or go on."""
+        if not self.view.can_pause or self.view.pausing:
+            return
+        if self.view.paused:
+            self.link.session.resume()
+        else:
+            self.link.session.pause()
+        self._tell(PauseAsked())
+
+    def measure_again(self, entries: tuple[int, ...]) -> None:
+        """Measure some points of the last run again, into a run that goes on with it."""
+        outcome = self.view.outcome
+        if outcome is None or not self.view.can_run or self._leaving:
+            return
+        try:
+            before = earlier(Path(outcome.path), entries)
+        except RunError as error:
+            self.link.observe(Refused(str(error)))
+            return
+        self._tell(RunAsked(before.protocol.title))
+        self.link.session.run(before.protocol, self._folder, before.specimen, before)
+
+    def answer(self, words: str = "done") -> None:
+        """The operator has done what the prompt says, or chosen another of its answers."""
         if self.view.prompt is not None and self.link.mailbox.waiting == self.view.prompt.ask_id:
-            self.link.mailbox.reply(self.view.prompt.ask_id)
+            self.link.mailbox.reply(self.view.prompt.ask_id, words)
 
     def acknowledge(self) -> None:
         """The operator has read the unsafe sentence, or why something failed."""
@@ -114,7 +143,8 @@ class MainWindow(QMainWindow):
         if view is not self.view:
             self.view = view
             self._show()
-        self.notices.show_prompt(view.prompt, self.link.mailbox.waiting)  # the runner asks after it has told
+        # The runner asks after it has told.
+        self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
             self.bar.show_progress(self.link.feed.streamed_s)
         self.pages.refresh()
@@ -189,7 +219,9 @@ class MainWindow(QMainWindow):
         layout.addLayout(inner, 1)
         self.setCentralWidget(centre)
         self.bar.stop_pressed.connect(self.stop)
+        self.bar.pause_pressed.connect(self.pause)
         self.measure.panel.run_pressed.connect(self.run)
+        self.measure.again_pressed.connect(self.measure_again)
         for wish, do in (
             (self.notices.answered, self.answer),
             (self.notices.stop_pressed, self.stop),
@@ -204,6 +236,7 @@ class MainWindow(QMainWindow):
         keys: tuple[tuple[tuple[Qt.Key | str, ...], Callable[[], None]], ...] = (
             ((Qt.Key.Key_Escape, Qt.Key.Key_F12), self.stop),
             ((Qt.Key.Key_F5, "Ctrl+R"), self.run),
+            ((Qt.Key.Key_F8,), self.pause),
         )
         for sequences, do in keys:
             for sequence in sequences:

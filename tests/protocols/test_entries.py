@@ -15,7 +15,7 @@ from app.session import header
 from drivers.drive import Drive, Hold
 from protocols import registry
 from protocols.continuation import earlier
-from protocols.events import Answered, Asked, EntryBegan, Noted, Paused, PointMeasured, Resumed, Status
+from protocols.events import Answered, Asked, BlockSeen, EntryBegan, Noted, Paused, PointMeasured, Resumed, Status
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.rehearsal import rehearse
@@ -131,10 +131,13 @@ def known(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(moment: str, tmp_path: Path) -> None:
     pause = threading.Event()
     seen: list[bool] = []
+    waited = [0]
 
     def watch(event: Any) -> None:
         if isinstance(event, Paused):
             seen.append("rest" in event.words)
+        waited[0] += isinstance(event, BlockSeen)
+        if waited[0] == 5:
             pause.clear()
 
     with laboratory() as lab:

@@ -33,6 +33,7 @@ def point(index: int, frequency_hz: float, quality: Quality = Quality.GOOD) -> P
     return PointMeasured(
         index,
         SinePoint(frequency_hz, size, 2e-6, 0.48 * size, 1e-8, 0, 1e-4, 0.1, (size,), 2.5, 2.5, 0, 0, 5e-7, 80, flags),
+        index,
     )
 
 

@@ -40,15 +40,26 @@ class ListeningSession:
 
     bench: Any = None
     runs: list[tuple[Protocol, Path, str]] = field(default_factory=list)
+    continued: list[Any] = field(default_factory=list)
     stops: int = 0
+    pauses: int = 0
+    resumes: int = 0
     closed: bool = False
     lets_go: bool = True
     """Whether it ends as soon as it is asked to."""
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
+    def run(self, protocol: Protocol, folder: Path, specimen: str, earlier: Any = None) -> None:
         self.runs.append((protocol, folder, specimen))
+        if earlier is not None:
+            self.continued.append(earlier)
+
+    def pause(self) -> None:
+        self.pauses += 1
+
+    def resume(self) -> None:
+        self.resumes += 1
 
     def stop(self) -> None:
         self.stops += 1

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QSettings, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPushButton
 
 from app.gui.notices import GUARD_S
 from app.gui.picture import grab
@@ -78,7 +79,8 @@ def test_a_fault_in_the_form_is_told_beside_the_field_and_keeps_run_away(stage: 
     assert not panel.run.isEnabled()
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == []
-    panel.defaults.click()
+    panel.presets.menu().aboutToShow.emit()
+    panel.presets.menu().actions()[0].trigger()
     assert panel.run.isEnabled()
 
 
@@ -186,7 +188,9 @@ def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> No
 
 def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
     prompted(stage)
-    QTest.mouseClick(stage.window.notices.prompt.buttons[1], Qt.MouseButton.LeftButton)
+    stop = stage.window.notices.prompt.findChildren(QPushButton)[0]
+    assert stop.text().startswith("Stop")
+    QTest.mouseClick(stop, Qt.MouseButton.LeftButton)
     assert stage.session.stops == 1
     assert not stage.window.notices.prompt.isVisible()
 

@@ -1,0 +1,89 @@
+"""A low plot under the response: what the model leaves of the points, or their phase."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtGui import QColor
+
+from app.gui.plots import calm_range, few_ticks, paint, quiet
+from app.gui.theme import Theme
+from app.overlay import Curve
+from protocols.quality import Quality
+
+NOTHING, RESIDUAL, PHASE = "nothing", "residual", "phase"
+SHOWS = (NOTHING, RESIDUAL, PHASE)
+HEIGHT = 96
+
+
+class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
+    """Shares the frequency axis of the response."""
+
+    def __init__(self, above: Any, axis_width: int, theme: Theme) -> None:
+        super().__init__(enableMenu=False)
+        self.shows = NOTHING
+        self._plot = self.getPlotItem()
+        quiet(self._plot, self.font())
+        self._plot.layout.setRowFixedHeight(0, 4)
+        self._plot.setContentsMargins(0, 0, 8, 0)
+        self._plot.getAxis("left").setWidth(axis_width)
+        self._plot.getAxis("bottom").setStyle(showValues=False)
+        self._plot.setXLink(above)
+        self._plot.showGrid(x=True, y=True, alpha=0.12)
+        self.setFixedHeight(HEIGHT)
+        self._line = pg.PlotCurveItem(antialias=True)
+        self._bars = pg.ErrorBarItem(beam=0.0)
+        self.scatter = pg.ScatterPlotItem(size=8, antialias=True)
+        for item in (self._line, self._bars, self.scatter):
+            self._plot.addItem(item)
+        self._theme = theme
+        self.hide()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours; `draw` comes next."""
+        self._theme = theme
+        self.setBackground(theme.panel)
+        paint(self._plot, theme)
+        self._line.setPen(pg.mkPen(theme.model, width=1.5))
+        self._bars.setData(pen=pg.mkPen(theme.measured))
+
+    def draw(self, points: Sequence[Any], curve: Curve | None) -> None:
+        """Draw what is wanted of points and curve."""
+        self.setVisible(self.shows != NOTHING)
+        if self.shows == NOTHING:
+            return
+        x = np.array([p.frequency for p in points])
+        residual = self.shows == RESIDUAL
+        y, errors, line = _residual(points, curve) if residual else _phase(points, curve)
+        self._plot.setLabel("left", "Δ (%)" if residual else "phase (°)")
+        self._line.setData(*line)
+        ink = QColor(self._theme.measured)
+        there = np.isfinite(y)  # Qt does not survive painting what is nowhere
+        usable = [Quality(p.quality).usable for p, seen in zip(points, there, strict=True) if seen]
+        fills = [pg.mkBrush(ink if good else self._theme.panel) for good in usable]
+        self.scatter.setData(x=x[there], y=y[there], symbol="o", pen=pg.mkPen(ink, width=2), brush=fills)
+        half = np.nan_to_num(errors[there])
+        self._bars.setData(x=x[there], y=y[there], height=2 * half)
+        every = np.concatenate([y[there] - half, y[there] + half, np.asarray(line[1])])
+        lowest, highest = (float(every.min()), float(every.max())) if every.size else (-1.0, 1.0)
+        low, high = calm_range(lowest, highest, None)
+        self._plot.setYRange(low, high, padding=0.02)
+        self._plot.getAxis("left").setTickSpacing(few_ticks(low, high), few_ticks(low, high))
+
+
+def _residual(points: Sequence[Any], curve: Curve | None) -> tuple[Any, Any, tuple[Any, Any]]:
+    """Measured max - min less the model's, in per cent of the model's."""
+    if curve is None:
+        nothing = np.full(len(points), np.nan)
+        return nothing, nothing, ([], [])
+    model = np.interp([p.frequency for p in points], curve.frequency_hz, curve.peak_to_peak)
+    y = 100 * (np.array([p.peak_to_peak for p in points]) / model - 1)
+    return y, 100 * np.array([p.peak_to_peak_errors for p in points]) / model, (curve.frequency_hz[[0, -1]], [0.0, 0.0])
+
+
+def _phase(points: Sequence[Any], curve: Curve | None) -> tuple[Any, Any, tuple[Any, Any]]:
+    """Phase of the fundamental behind the drive, in degrees, unwrapped downwards from zero."""
+    y = np.degrees([(p.phase + 0.5) % (2 * np.pi) - 2 * np.pi - 0.5 if p.phase > 0.5 else p.phase for p in points])
+    errors = np.degrees([p.phase_errors for p in points])
+    return y, errors, ([], []) if curve is None else (curve.frequency_hz, np.degrees(np.unwrap(curve.phase)))
