@@ -18,9 +18,14 @@ from rich.table import Table as RichTable
 
 from app.exits import DONE, UsageError
 from model.figures import Figure
+from protocols.layout import is_hdf5
+from protocols.plain import plain
 
 SCALES = {"µm": 1e6, "mm": 1e3, "ms": 1e3, "%": 1e2, "°": 180 / pi, "nm/V": 1e9, "µm/N": 1e6, "g": 1e3, "krad/s": 1e-3}
 """What a number in SI is multiplied by to be read in one of these."""
+
+PICTURES = (".png", ".pdf", ".svg")
+"""What a picture's name may end in."""
 
 Value = float | int | str | None
 
@@ -115,10 +120,10 @@ def deliver(answer: Answer, options: argparse.Namespace) -> int:
     if getattr(options, "picture", None):
         from app.figures import draw
 
-        with writing(options.picture):
+        with writing(options.picture, PICTURES):
             draw(answer.pictures, options.picture, log=answer.log)
     if options.json:
-        say(json.dumps(record(answer), allow_nan=False))
+        say(json.dumps(plain(record(answer)), allow_nan=False))
     else:
         for table in answer.tables:
             show(table)
@@ -137,24 +142,32 @@ def record(answer: Answer) -> dict[str, Any]:
     return {"command": answer.command, "specimen": dict(answer.specimen), **tables, **answer.more, "units": units}
 
 
-def check_folder(path: Path) -> None:
-    """Refuse a file in a folder that does not exist."""
+def check_files(options: argparse.Namespace) -> None:
+    """Refuse what `deliver` could not write, before anything is computed."""
+    if getattr(options, "csv", None):
+        check_file(options.csv)
+    if getattr(options, "picture", None):
+        check_file(options.picture, PICTURES)
+
+
+def check_file(path: Path, kinds: Sequence[str] = ()) -> None:
+    """Refuse a file in a folder that does not exist, of none of `kinds`, or in the place of measured data."""
     if not path.parent.is_dir():
         raise UsageError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
+    if kinds and path.suffix.lower() not in kinds:
+        raise UsageError(f"{path} cannot be drawn: a picture ends in {', '.join(kinds)}")
+    if is_hdf5(path):
+        raise UsageError(f"{path} holds a run or a study and is not overwritten; choose another name")
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def writing(path: Path, kinds: Sequence[str] = ()) -> Iterator[None]:
     """Tells that a file was written, or refuses in a sentence why it cannot be."""
-    check_folder(path)
+    check_file(path, kinds)
     try:
         yield
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another file") from error
-    except ValueError as error:
-        if "is not supported" not in str(error):  # matplotlib's word on a suffix it does not know
-            raise
-        raise UsageError(f"{path} cannot be drawn: a picture ends in .png, .pdf or .svg") from error
     sys.stderr.write(f"wrote {path}\n")
 
 

@@ -2,8 +2,9 @@
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
+
+from app.arguments import path
 
 Options = Callable[[argparse.ArgumentParser], None]
 
@@ -42,7 +43,7 @@ def add_bench_commands(known: Any, bench_options: Options, setting_option: Optio
         description="Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",
         epilog="example: tactor-bench bench new bench1.toml --host 192.0.2.7",
     )
-    new.add_argument("file", type=Path, metavar="FILE", help="the file to write")
+    new.add_argument("file", type=path, metavar="FILE", help="the file to write")
     _finding_options(new)
     new.set_defaults(command=_bench_new)
 

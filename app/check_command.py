@@ -10,11 +10,13 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from app.commands import chosen_bench, make_protocol, run_headless
 from app.exits import DONE, FAILED
 from drivers.rest import RETURN_TOLERANCE_V
 from protocols.events import AtRest, PointMeasured, RunEnded
+from protocols.plain import plain
 from protocols.wiring_check import Verdict, WiringCheck
 
 SCALES = {"m": (1e6, "µm"), "s": (1e3, "ms"), "m/V": (1e6, "µm/V")}
@@ -44,12 +46,16 @@ def check(options: argparse.Namespace) -> int:
             "file": str(path) if path else None,
             "checks": [_record(verdict) for verdict in verdicts],
         }
-        sys.stdout.write(json.dumps(record) + "\n")
+        sys.stdout.write(json.dumps(plain(record), allow_nan=False) + "\n")
     else:
-        Console().print(_table(verdicts) if verdicts else "The check was not carried to its end: there is no table.")
+        Console(markup=False).print(
+            _table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
+        )
         for verdict in verdicts:
             if not verdict.passed:
-                Console(stderr=True).print(f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True)
+                Console(stderr=True, markup=False).print(
+                    f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True
+                )
     return code if code != DONE else (DONE if passed else FAILED)
 
 
@@ -62,7 +68,7 @@ def _rest_confirmed(rest: AtRest | None, before_v: float) -> Verdict:
 def _record(verdict: Verdict) -> dict[str, Any]:
     return {
         "name": verdict.name,
-        "value": verdict.value if math.isfinite(verdict.value) else None,
+        "value": verdict.value,
         "unit": verdict.unit,
         "low": verdict.low,
         "high": verdict.high,
@@ -79,7 +85,7 @@ def _table(verdicts: Sequence[Verdict]) -> Table:
         factor, unit = SCALES.get(verdict.unit, (1.0, verdict.unit))
         low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (verdict.low, verdict.high))
         limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-        word = "[green]pass[/]" if verdict.passed else "[bold red]FAIL[/]"
+        word = Text("pass", "green") if verdict.passed else Text("FAIL", "bold red")
         figure = f"{factor * verdict.value:.4g}" if math.isfinite(verdict.value) else "not seen"
         table.add_row(word, verdict.name, figure, limits, "" if unit == "1" else unit)
     return table

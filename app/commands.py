@@ -13,15 +13,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.config import BenchConfig, ConfigError, faults, load_bench
+from app.config import FASTEST, BenchConfig, ConfigError, faults, load_bench
 from app.exits import DONE, FAILED, UNSAFE, UsageError
 from app.units import UnitError, read_value
 from protocols.events import Status
+from protocols.plain import plain
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
-
-FASTEST = 20.0
-"""Times real speed at which the simulated bench still keeps up on its real wires."""
 
 EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
 
@@ -77,17 +75,18 @@ def demo(options: argparse.Namespace) -> int:
 
 def show(options: argparse.Namespace) -> int:
     """`tactor-bench show RUN`."""
+    from app.answer import PICTURES, check_file
     from app.showing import run_record, run_text
-    from protocols.runreader import Run, RunError
+    from protocols.runreader import Run, RunError, intact
 
+    if options.picture:
+        check_file(options.picture, PICTURES)
     try:
-        with Run(options.run) as run:
-            if options.json:
-                print(json.dumps(run_record(run), default=str))  # noqa: T201 - the command line speaks here
-            else:
-                print(run_text(run))  # noqa: T201
+        with Run(options.run) as run, intact(options.run):
+            told = json.dumps(plain(run_record(run)), allow_nan=False) if options.json else run_text(run)
     except RunError as error:
         raise UsageError(str(error)) from None
+    print(told)  # noqa: T201 - the command line speaks here
     if options.picture:
         return _draw(options.run, options.picture)
     return DONE
@@ -163,15 +162,13 @@ def run_headless(
     """
     if planned and not config.simulated:
         raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
-    from rich.console import Console
-
     from app.build import connect
-    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
+    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver, Terminal
     from app.fault_plan import FaultPlan, planned_fault
     from app.session import Session
 
     plan = FaultPlan([planned_fault(text) for text in planned])
-    observer = JsonObserver() if options.json else ConsoleObserver(Console(stderr=True))
+    observer = JsonObserver() if options.json else ConsoleObserver(Terminal())
     with observer:
         way = plan.around(lambda: connect(config, speed))
         session = Session(way, [observer, plan, *listeners], ConsoleOperator())
@@ -215,15 +212,13 @@ def _open_window(
 
 
 def _draw(run_file: Path, picture: Path) -> int:
+    from app.answer import PICTURES, writing
     from app.picture import draw_run
     from protocols.runreader import Run, RunError
 
     try:
-        with Run(run_file) as run:
+        with writing(picture, PICTURES), Run(run_file) as run:
             draw_run(run, picture)
     except RunError as error:
         raise UsageError(str(error)) from None
-    except OSError as error:
-        raise UsageError(f"the picture {picture} cannot be written: {error.strerror or error}") from None
-    sys.stderr.write(f"picture: {picture}\n")
     return DONE

@@ -15,6 +15,7 @@ from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from app import drivers
+from app.arguments import shortened
 from app.config_source import MeterTable, SourceTable, SupplyTable
 from app.table import Table
 from drivers.amplifier import DriveLimits
@@ -22,6 +23,12 @@ from drivers.sensor import LaserSensor
 from drivers.sensor_presets import PRESETS
 from model.amplifier import AmplifierMap
 from sim_hardware.truth import BenchTruth
+
+FASTEST = 20.0
+"""Times real speed at which the simulated bench still keeps up on its real wires."""
+
+LARGEST = 1_000_000
+"""Characters that a bench file may have: what is longer is something else."""
 
 
 class ConfigError(Exception):
@@ -215,7 +222,9 @@ class BenchConfig(Table):
     @model_validator(mode="after")
     def _kind_is_clear(self) -> "BenchConfig":
         if self.simulated:
-            self.truth  # noqa: B018 - raises a sentence where the truth is malformed
+            speed = self.truth.speed  # raises a sentence where the truth is malformed
+            if not 1 <= speed <= FASTEST:
+                raise ValueError(f"simulation.speed must be from 1 to {FASTEST:g}, not {speed:g}")
             return self
         if self.source.kind != "card-output" and not self.wire.resource:
             table = "supply" if self.source.kind == "dc-supply" else "generator"
@@ -247,16 +256,22 @@ def load_bench(name: str) -> BenchConfig:
     else:
         where = name
         try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            with Path(name).open(encoding="utf-8") as file:
+                text = file.read(LARGEST + 1)
+        except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
-            raise ConfigError(f"bench file {name} cannot be read: {reason}; give a bench file or 'sim'") from error
+            where = shortened(name)
+            raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
+        if len(text) > LARGEST:
+            raise ConfigError(
+                f"{name} is longer than {LARGEST / 1e6:g} MB and no bench file; give another one or 'sim'"
+            )
     try:
         return BenchConfig.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{where} is not valid TOML: {error}") from error
     except ValidationError as error:
         raise ConfigError(f"{where} has faults:\n" + "\n".join(faults(error, text))) from error
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, tables nested beyond reason
+        raise ConfigError(f"{where} is not valid TOML: {error}") from error
 
 
 def faults(error: ValidationError, text: str = "") -> list[str]:
@@ -276,10 +291,10 @@ def _words(fault: Any) -> str:
         return "unknown key; remove it or correct its spelling"
     if kind in BOUNDS:
         key, words = BOUNDS[kind]
-        return f"must be {words} {context[key]:g}, not {fault['input']!r}"
+        return f"must be {words} {context[key]:g}, not {shortened(repr(fault['input']))}"
     message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
     message = message[:1].lower() + message[1:]
-    return str(message) if kind in ("value_error", "missing") else f"{message}, not {fault['input']!r}"
+    return str(message) if kind in ("value_error", "missing") else f"{message}, not {shortened(repr(fault['input']))}"
 
 
 def _line_of(path: list[str], text: str) -> int:

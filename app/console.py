@@ -1,11 +1,13 @@
 """The terminal as a front end: progress, sentences, prompts, and machine-readable output."""
 
 import json
+import os
 import sys
 import threading
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from rich.text import Text
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
 from app.words import duration, point_line, quantity
@@ -18,28 +20,49 @@ from protocols.events import (
     BlockTaken,
     GoingToRest,
     Noted,
+    Paused,
     PointMeasured,
     Progressed,
+    Resumed,
     RunEnded,
     RunStarted,
     event_record,
 )
+from protocols.operator import ENABLE_HIGH_VOLTAGE
 from protocols.steps import Prompt
+
+TYPED = {ENABLE_HIGH_VOLTAGE.action: "on"}
+"""Prompts of one choice that a bare Enter does not answer, and the word that does: nobody enables high voltage by leaning
+on a key."""
+
+COLOURS = {"completed": "green", "unsafe": "bold red"}
+
+
+class Terminal(Console):
+    """Standard error. Nobody reading it any more (`... 2>&1 | head`) is no reason to end a run: it goes on in silence."""
+
+    def __init__(self) -> None:
+        super().__init__(stderr=True, highlight=False)
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 class ConsoleObserver:
     """Shows a run on a terminal: a bar that moves, a line per point, sentences for what matters.
 
-    A context manager: leaving it puts the terminal back in order.
+    A context manager: leaving it puts the terminal back in order. Texts are printed as they are: a specimen named `[red]x`
+    is no instruction to the terminal.
     """
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._progress = Progress(
-            TextColumn("{task.description}", table_column=None),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[left]}"),
+            TextColumn("{task.fields[left]}", markup=False),
             console=console,
             transient=False,
             expand=True,
@@ -55,53 +78,61 @@ class ConsoleObserver:
         self._progress.stop()
 
     def __call__(self, event: SessionEvent) -> None:
-        say = self._progress.console.print
         match event:
             case BenchOpened(name, simulated, identities):
                 self._simulated = simulated
-                say(f"[bold]{name}[/]" + ("  [bold red]SIMULATED[/]" if simulated else ""))
+                self._say((name, "bold"), ("  SIMULATED" if simulated else "", "bold red"))
                 for role, identity in identities.items():
-                    say(f"  {role}: {identity}", highlight=False)
+                    self._say(f"  {role}: {identity}")
             case RunStarted():
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
-                say(f"writing {event.path}", highlight=False, soft_wrap=True)
+                self._say(f"writing {event.path}")
             case Armed():
-                say("rest is measured at the amplifier's input; high voltage is on")
+                self._say("rest is measured at the amplifier's input; high voltage is on")
             case Asked(_, prompt):
-                say(f"[bold yellow]> {prompt.text}[/]")
+                self._say((f"> {prompt.text}", "bold yellow"))
             case Answered(_, words):
-                say(f"  {words}")
+                self._say(f"  {words}")
             case Noted(text):
-                say(text)
+                self._say(text)
             case PointMeasured(_, point):
-                say(point_line(point), highlight=False)
+                self._say(point_line(point))
             case Progressed() if self._task is not None:
                 left = f"{duration(event.left_s)} left" if event.done < event.entries else ""
                 self._progress.update(self._task, completed=event.done, description=event.label, left=left)
+            case Paused(words):
+                self._say(("paused", "bold yellow"), f": {words}")
+            case Resumed():
+                self._say("goes on")
             case GoingToRest() if self._task is not None:
                 self._progress.update(self._task, description="going to rest", left="")
             case AtRest(confirmed, _, words):
-                say(("[green]at rest:[/] " if confirmed else "[bold red]NOT AT REST:[/] ") + words, highlight=False)
+                self._say(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), words)
             case RunEnded():
-                for estimate in event.estimates:
-                    value = quantity(estimate.value, estimate.standard_error, estimate.unit)
-                    say(f"{estimate.name}: {value}", highlight=False)
-                colour = (
-                    "green" if event.status == "completed" else "bold red" if event.status == "unsafe" else "yellow"
-                )
-                if self._task is not None:
-                    self._progress.update(self._task, description=str(event.status), left="")
-                if not self._simulated:
-                    say(
-                        "[bold yellow]High voltage may still be on: switch it off at the amplifier before you touch anything.[/]"
-                    )
-                say(f"[{colour}]{event.status}[/]: {event.reason}", highlight=False, soft_wrap=True)
+                self._ended(event)
             case BenchFailed(words) | Refused(words):
-                say(f"[bold red]error[/]: {words}", highlight=False, soft_wrap=True)
+                self._say(("error", "bold red"), f": {words}")
+
+    def _ended(self, event: RunEnded) -> None:
+        for estimate in event.estimates:
+            value = quantity(estimate.value, estimate.standard_error, estimate.unit)
+            self._say(f"{estimate.name}: {value}")
+        if self._task is not None:
+            self._progress.update(self._task, description=str(event.status), left="")
+        if not self._simulated:
+            words = "High voltage may still be on: switch it off at the amplifier before you touch anything."
+            self._say((words, "bold yellow"))
+        self._say((str(event.status), COLOURS.get(event.status, "yellow")), f": {event.reason}")
+
+    def _say(self, *parts: str | tuple[str, str]) -> None:
+        self._progress.console.print(Text.assemble(*parts), soft_wrap=True)
 
 
 class JsonObserver:
     """Every event but the blocks as one JSON object a line, in SI units."""
+
+    def __init__(self) -> None:
+        self._read = True
 
     def __enter__(self) -> "JsonObserver":
         return self
@@ -109,26 +140,79 @@ class JsonObserver:
     def __exit__(self, *_: object) -> None: ...
 
     def __call__(self, event: SessionEvent) -> None:
-        if isinstance(event, BlockTaken | BlockSeen):
+        if isinstance(event, BlockTaken | BlockSeen) or not self._read:
             return
         line = {"event": type(event).__name__, **event_record(event)}
-        sys.stdout.write(json.dumps(line, default=str) + "\n")
-        sys.stdout.flush()
+        try:
+            sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
+            sys.stdout.flush()
+        except OSError as error:  # whoever read it has gone, or its disk is full
+            self._read = False
+            sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")
 
 
 class ConsoleOperator:
-    """Prompts answered by Enter on a terminal. Reads in a thread, so that the card is emptied meanwhile."""
+    """Prompts answered on a terminal: by Enter, by a word (`TYPED`), or by the beginning of one of several choices.
+
+    Only what is typed after a prompt answers it: what lay waiting is thrown away. Reads in a thread, so that the card is
+    emptied meanwhile.
+    """
 
     def __init__(self) -> None:
         self._answers: dict[int, str] = {}
 
-    def show(self, ask_id: int, _prompt: Prompt) -> None:
-        threading.Thread(target=self._read, args=(ask_id,), name=f"prompt-{ask_id}", daemon=True).start()
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        _forget_type_ahead()
+        sys.stderr.write(f"  {_how(prompt)}; Ctrl-C stops the run\n")
+        threading.Thread(target=self._read, args=(ask_id, prompt), name=f"prompt-{ask_id}", daemon=True).start()
 
     def answer(self, ask_id: int) -> str | None:
         return self._answers.pop(ask_id, None)
 
-    def _read(self, ask_id: int) -> None:
-        line = sys.stdin.readline()
-        if line:  # an ended input is no answer: the run waits until it is stopped
-            self._answers[ask_id] = line.strip() or "done"
+    def _read(self, ask_id: int, prompt: Prompt) -> None:
+        while line := sys.stdin.readline():
+            meant = _meant(prompt, line.strip())
+            if meant is not None:
+                self._answers[ask_id] = meant
+                return
+            sys.stderr.write(f"  that is no answer: {_how(prompt)}; Ctrl-C stops the run\n")
+        sys.stderr.write("  standard input has ended, so nobody can answer here: the run waits until it is stopped\n")
+
+
+def _how(prompt: Prompt) -> str:
+    """How a prompt is answered, in words."""
+    if word := TYPED.get(prompt.action):
+        return f"type '{word}' and press Enter"
+    if len(prompt.choices) == 1:
+        return "press Enter when it is done"
+    return f"type {' or '.join(f'{choice[0]} ({choice})' for choice in prompt.choices)} and press Enter"
+
+
+def _meant(prompt: Prompt, said: str) -> str | None:
+    """The answer that what was typed means; None where it is none."""
+    if word := TYPED.get(prompt.action):
+        return said if said.casefold() == word else None
+    if len(prompt.choices) == 1:
+        return said or prompt.choices[0]
+    meant = [choice for choice in prompt.choices if said and choice.casefold().startswith(said.casefold())]
+    return meant[0] if len(meant) == 1 else None
+
+
+def _forget_type_ahead() -> None:
+    """Throw away what was typed before it was asked for. A pipe is not a person and keeps its lines."""
+    if not sys.stdin.isatty():
+        return
+    try:
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    except ImportError:
+        _forget_keys()
+
+
+def _forget_keys() -> None:
+    if sys.platform == "win32":
+        import msvcrt
+
+        while msvcrt.kbhit():
+            msvcrt.getwch()

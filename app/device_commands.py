@@ -25,7 +25,7 @@ def devices(options: argparse.Namespace) -> int:
         table.add_column(head, overflow="fold")
     for one in found:
         table.add_row(one.role, one.where, one.identity)
-    Console().print(table if found else "Nothing was found.")
+    Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
     for note in notes:
         sys.stderr.write(f"{note}\n")
     return DONE

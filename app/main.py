@@ -9,10 +9,10 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NoReturn
 
-from app.exits import FAILED, USAGE, UsageError
+from app.arguments import path, seed, shortened, specimen
+from app.exits import DONE, FAILED, USAGE, UsageError
 
 PROGRAM = "tactor-bench"
 
@@ -32,17 +32,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"{PROGRAM}: {error}\n")
         return USAGE
     except KeyboardInterrupt:
+        sys.stderr.write(f"{PROGRAM}: interrupted\n")
+        return FAILED
+    except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
+        return FAILED
+    except OSError as error:  # what nobody foresaw still gets its sentence
+        where = f"{shortened(str(error.filename))}: " if error.filename else ""
+        sys.stderr.write(f"{PROGRAM}: {where}{error.strerror or error}\n")
+        return FAILED
+    except MemoryError:
+        sys.stderr.write(f"{PROGRAM}: there is not enough memory for this; ask for less at once\n")
         return FAILED
 
 
 def entry() -> NoReturn:
     """The console script: `main`, and out."""
+    code = main()
     try:
-        code = main()
         sys.stdout.flush()
-    except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = FAILED
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            sys.stderr.write(f"{PROGRAM}: the answer could not be written: {error.strerror}\n")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
+        code = FAILED if code == DONE else code
     runfile = sys.modules.get("protocols.runfile")
     if runfile is not None and runfile.unclosable():
         sys.stdout.flush()
@@ -122,9 +134,9 @@ def _parser() -> argparse.ArgumentParser:
         description="What a run file holds: how the run ended, its points and estimates.",
         epilog="example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
     )
-    show.add_argument("run", type=Path, help="a run file")
+    show.add_argument("run", type=path, help="a run file")
     show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
-    show.add_argument("--picture", type=Path, metavar="PNG", help="also draw it into this PNG file")
+    show.add_argument("--picture", type=path, metavar="PNG", help="also draw it into this PNG file")
     show.set_defaults(command=commands.show)
     add_bench_commands(known, _bench_options, _setting_option)
     add_model_commands(known)
@@ -137,9 +149,9 @@ def _bench_options(parser: argparse.ArgumentParser) -> None:
     add = functools.partial(parser.add_argument, default=argparse.SUPPRESS)
     add("--bench", metavar="FILE|sim", help="bench file, or 'sim' (default) for the simulated bench")
     add("--speed", metavar="N|max", help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)")
-    add("--seed", type=int, help="simulated bench only: seed of its noise")
-    add("--out", type=Path, help="folder for run files (default: runs; the window: the one used last)")
-    add("--specimen", help="name of the specimen (default: unnamed; the window: the one used last)")
+    add("--seed", type=seed, help="simulated bench only: seed of its noise")
+    add("--out", type=path, help="folder for run files (default: runs; the window: the one used last)")
+    add("--specimen", type=specimen, help="name of the specimen (default: unnamed; the window: the one used last)")
 
 
 def _setting_option(parser: argparse.ArgumentParser) -> None:

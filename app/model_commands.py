@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from app.answer import Answer, Column, Table, deliver, tracked
+from app.answer import Answer, Column, Table, check_files, deliver, tracked
 from app.exits import UsageError
 from app.membrane_command import membrane
 from app.model_inputs import (
@@ -36,6 +36,7 @@ POINTS = 201
 
 def model(options: argparse.Namespace) -> int:
     """`tactor-bench model TOPIC`."""
+    check_files(options)
     with refusing():
         answer = TOPICS[options.topic](options)
     return deliver(answer, options)

@@ -2,8 +2,9 @@
 
 import argparse
 import re
-from pathlib import Path
 from typing import Any
+
+from app.arguments import path
 
 SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
@@ -171,7 +172,7 @@ def _add_study(known: Any) -> None:
     _settings(study)
     _pre_stretch(study)
     study.add_argument(
-        "--out", type=Path, default=argparse.SUPPRESS, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
+        "--out", type=path, default=argparse.SUPPRESS, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
     )
     _files(study, "the result")
     study.add_argument(
@@ -195,7 +196,7 @@ def _add_figures(known: Any) -> None:
         "caption in the picture says so.",
         epilog="example: tactor-bench figures --out figures --only fig9 --pdf",
     )
-    figures.add_argument("--out", type=Path, default=argparse.SUPPRESS, help="folder to write to (default: figures)")
+    figures.add_argument("--out", type=path, default=argparse.SUPPRESS, help="folder to write to (default: figures)")
     figures.add_argument("--only", action="append", metavar="FIG", help="one of them, e.g. fig9; may be given often")
     figures.add_argument("--pdf", action="store_true", help="PDF beside PNG")
     _settings(figures)
@@ -226,5 +227,5 @@ def _drive(parser: argparse.ArgumentParser) -> None:
 
 
 def _files(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--csv", type=Path, metavar="FILE", help=f"write {what} as CSV, SI units")
-    parser.add_argument("--picture", type=Path, metavar="PNG", help=f"draw {what}")
+    parser.add_argument("--csv", type=path, metavar="FILE", help=f"write {what} as CSV, SI units")
+    parser.add_argument("--picture", type=path, metavar="PNG", help=f"draw {what}")

@@ -5,31 +5,45 @@ from typing import Any
 
 import numpy as np
 
+from app.config import AmplifierTable
 from app.words import quantity
 from model.parameters import Tactor
 from model.response import amplifier_response
 from protocols.quality import Quality
-from protocols.runreader import Run
+from protocols.runreader import Run, intact
+
+RESPONSE = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
+"""Columns that are drawn on the model's curve."""
 
 THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
 
 
-def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> Path:
-    """Draw a sine dwell into a PNG; SIMULATED is written across it where it is."""
+def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
+    """Draw a run into a PNG, PDF or SVG file; SIMULATED is written across it where it is.
+
+    Raises:
+        RunError: the run file is damaged.
+        OSError: the picture cannot be written.
+    """
+    with intact(run.path):
+        figure = _drawn(run, tactor or Tactor())
+    figure.savefig(path)
+
+
+def _drawn(run: Run, tactor: Tactor) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     response, trace = figure.subplots(2, 1, height_ratios=[3, 1])
-    _draw_response(response, run, tactor or Tactor())
+    (_draw_response if run.points().keys() >= RESPONSE else _draw_points)(response, run, tactor)
     _draw_trace(trace, run)
     figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11)
     if run.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
-    figure.savefig(path)
-    return path
+    return figure
 
 
 def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
@@ -38,7 +52,8 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
-    curve = amplifier_response(tactor, curve_f, amplitude_v)
+    amplifier = AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map  # as it was then
+    curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
@@ -60,6 +75,15 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
     found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
+
+
+def _draw_points(axes: Any, run: Run, _tactor: Tactor) -> None:
+    """The points of any protocol over the axis it names, SI."""
+    points, units, (x, y) = run.points(), run.units(), run.axes
+    errors = points.get(f"{y}_errors")
+    axes.errorbar(points[x], points[y], errors, fmt="o", color="tab:red", label="measured")
+    axes.set(xlabel=f"{x} ({units[x]})", ylabel=f"{y} ({units[y]})")
+    axes.legend(fontsize=9)
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

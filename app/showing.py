@@ -22,7 +22,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "sample_rate_hz": run.rate_hz,
         "samples": run.samples,
         "parameters": run.parameters,
-        "points": {name: _finite(column) for name, column in run.points().items()},
+        "points": run.points(),
         "units": run.units(),
         "estimates": [
             {name: getattr(e, name) for name in ("name", "value", "standard_error", "unit", "source")}
@@ -42,7 +42,9 @@ def run_text(run: Run) -> str:
         f"begun {run.start_time}, {run.samples} scans at {run.rate_hz:g} Hz ({length}), {size(run.path.stat().st_size)}",
         "",
     ]
-    if len(points.get("frequency", ())):
+    if not len(next(iter(points.values()), ())):
+        lines.append("no points")
+    elif points.keys() >= {"peak_to_peak", "fundamental", "phase", "thd"}:
         lines.append(f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>13} {'±':>7} {'phase/°':>8} {'THD/%':>6}  quality")
         lines += [
             f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
@@ -58,13 +60,14 @@ def run_text(run: Run) -> str:
             )
         ]  # fmt: skip
     else:
-        lines.append("no points")
+        units = run.units()
+        shown = [name for name, column in points.items() if column.ndim == 1 and name not in ("entry", "quality")]
+        for row, quality in enumerate(points["quality"]):
+            told = [
+                f"{n} {points[n][row]:.5g} {units[n]}".removesuffix(" 1") for n in shown if np.isfinite(points[n][row])
+            ]
+            lines.append(f"{row + 1}: {', '.join(told)}; {Quality(int(quality)).words}")
     for estimate in run.estimates():
         value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
-
-
-def _finite(column: Any) -> Any:
-    """Lists with None where a number is not one: JSON has no NaN."""
-    return [_finite(row) if np.ndim(row) else (float(row) if np.isfinite(row) else None) for row in column]

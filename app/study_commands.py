@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.answer import Answer, Column, Table, check_folder, deliver
+from app.answer import Answer, Column, Table, check_files, deliver
 from app.exits import FAILED, UsageError
 from app.model_inputs import (
     OFFSET,
@@ -105,8 +105,7 @@ def _check_overlap(base: Study, options: argparse.Namespace) -> None:
 
 def _check_places(options: argparse.Namespace) -> None:
     """Refuse now what could not be written in the end."""
-    for path in filter(None, (options.csv, options.picture)):
-        check_folder(path)
+    check_files(options)
     if options.out is not None:
         try:
             check_place(options.out)

@@ -62,7 +62,9 @@ class VisaLink:
             raise LinkError(f"{self.name}: {error.description or error}") from error
         except UnicodeDecodeError as error:
             raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
-        except TROUBLES as error:
+        except LinkError:
+            raise
+        except Exception as error:  # TROUBLES, and a bare Exception for a host whose name is unknown
             reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
             raise LinkError(f"{self.name} cannot be reached ({reason}); check the cable and the address") from error
 

@@ -1,11 +1,12 @@
 """What happens in a run, as values: stored first, then told to every observer, in this order."""
 
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any
 
 from drivers.drive import Drive, as_record
 from drivers.ports import Block, Scale
+from protocols.plain import plain
 from protocols.steps import Prompt
 
 
@@ -203,10 +204,4 @@ def event_record(event: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    if type(value).__module__ == "drivers.drive":
-        return as_record(value)
-    if is_dataclass(value) and not isinstance(value, type):
-        return {name: _plain(v) for name, v in asdict(value).items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    return value
+    return plain(as_record(value) if isinstance(value, Drive) else value)

@@ -5,6 +5,7 @@ opens it to a plot; plain enough for MATLAB's `h5read`.
 """
 
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -12,6 +13,8 @@ from annotated_types import Unit
 
 FORMAT = "tactor-bench-run"
 FORMAT_VERSION = 2
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 TEXT_BYTES = 1000
 """Longest text of one event row; longer texts go on in rows of kind `+`."""
@@ -27,6 +30,15 @@ ENTRY = "entry"
 CHANNELS = ("drive", "displacement")
 LARGEST_POLYNOMIAL = 4
 """Scaling coefficients kept per channel."""
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file that can be read begins as every HDF5 file does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(SIGNATURE)) == SIGNATURE
+    except OSError:
+        return False
 
 
 def columns(point_type: type) -> dict[str, tuple[str, str, int]]:

@@ -8,6 +8,7 @@ running. Status and results go in when the run ends.
 import json
 import os
 import platform
+import re
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
@@ -38,11 +39,15 @@ from protocols.layout import (
     TEXT_BYTES,
     columns,
 )
+from protocols.plain import plain
 from protocols.quality import Quality
 from protocols.values import Estimate
 
 RAW_CHUNK = 16_384
 TABLE_CHUNK = 64
+
+NAME_BYTES = 100
+"""Longest part of a run file's name that tells the specimen: a file's name ends at 255 bytes, the specimen is in the file."""
 
 RESERVE_BYTES = 32_000_000
 """A disk with less than this left counts as full: HDF5 cannot recover from a failed write, so none may fail."""
@@ -85,7 +90,7 @@ def _version(package: str) -> str:
 
 def run_path(folder: Path, specimen: str, protocol: str, now: datetime) -> Path:
     """A name that sorts by time and tells specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
-    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen) or "unnamed"
+    safe = _cut("".join(c if c.isalnum() or c in "-." else "-" for c in specimen), NAME_BYTES).decode() or "unnamed"
     return folder / f"{now:%Y%m%dT%H%M%SZ}_{safe}_{protocol}.h5"
 
 
@@ -119,7 +124,7 @@ class RunFile:
         wanted = run_path(folder, header.specimen, header.protocol, datetime.now(UTC))
         for attempt in range(1, 1000):
             path = wanted if attempt == 1 else wanted.with_stem(f"{wanted.stem}-{attempt}")
-            if not path.exists():
+            if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
                 return cls(path, header)
         raise StoreError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
@@ -160,7 +165,7 @@ class RunFile:
 
     def event(self, event: Event, time_s: float) -> None:
         """Append what happened, as JSON; a long text goes on in further rows."""
-        text = json.dumps(event_record(event), ensure_ascii=False, default=str).encode()
+        text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
         kind = type(event).__name__
         with self._storing():
             for start in range(0, len(text), TEXT_BYTES):
@@ -197,7 +202,7 @@ class RunFile:
             with self._storing():
                 # First where a reader of the still open file sees it; the rest needs the file out of SWMR.
                 self._file["entry/status"][()] = str(status)
-                self._file["entry/reason"][()] = reason.encode()[:TEXT_BYTES]
+                self._file["entry/reason"][()] = _cut(reason, TEXT_BYTES)
                 self._file["entry/end_time"][()] = datetime.now(UTC).isoformat(timespec="milliseconds")
                 self._file.flush()
         finally:
@@ -229,12 +234,12 @@ class RunFile:
             ("end_time", "", 32),
             ("title", f"{header.title} of {header.specimen}", TEXT_BYTES),
         ):
-            entry.create_dataset(name, data=np.array(value.encode(), f"S{length}"))
+            entry.create_dataset(name, data=np.array(_cut(value, length), f"S{length}"))
         for name, value in {
             "protocol": header.protocol,
             "parameters": json.dumps(header.parameters),
             "specimen": header.specimen,
-            "configuration": json.dumps(header.bench, default=str),
+            "configuration": json.dumps(plain(header.bench), allow_nan=False),
             "software": json.dumps(software()),
             "host": socket.gethostname(),
         }.items():
@@ -361,7 +366,10 @@ def _reason(error: BaseException) -> str:
     if number:
         return os.strerror(number)
     text = str(error)
-    for number in (28, 27, 13, 17, 30, 5):  # HDF5 hides the number in its own words
-        if f"errno = {number}" in text:
-            return os.strerror(number)
-    return text
+    hidden = re.search(r"errno = (\d+)", text)  # HDF5 has the number in its own words
+    return os.strerror(int(hidden[1])) if hidden else text
+
+
+def _cut(text: str, length: int) -> bytes:
+    """The text in at most `length` bytes, no character cut in two."""
+    return text.encode()[:length].decode(errors="ignore").encode()

@@ -1,6 +1,5 @@
 """Reading a run: finished, still being written, or left behind by a crash."""
 
-import ctypes
 import json
 import os
 import socket
@@ -21,25 +20,12 @@ from drivers.sensor import LaserSensor
 from protocols.events import Status
 from protocols.layout import CHANNELS, ENTRY, FORMAT, FORMAT_VERSION
 from protocols.quality import Quality
+from protocols.runopen import NewerRunError, NoRunError, RunError, intact, opened
 from protocols.values import Estimate, Recording
 
+__all__ = ["Happened", "NewerRunError", "NoRunError", "Run", "RunError", "intact"]
+
 Array = NDArray[np.float64]
-
-
-ATTEMPTS = 24
-"""At reading a piece of a growing file; together they take some ten milliseconds."""
-
-
-class RunError(Exception):
-    """A file cannot be read as a run. The sentence says which and why."""
-
-
-class NoRunError(RunError):
-    """An HDF5 file of another kind."""
-
-
-class NewerRunError(RunError):
-    """A run from a newer version of this program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +47,13 @@ class Run:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = _open(path)
-        kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
+        self._file = opened(path)
+        try:
+            with intact(path):
+                kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
+        except RunError:
+            self.close()
+            raise
         if kind != FORMAT or version > FORMAT_VERSION:
             self.close()
             if kind != FORMAT:
@@ -227,6 +218,12 @@ class Run:
         """How many points there are, without reading any."""
         return next((int(column.shape[0]) for column in self._entry["points"].values()), 0)
 
+    @property
+    def axes(self) -> tuple[str, str]:
+        """The columns of the points that are drawn: x and y."""
+        group = self._entry["points"]
+        return str(group.attrs["axes"][0]), str(group.attrs["signal"])
+
     def units(self) -> dict[str, str]:
         """Units of the points' columns."""
         return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}
@@ -270,29 +267,6 @@ def _happened(row: Any, text: bytes) -> Happened:
     return Happened(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
 
 
-def _open(path: Path) -> h5py.File:
-    if not path.exists():
-        raise RunError(f"there is no file {path}")
-    # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
-    # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
-    try:
-        return h5py.File(path, "r", libver="latest", locking=False)
-    except (OSError, ValueError) as error:
-        failure: Exception = error
-    cut_off = "truncated file" in str(failure)
-    try:
-        file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
-        # A full disk leaves a short file too, but never one that says it ended in order.
-        if not cut_off or file["entry/status"][()].decode() in (Status.RUNNING, Status.FAILED):
-            return file
-        file.close()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        failure = failure if cut_off else error
-    if cut_off:
-        raise RunError(f"{path} is cut off, as a half-copied file is: {failure}; copy it again")
-    raise RunError(f"{path} cannot be read as a run file: {failure}")
-
-
 def _alive(pid: int) -> bool:
     if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
         return True
@@ -303,23 +277,3 @@ def _alive(pid: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def _patience() -> h5py.h5p.PropFAID:
-    """How a growing file is read: what does not fit together is read again a few times, and then given up.
-
-    HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
-    """
-    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
-    access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
-    access.set_file_locking(False, True)
-    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
-    for library in (h5py.h5.__file__, "hdf5"):  # the symbols of a dependency are found through it; by name on Windows
-        try:
-            limit = ctypes.CDLL(library).H5Pset_metadata_read_attempts
-        except (OSError, AttributeError):
-            continue
-        limit.argtypes, limit.restype = (ctypes.c_int64, ctypes.c_uint), ctypes.c_int
-        limit(access.id, ATTEMPTS)
-        break
-    return access

@@ -211,9 +211,12 @@ class BenchTruth:
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
-            raise ValueError(f"truth.source is {self.source!r}: choose from {', '.join(SOURCES)}")
-        _positive("truth", plant_rate_hz=self.plant_rate_hz, window_s=self.window_s, speed=self.speed)
-        _not_negative("truth", seed=self.seed)
+            raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCES)}")
+        _positive("simulation", speed=self.speed)
+        _not_negative("simulation", seed=self.seed)
+        _within("simulation.modes", self.modes, 3, 40)
+        _within("simulation.plant_rate_hz", self.plant_rate_hz, 1e4, 1e6)
+        _within("simulation.window_s", self.window_s, 0.1, 60)
 
     def as_record(self) -> dict[str, Any]:
         """Plain nested values, ready for JSON."""
@@ -226,9 +229,9 @@ class BenchTruth:
         Raises:
             ValueError: a key is unknown or a value does not fit.
         """
-        truth = _build(cls, record, "truth")
+        truth = _build(cls, record, "simulation")
         if not isinstance(truth, cls):
-            raise ValueError("truth: expected a table")
+            raise ValueError("simulation: expected a table")
         return truth
 
 
@@ -251,7 +254,10 @@ def _build(kind: Any, value: Any, where: str) -> Any:
     if unknown := sorted(set(value) - known):
         raise ValueError(f"{where}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
     built: dict[str, Any] = {name: _build(hints[name], item, f"{where}.{name}") for name, item in value.items()}
-    return kind(**built)  # type: ignore[operator]
+    try:
+        return kind(**built)  # type: ignore[operator]
+    except TypeError as error:  # something without a default was left out
+        raise ValueError(f"{where}: {error}") from None
 
 
 def _scalar(kind: Any, value: Any, where: str) -> Any:
@@ -262,6 +268,11 @@ def _scalar(kind: Any, value: Any, where: str) -> Any:
         return value
     names = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
     raise ValueError(f"{where}: expected {names.get(kind, kind)}, not {value!r}")
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{name} must be from {low:g} to {high:g}, not {value:g}")
 
 
 def _positive(table: str, **values: float) -> None:

@@ -69,7 +69,7 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
         (["--bench", "/nowhere.toml", "run", "sine-dwell"], "cannot be read: No such file"),
         (["show", "/nowhere.h5"], "there is no file /nowhere.h5"),
         (["dance"], "invalid choice: 'dance'"),
-        (["run", "sine-dwell", "--seed", "x"], "invalid int value: 'x'"),
+        (["run", "sine-dwell", "--seed", "x"], "'x' is no seed; give a whole number from 0 on"),
     ],
 )
 def test_bad_input_gets_one_clear_sentence_and_exit_code_2(

@@ -68,7 +68,7 @@ gain_m_per_v = 0
             "rest 7.0 V must lie inside the input range 0.0..5.0 V",
         ),
         ('[generator]\nresource="x"\n[amplifier]\nslope_above = -1\n', "must be greater than 0, not -1"),
-        ("[simulation]\nsede = 3\n", "truth: unknown sede"),
+        ("[simulation]\nsede = 3\n", "simulation: unknown sede"),
         ("[simulation.tactor]\nk2 = -1\n", "k2"),
         ('[generator]\nresource="x"\n[sensor]\nvalid_low_v = 5\nvalid_high_v = 1\n', "must lie below valid_high_v"),
         ('[generator]\nresource="x"\ndriver="hp"\n', "keysight-33500"),

@@ -1,0 +1,277 @@
+"""Every command and every option of it, given what nobody should: a sentence and an exit code, never a traceback."""
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app import commands
+from app.exits import USAGE
+from app.main import _parser, main
+from protocols.sine_dwell import SineDwell
+from tests.support import laboratory, run
+
+TEXTS = ("", "nan", "-1e400", "☃ [red]x", "x" * 300)
+FILES = ("", "x" * 300, "/dev/full", "folder", "/proc/nowhere/x.png")
+
+SHORT = ("--set", "frequencies_hz=200", "--set", "record_s=0.05", "--set", "min_cycles=5")
+FURTHER = {
+    "run": ("--speed", "max", *SHORT),
+    "check": ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1"),
+    "model convergence": ("--shapes=3", "--frequencies=50"),
+    "study": ("--vary=delta=0,0.01", "--frequencies=50", "--samples=2"),
+    "figures": ("--only=fig4",),
+}
+"""What makes a command quick; what is hostile comes after it and wins."""
+
+SLOW = ("demo", "figures")
+"""They share their options with others that get all values."""
+
+POSITIONAL = {"protocol": "sine-dwell", "run": "run.h5", "runs": "run.h5", "file": "new.toml", "folder": "folder"}
+
+
+def commands_of(parser: argparse.ArgumentParser, name: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    deeper = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if name:
+        yield name, parser
+    for action in deeper:
+        for word, inner in action.choices.items():
+            yield from commands_of(inner, f"{name} {word}".strip())
+
+
+COMMANDS = dict(commands_of(_parser()))
+LEAVES = [
+    name for name, p in COMMANDS.items() if not any(isinstance(a, argparse._SubParsersAction) for a in p._actions)
+]
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path_factory.mktemp("run"), lab)
+    return ran.path.read_bytes()
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Path:
+    """A folder with a run in it, and nothing of the network or the screen."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "run.h5").write_bytes(measured)
+    monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))
+    monkeypatch.setattr("app.finding.find", lambda *_: ([], []))
+    monkeypatch.setattr("app.device_commands.find", lambda *_: ([], []))
+    monkeypatch.setattr("app.screen.has_screen", lambda: False)
+    monkeypatch.setattr("app.workers.CONNECT_S", 0.1)
+    quick = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
+    make = commands.make_protocol
+    monkeypatch.setattr(
+        commands, "make_protocol", lambda *asked: quick if asked == ("sine-dwell", []) else make(*asked)
+    )
+    return tmp_path
+
+
+def attacks(name: str) -> Iterator[list[str]]:
+    """Command lines of one command: every option and positional with every value, one at a time."""
+    parser = COMMANDS[name]
+    positional = [a for a in parser._actions if not a.option_strings]
+    good = [POSITIONAL[a.dest] for a in positional if a.dest in POSITIONAL and a.nargs != "?"]
+    base = [*name.split(), *good, *FURTHER.get(name, ())]
+    if {"--speed"} & parser._option_string_actions.keys() and "--speed" not in base:
+        base += ["--speed", "max"]
+    for i, _ in enumerate(good):
+        yield from ([*name.split(), *good[:i], value, *good[i + 1 :]] for value in (*TEXTS, *FILES))
+    for action in parser._actions:
+        if not action.option_strings or action.nargs == 0:
+            continue
+        option = action.option_strings[-1]
+        files = action.type is not None and getattr(action.type, "__name__", "") in ("path", "Path")
+        for value in (
+            FILES if files else TEXTS[:1] if name == "figures" else TEXTS
+        ):  # each of these computes all figures
+            yield [*base, f"{option}={value}"] if option.startswith("--") else [*base, option, value]
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_nothing_that_can_be_asked_ends_in_a_traceback(name: str, here: Path, capsys: Any) -> None:
+    for arguments in attacks(name):
+        code = main(arguments)
+        told = capsys.readouterr()
+        assert code in (0, 1, 2, 3), arguments
+        assert "Traceback" not in told.err, arguments
+        assert "error of this program" not in told.err, arguments
+        assert code == 0 or len(told.err.split()) >= 5, arguments
+
+
+# -- the simulated bench's own numbers ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("modes = 0", "simulation.modes must be from 3 to 40, not 0"),
+        ("plant_rate_hz = 10", "simulation.plant_rate_hz must be from 10000 to 1e+06, not 10"),
+        ("window_s = 1e9", "simulation.window_s must be from 0.1 to 60, not 1e+09"),
+        ("speed = 50", "simulation.speed must be from 1 to 20, not 50"),
+        ("seed = -1", "simulation.seed must not be negative, not -1"),
+        ("plant_rate = 1e5", "simulation: unknown plant_rate"),
+        ("x = " + "[" * 5000, "is not valid TOML"),
+        ("seed = " + "9" * 5000, "is not valid TOML"),
+        ("#" * 1_000_001, "is longer than 1 MB"),
+    ],
+)
+def test_a_bench_that_cannot_be_simulated_is_a_sentence(text: str, says: str, here: Path, capsys: Any) -> None:
+    (here / "bench.toml").write_text(f"[simulation]\n{text}\n")
+    assert main(["run", "sine-dwell", "--bench", "bench.toml"]) == USAGE
+    assert says in capsys.readouterr().err
+
+
+def test_a_seed_is_no_negative_number(here: Path, capsys: Any) -> None:
+    assert main(["run", "sine-dwell", "--seed", "-1"]) == USAGE
+    assert "'-1' is no seed; give a whole number from 0 on" in capsys.readouterr().err
+
+
+def test_a_bench_file_that_never_ends_is_not_read_to_its_end(here: Path, capsys: Any) -> None:
+    assert main(["run", "sine-dwell", "--bench", "/dev/zero"]) == USAGE
+    assert "/dev/zero is longer than 1 MB and no bench file" in capsys.readouterr().err
+
+
+# -- names ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_long_name_is_shortened_in_the_files_name_and_whole_inside(here: Path, capsys: Any) -> None:
+    name = "größer" * 30
+    assert main(["run", "sine-dwell", "--speed", "max", *SHORT, "--out", "runs", "--specimen", name]) == 0
+    (file,) = (here / "runs").glob("*.h5")
+    assert len(file.name.encode()) < 150
+    assert "größer" in file.name
+    capsys.readouterr()
+    assert main(["show", str(file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["specimen"] == name
+
+
+def test_measured_data_is_not_overwritten_by_an_answer_of_the_model(here: Path, capsys: Any) -> None:
+    before = (here / "run.h5").read_bytes()
+    assert main(["model", "static", "--csv", "run.h5"]) == USAGE
+    assert "run.h5 holds a run or a study and is not overwritten" in capsys.readouterr().err
+    assert (here / "run.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["x.txt", "x", "x.h5"])
+def test_a_picture_of_an_unknown_kind_is_refused_before_it_is_drawn(name: str, here: Path, capsys: Any) -> None:
+    for arguments in (["show", "run.h5"], ["model", "modes"]):
+        assert main([*arguments, "--picture", name]) == USAGE
+        assert "a picture ends in .png, .pdf, .svg" in capsys.readouterr().err
+        assert not (here / name).exists()
+
+
+# -- run files that are none ----------------------------------------------------------------------------------------------
+
+
+def cut(data: bytes, share: float) -> bytes:
+    return data[: round(share * len(data))]
+
+
+def scratched(data: bytes, seed: int) -> bytes:
+    spoilt = np.frombuffer(data, np.uint8).copy()
+    place = np.random.default_rng(seed).integers(48, len(data), 60)
+    spoilt[place] ^= 0xFF
+    return spoilt.tobytes()
+
+
+def left_open(data: bytes) -> bytes:
+    """As a copy looks that was taken while the run was being written: the marks of a writer, and cut off."""
+    marked = bytearray(cut(data, 0.7))
+    marked[11] = 5
+    marked[44:48] = lookup3(bytes(marked[:44])).to_bytes(4, "little")  # the superblock's checksum covers the mark
+    return bytes(marked)
+
+
+def lookup3(data: bytes) -> int:
+    """Bob Jenkins' checksum, as HDF5 uses it (44 bytes: three blocks of twelve and a rest of eight)."""
+    mask = 0xFFFFFFFF
+
+    def turn(value: int, by: int) -> int:
+        return ((value << by) | (value >> (32 - by))) & mask
+
+    a = b = c = (0xDEADBEEF + len(data)) & mask
+    words = [int.from_bytes(data[i : i + 4], "little") for i in range(0, len(data), 4)]
+    while len(words) > 3:
+        a, b, c = (a + words[0]) & mask, (b + words[1]) & mask, (c + words[2]) & mask
+        words = words[3:]
+        a = ((a - c) & mask) ^ turn(c, 4)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ turn(a, 6)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ turn(b, 8)
+        b = (b + a) & mask
+        a = ((a - c) & mask) ^ turn(c, 16)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ turn(a, 19)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ turn(b, 4)
+        b = (b + a) & mask
+    words += [0] * (3 - len(words))
+    a, b, c = (a + words[0]) & mask, (b + words[1]) & mask, (c + words[2]) & mask
+    for first, second, by in ((2, 1, 14), (0, 2, 11), (1, 0, 25), (2, 1, 16), (0, 2, 4), (1, 0, 14), (2, 1, 24)):
+        v = [a, b, c]
+        v[first] = ((v[first] ^ v[second]) - turn(v[second], by)) & mask
+        a, b, c = v
+    return c
+
+
+def test_the_checksum_is_that_of_hdf5(measured: bytes) -> None:
+    assert lookup3(measured[:44]).to_bytes(4, "little") == measured[44:48]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda data: b"", "bad.h5 is empty; give a run file"),
+        (lambda data: b"hello", "bad.h5 is no HDF5 file; give a run file"),
+        (lambda data: cut(data, 0.5), "bytes are there; copy it again"),
+        (lambda data: cut(data, 0.99), "bytes are there; copy it again"),
+        (left_open, "bad.h5 is damaged"),
+        *((lambda data, seed=seed: scratched(data, seed), "bad.h5 is damaged") for seed in range(4)),
+    ],
+)
+def test_a_spoilt_run_is_told_in_a_sentence_and_soon(
+    spoil: Any, says: str, here: Path, measured: bytes, capsys: Any
+) -> None:
+    (here / "bad.h5").write_bytes(spoil(measured))
+    begin = time.monotonic()
+    for more in ([], ["--json"], ["--picture", "x.png"]):
+        assert main(["show", "bad.h5", *more]) == USAGE
+        told = capsys.readouterr()
+        assert says in told.err
+        assert told.out == ""
+    assert time.monotonic() - begin < 60  # it used to wait for ever
+
+
+def test_what_is_no_file_at_all_is_no_run(here: Path, capsys: Any) -> None:
+    os.mkfifo(here / "pipe")
+    for name, says in (("folder", "is a folder"), ("pipe", "is no file"), ("/dev/full", "is no file")):
+        assert main(["show", name]) == USAGE
+        assert f"{name} {says}; give a run file" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may read everything")
+def test_a_file_that_may_not_be_read_says_so(here: Path, capsys: Any) -> None:
+    (here / "run.h5").chmod(0)
+    assert main(["show", "run.h5"]) == USAGE
+    assert "run.h5 cannot be read: Permission denied" in capsys.readouterr().err
+
+
+def test_any_protocol_is_shown_and_drawn(here: Path, capsys: Any) -> None:
+    assert main(["check", *FURTHER["check"], "--out", "runs"]) == 0
+    (file,) = (here / "runs").glob("*.h5")
+    capsys.readouterr()
+    assert main(["show", str(file), "--picture", "x.png"]) == 0
+    assert "commanded 2.6 V" in capsys.readouterr().out
+    assert (here / "x.png").stat().st_size > 10_000
