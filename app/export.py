@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.showing import run_record
+from protocols.plain import plain
 from protocols.quality import Quality
 from protocols.runreader import Run
 
@@ -126,7 +127,7 @@ def _json(
     if "events" in parts:
         record["events"] = list(_events(run))
     with path.open("w", encoding="utf-8") as file:
-        text = json.dumps(record, default=str, ensure_ascii=False)
+        text = json.dumps(plain(record), ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
         if "raw" in parts:
             file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(RAW)))

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from app.arguments import path
+
 
 def add_run_commands(known: Any) -> None:
     """Register the commands with the subparsers of the command."""
@@ -14,7 +16,7 @@ def add_run_commands(known: Any) -> None:
         "are what counts, and what was moved, added or deleted is noticed.",
         epilog="example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
     )
-    runs.add_argument("folder", nargs="?", type=Path, default=Path("runs"), help="(default: runs)")
+    runs.add_argument("folder", nargs="?", type=path, default=Path("runs"), help="(default: runs)")
     runs.add_argument("--specimen", help="runs of this specimen")
     runs.add_argument("--protocol", help="runs of this protocol, e.g. sine-dwell")
     runs.add_argument(
@@ -34,10 +36,10 @@ def add_run_commands(known: Any) -> None:
         "from a simulated bench has SIMULATED in its name.",
         epilog="example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
     )
-    export.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run files")
+    export.add_argument("runs", nargs="+", type=path, metavar="RUN", help="run files")
     export.add_argument("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
     export.add_argument(
-        "--out", type=Path, default=None, metavar="FOLDER", help="where the files go (default: beside the run)"
+        "--out", type=path, default=None, metavar="FOLDER", help="where the files go (default: beside the run)"
     )
     export.add_argument(
         "--part",

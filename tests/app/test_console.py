@@ -1,0 +1,162 @@
+"""The terminal: what is typed and when, what is printed as it is, what a machine reads, and nobody listening."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
+from app.picture import _drawn
+from app.session import BenchOpened, Refused
+from model.parameters import Tactor
+from protocols.events import Noted, PointMeasured, RunStarted
+from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.runreader import Run
+from protocols.sine_dwell import SineDwell
+from protocols.steps import Prompt
+from protocols.wiring_check import WiringCheck, WiringPoint
+from tests.support import laboratory, run, simulated
+
+SHORT = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
+
+
+@pytest.fixture
+def keyboard(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A terminal; what is called types on it."""
+    if os.name == "nt":
+        pytest.skip("a pseudo-terminal needs POSIX")
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "r") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield lambda text: os.write(ours, text.encode())
+        os.write(ours, b"\x04")  # ends whoever still waits for a line
+    os.close(ours)
+
+
+def waited(said: Callable[[], str | None], seconds: float) -> str | None:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if (words := said()) is not None:
+            return words
+        threading.Event().wait(0.005)
+    return None
+
+
+def test_enter_pressed_before_the_question_is_no_answer(keyboard: Any) -> None:
+    operator = ConsoleOperator()
+    keyboard("\n\non\n")
+    operator.show(1, DISABLE_HIGH_VOLTAGE)
+    assert waited(lambda: operator.answer(1), 0.2) is None
+    keyboard("\n")
+    assert waited(lambda: operator.answer(1), 5) == "done"
+
+
+def test_high_voltage_is_enabled_by_a_word_and_not_by_enter(keyboard: Any, capsys: Any) -> None:
+    operator = ConsoleOperator()
+    operator.show(2, ENABLE_HIGH_VOLTAGE)
+    keyboard("\n")
+    assert waited(lambda: operator.answer(2), 0.2) is None
+    keyboard("ON\n")
+    assert waited(lambda: operator.answer(2), 5) == "ON"
+    told = capsys.readouterr().err
+    assert "type 'on' and press Enter; Ctrl-C stops the run" in told
+    assert "that is no answer: type 'on'" in told
+
+
+def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
+    operator = ConsoleOperator()
+    operator.show(3, Prompt("drifted", "Go on, or stop?", choices=("go on", "stop")))
+    keyboard("\n")
+    assert waited(lambda: operator.answer(3), 0.2) is None
+    keyboard("s\n")
+    assert waited(lambda: operator.answer(3), 5) == "stop"
+
+
+def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    operator = ConsoleOperator()
+    operator._read(4, DISABLE_HIGH_VOLTAGE)
+    assert "standard input has ended, so nobody can answer here" in capsys.readouterr().err
+    assert operator.answer(4) is None
+
+
+def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:
+    out = io.StringIO()
+    with ConsoleObserver(Console(file=out, width=200)) as told:
+        told(BenchOpened("bench [red]1[/]", True, {"sensor": "LK [bold]G82"}))
+        told(RunStarted("sine-dwell", "/runs/[red]x.h5", 1.0, 1, True))
+        told(Noted("a :warning: [/nothing] note"))
+        told(Refused("cannot write [1:2] to [green]here"))
+    for words in (
+        "bench [red]1[/]",
+        "LK [bold]G82",
+        "/runs/[red]x.h5",
+        "a :warning: [/nothing] note",
+        "[1:2] to [green]here",
+    ):
+        assert words in out.getvalue()
+
+
+def test_a_number_that_is_none_is_null_for_a_machine(tmp_path: Path, capsys: Any) -> None:
+    point = WiringPoint(*[float("nan")] * 12, float("inf"), 0)
+    JsonObserver()(PointMeasured(0, point))
+    event = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert event["point"]["latency"] is None
+    assert event["point"]["noise"] is None
+
+
+def test_the_rows_of_a_run_file_are_json_too(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(WiringCheck(record_s=0.5, wait_s=0.1), tmp_path, lab)
+    assert np.isnan(ran.points[0].latency)
+    with Run(ran.path) as file:
+        rows = b"".join(row["text"] for row in file._entry["events"][:])
+    assert b"null" in rows
+    assert b"NaN" not in rows
+
+
+@pytest.mark.parametrize(("gone", "more"), [("stderr", []), ("stdout", ["--json"])])
+def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    there = "stdout" if gone == "stderr" else "stderr"
+    ours: Any = {gone: write, there: subprocess.PIPE}
+    settings = ["--set", "frequencies_hz=200", "--set", "record_s=0.05", "--set", "min_cycles=5"]
+    command = [sys.executable, "-m", "app.main", "run", "sine-dwell", "--speed", "max", "--out", str(tmp_path)]
+    done = subprocess.run([*command, *settings, *more], timeout=60, text=True, **ours)
+    os.close(write)
+    assert "Traceback" not in (done.stderr or "")
+    with Run(next(tmp_path.glob("*.h5"))) as file:
+        assert file.state == "completed"
+
+
+def test_a_full_disk_under_the_answer_is_a_sentence() -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "app.main", "faults"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
+    tops = []
+    for factor in (1, 2):
+        config = simulated()
+        table = config.amplifier.model_copy(update={"slope_above": 600.0 / factor, "slope_below": 200.0 / factor})
+        with laboratory(config.model_copy(update={"amplifier": table})) as lab:
+            ran = run(SHORT, tmp_path, lab)
+        with Run(ran.path) as file:
+            curve = _drawn(file, Tactor()).axes[0].lines[0]
+        tops.append(curve.get_ydata().max())
+    assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)
