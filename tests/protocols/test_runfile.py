@@ -211,7 +211,7 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
         file.attrs.update({"format": "tactor-bench-run", "format_version": 99})
     for path, says in (
         (tmp_path / "none.h5", "there is no file"),
-        (text, "cannot be read as a run file"),
+        (text, "is no HDF5 file; give a run file"),
         (other, "not a run of this program"),
         (newer, "run format 99; this program reads up to 2: install a newer version"),
     ):
