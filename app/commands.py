@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -19,7 +19,10 @@ from app.units import UnitError, read_value
 from protocols.events import Status
 from protocols.plain import plain
 from protocols.protocol import Protocol
-from protocols.registry import PROTOCOLS
+from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
+
+if TYPE_CHECKING:
+    from protocols.continuation import Earlier
 
 EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
 
@@ -92,15 +95,35 @@ def show(options: argparse.Namespace) -> int:
     return DONE
 
 
+def protocol_kind(name: str) -> type[Protocol]:
+    """The protocol of a name, of an installed package, or of a lab's own file (`./my_protocol.py`).
+
+    Raises:
+        UsageError: there is none, or the file is broken.
+    """
+    if name.endswith(".py") or "/" in name or "\\" in name:
+        try:
+            return load_file(Path(name))
+        except ProtocolFileError as error:
+            raise UsageError(str(error)) from None
+    if name not in PROTOCOLS:
+        for trouble in load_plug_ins():
+            sys.stderr.write(f"{trouble}\n")
+    if name not in PROTOCOLS:
+        raise UsageError(
+            f"there is no protocol '{name}'; known are: {protocol_names()}; or give a file: ./my_protocol.py"
+        )
+    return PROTOCOLS[name]
+
+
 def make_protocol(name: str, settings: list[str]) -> Protocol:
     """The protocol `name` with `NAME=VALUE` settings.
 
     Raises:
         UsageError: an unknown protocol or parameter, or a value out of range; every fault is listed.
     """
-    kind = PROTOCOLS.get(name)
-    if kind is None:
-        raise UsageError(f"there is no protocol '{name}'; known are: {protocol_names()}")
+    kind = protocol_kind(name)
+    name = kind.name
     values: dict[str, Any] = {}
     wrong: list[str] = []
     for setting in settings:
@@ -155,10 +178,12 @@ def run_headless(
     protocol: Protocol,
     listeners: Sequence[Callable[[Any], None]] = (),
     planned: Sequence[str] = (),
+    before: "Earlier | None" = None,
 ) -> tuple[int, Path | None]:
     """Run a protocol with the terminal as front end; the exit code and the run file.
 
-    `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`.
+    `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`;
+    `before` is the run to go on with.
     """
     if planned and not config.simulated:
         raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
@@ -174,7 +199,7 @@ def run_headless(
         session = Session(way, [observer, plan, *listeners], ConsoleOperator())
         with _stop_on_signal(session):
             session.start()
-            session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed")
+            session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", before)
             # In slices, because a wait without end would keep Python from seeing the signal.
             while not session.finished.wait(0.1):
                 pass

@@ -88,7 +88,7 @@ class ConsoleObserver:
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
                 self._say(f"writing {event.path}")
             case Armed():
-                self._say("rest is measured at the amplifier's input; high voltage is on")
+                self._say("rest is measured; high voltage is on, says the operator")
             case Asked(_, prompt):
                 self._say((f"> {prompt.text}", "bold yellow"))
             case Answered(_, words):

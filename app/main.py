@@ -67,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     from app import commands
     from app.bench_parser import add_bench_commands, add_fault_option
     from app.model_parser import add_model_commands
+    from app.protocol_parser import add_protocol_commands
     from app.run_parser import add_run_commands
 
     parser = _Parser(
@@ -96,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Run a protocol: progress on the terminal, one HDF5 file as result.",
         epilog="example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
     )
-    run.add_argument("protocol", help=f"one of: {commands.protocol_names()}")
+    run.add_argument("protocol", help=f"one of: {commands.protocol_names()}; or a lab's own file: ./my_protocol.py")
     _bench_options(run)
     _setting_option(run)
     run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
@@ -141,6 +142,7 @@ def _parser() -> argparse.ArgumentParser:
     add_bench_commands(known, _bench_options, _setting_option)
     add_model_commands(known)
     add_run_commands(known)
+    add_protocol_commands(known, _bench_options)
     return parser
 
 

@@ -64,7 +64,7 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
         case Armed(high_voltage):
             if not high_voltage:
                 return Level.GOOD, "Rest is measured; high voltage is off and stays off"
-            return Level.ATTENTION, "Armed: rest is measured and high voltage is on"
+            return Level.ATTENTION, "Armed: rest is measured; high voltage is on, says the operator"
         case Paused(words):
             return Level.ATTENTION, f"Paused, high voltage still on: {words}"
         case Resumed():

@@ -4,6 +4,7 @@ The new file carries every point over, links to the raw data of the old one, and
 goes on, the last good entry is measured again: what changed meanwhile - temperature, a bumped sensor, creep - shows.
 """
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -12,9 +13,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from model.amplifier import AmplifierMap
 from protocols.events import Status
 from protocols.layout import ENTRY
-from protocols.protocol import Protocol
+from protocols.protocol import Protocol, extended
+from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run, RunError
 from protocols.steps import Prompt
@@ -52,8 +55,6 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
     with Run(path) as run:
         if run.status is Status.RUNNING and not run.crashed:
             raise RunError(f"{path} is still being written; stop that run first")
-        if run.status is Status.COMPLETED and not again:
-            raise RunError(f"{path} is complete: there is nothing to resume")
         kind = PROTOCOLS.get(run.protocol)
         if kind is None:
             raise RunError(f"{path} is a run of '{run.protocol}', a protocol that is not known here")
@@ -61,13 +62,73 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
             protocol = kind(**run.parameters)
         except ValidationError as error:
             raise RunError(f"{path} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+        rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
         points = {int(entry): point for entry, point in _points(run, kind.point_type)}
-        if unknown := [i for i in again if i not in points]:
+        begun = run.entries()
+        plan = extended(protocol, protocol.plan(rest_v), points, rest_v)
+        # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.
+        stale = [i for i in points if i >= len(plan) or (i in begun and begun[i].key != plan[i].key)]
+        points = {i: point for i, point in points.items() if i not in stale}
+        if unknown := [i for i in again if not 0 <= i < len(plan)]:
             raise RunError(f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points")
+        if run.status is Status.COMPLETED and not again and not stale and len(points) == len(plan):
+            raise RunError(f"{path} is complete: there is nothing to resume")
         words = f"Goes on with {path.name} ({run.state}), {len(points)} points carried over"
+        if stale:
+            words += f", {len(stale)} left behind: the plan has other entries in their place now"
         check = max(points) if points and not again else None
         continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words)
         return Earlier(path, protocol, run.specimen, continuation)
+
+
+FLAGGED = "flagged"
+"""What stands for all entries whose point no fit may use, or that have none."""
+
+
+def named(path: Path, wanted: Sequence[str]) -> tuple[int, ...]:
+    """Entries of a run by what a person calls them: `155`, `2.54 mm`, `2.54 mm, 155 Hz`, or `flagged`.
+
+    A number means all entries with a part of their label that begins with it.
+
+    Raises:
+        RunError: the file is no run, or has no such entry; the sentence names those there are.
+    """
+    with Run(path) as run:
+        begun, columns = run.entries(), run.points()
+    good = {
+        int(entry)
+        for entry, quality in zip(columns[ENTRY], columns.get("quality", [0] * len(columns[ENTRY])), strict=True)
+        if Quality(int(quality)).usable
+    }
+    found: set[int] = set()
+    for words in wanted:
+        if words == FLAGGED:
+            found |= begun.keys() - good
+            continue
+        meant = {i for i, entry in begun.items() if _is_called(entry.label, words)}
+        if not meant:
+            labels = "; ".join(entry.label for _, entry in sorted(begun.items())) or "none"
+            raise RunError(f"{path} has no entry '{words}'; it has: {labels}")
+        found |= meant
+    if not found:
+        raise RunError(f"{path} has no flagged points: there is nothing to measure again")
+    return tuple(sorted(found))
+
+
+def _is_called(label: str, words: str) -> bool:
+    parts = [part.casefold() for part in (label, *label.split(", "))]
+    words = words.strip().casefold()
+    if words in parts:
+        return True
+    try:
+        number = float(words)
+    except ValueError:
+        return False
+    for part in parts:
+        with contextlib.suppress(ValueError):
+            if math.isclose(float(part.split()[0]), number, rel_tol=1e-9, abs_tol=1e-12):
+                return True
+    return False
 
 
 def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str, Prompt | None]:

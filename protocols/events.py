@@ -41,7 +41,7 @@ class StreamStarted:
 
 @dataclass(frozen=True, slots=True)
 class Armed:
-    """The source rests, as measured; high voltage is on, or stays off where the protocol needs none."""
+    """The source rests, as measured; high voltage is on, says the operator, or stays off where none is needed."""
 
     high_voltage: bool = True
 

@@ -6,7 +6,7 @@ pausing, resuming after a crash and measuring a point again the same for all of 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
@@ -59,3 +59,16 @@ class Protocol(BaseModel, ABC):
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
         """What is identified from all points; empty where they do not suffice."""
+
+
+def extended(
+    protocol: Protocol, plan: Sequence[Planned], points: Mapping[int, Any], rest_v: float
+) -> tuple[Planned, ...]:
+    """The plan with everything the protocol asks for once all entries so far have a point (`points` by entry)."""
+    whole = tuple(plan)
+    while all(i in points for i in range(len(whole))):
+        more = protocol.more([points[i] for i in range(len(whole))], rest_v)
+        if not more:
+            break
+        whole += more
+    return whole

@@ -22,6 +22,8 @@ class Quality(IntFlag):
     """The displacement sensor's calibration was past its day: a warning, the value stays usable."""
     SUPERSEDED = 128
     """The same entry was measured again later; that value counts."""
+    NO_RESPONSE = 256
+    """What was measured lies within 5 standard uncertainties of nothing."""
 
     @property
     def words(self) -> str:

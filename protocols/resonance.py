@@ -8,13 +8,11 @@ import numpy as np
 from protocols.signals.mode import fit_mode
 from protocols.values import Estimate
 
-SOURCE = "complex fit of one mode and a constant to the fundamentals of this run"
+SOURCE = "complex fit of one mode and what higher modes leave to the fundamentals of this run"
 
 
 def fit_resonance(points: Sequence[Any]) -> tuple[Estimate, ...]:
-    """One resonant mode plus a constant (what higher modes add far below their resonance), by least squares.
-
-    The standard errors are scaled by the misfit, which the model error of one mode dominates.
+    """One resonant mode and what the modes above it leave, by least squares; see `fit_mode`.
 
     Args:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.

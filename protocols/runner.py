@@ -31,7 +31,7 @@ from protocols.events import (
 )
 from protocols.executor import THINKING_S, Executor
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.protocol import Protocol
+from protocols.protocol import Protocol, extended
 from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile, StoreError
 from protocols.steps import Prompt, Redo
@@ -163,13 +163,8 @@ class Runner:
 
     def _extend(self) -> int:
         """Ask the protocol for further entries while all so far are measured; the length of the plan."""
-        rest_v = self._bench.amplifier.map.rest_v
-        while all(i in self._measured for i in range(len(self._plan))):
-            points = [self._measured[i][1] for i in range(len(self._plan))]
-            more = self._protocol.more(points, rest_v)
-            if not more:
-                break
-            self._plan += more
+        points = {entry: point for entry, (_, point) in self._measured.items()}
+        self._plan = list(extended(self._protocol, self._plan, points, self._bench.amplifier.map.rest_v))
         return len(self._plan)
 
     def _entry(self, armed: ArmedBench, index: int) -> Redo | None:

@@ -38,6 +38,14 @@ class Happened:
     fields: dict[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """An entry of the plan as it was begun."""
+
+    label: str
+    key: tuple[float | str, ...]
+
+
 class Run:
     """An open run file, read-only.
 
@@ -240,6 +248,17 @@ class Run:
             pending = (row, bytes(row["text"]))
         if pending:
             yield _happened(*pending)
+
+    def entries(self) -> dict[int, Begun]:
+        """The entries that were begun, by their place in the plan, those of the run this one goes on with included."""
+        found: dict[int, Begun] = {}
+        if (earlier := self.continues) is not None and earlier.exists():
+            with Run(earlier) as before:
+                found = before.entries()
+        for event in self.events():
+            if event.kind == "EntryBegan":
+                found[event.fields["index"]] = Begun(event.fields["label"], tuple(event.fields["key"]))
+        return found
 
     def estimates(self) -> tuple[Estimate, ...]:
         group = self._entry.get("estimates", {})

@@ -1,19 +1,26 @@
 """The sine dwell on a simulated bench whose truth is known: what it measures is what is there."""
 
+import threading
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from app.session import header
 from model.parameters import Tactor
 from model.response import amplifier_response
+from protocols.events import Noted, Recorded, SettleEnded
 from protocols.quality import Quality
 from protocols.rehearsal import rehearse
 from protocols.runreader import Run
-from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell
-from tests.support import laboratory, run, simulated
+from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, halved
+from tests.support import Trigger, laboratory, run, simulated
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +156,9 @@ def test_rehearsal_tells_what_the_run_then_needs(tmp_path: Path) -> None:
         ({"frequencies_hz": (1500,)}, "too low for a sine of 1500 Hz; at least 30000 Hz is needed"),
         ({"peak_to_peak_v": 5.1}, "less than or equal to 5"),
         ({"record_s": float("nan")}, "finite"),
+        ({"settle_limit_s": 0.5, "frequencies_hz": (5,)}, "no three windows of 0.4 s at 5 Hz, .* at least 1.2 s"),
+        ({"decay_s": 2.0}, "at least 6 s is needed"),
+        ({"budget_s": 5.0}, "budget_s of 5 s is too short: 18 frequencies take about"),
         ({"voltage": 3}, "Extra inputs are not permitted"),
     ],
 )
@@ -163,3 +173,134 @@ def test_the_header_names_everything_a_reader_needs() -> None:
     assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
     assert told.bench["identities"]["generator"].startswith("Keysight")
     assert told.simulated
+
+
+class Forgetful:
+    """A card that loses one block once it is told to."""
+
+    def __init__(self, digitizer: Any, when: threading.Event) -> None:
+        self._digitizer, self._when = digitizer, when
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._digitizer, name)
+
+    def stream(self, rate_hz: float, block: int) -> Any:
+        stream = self._digitizer.stream(rate_hz, block)
+        read, when, kept = stream.read, self._when, [0]
+
+        def reading() -> Any:
+            kept[0] += when.is_set()
+            if kept[0] == 3:
+                read()
+            return read()
+
+        stream.read = reading
+        return stream
+
+
+def notes(ran) -> list[str]:
+    return [event.text for event in ran.events if isinstance(event, Noted)]
+
+
+def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) -> None:
+    """High voltage that nobody switched on: the drive is perfect, and the tactor stands still."""
+    with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
+        ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)
+    assert ran.status == "completed"
+    for point in ran.points:
+        assert Quality.NO_RESPONSE in Quality(point.quality)
+        assert not Quality(point.quality).usable
+        assert point.drive_amplitude == pytest.approx(2.5, abs=1e-3)
+    said = [text for text in notes(ran) if "no response" in text]
+    assert len(said) == 2
+    assert "Check that the amplifier's high voltage is on" in said[0]
+    with Run(ran.path) as file:
+        assert file.estimates() == ()
+
+
+def test_a_drive_that_is_a_twentieth_off_is_flagged(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(160,)), tmp_path, lab)
+    with Run(ran.path) as file:
+        (recording,) = file.recordings()
+    for share, flagged in ((0.94, True), (0.96, False), (1.04, False), (1.06, True)):
+        seen = replace(recording, drive_v=2.5 + share * (recording.drive_v - 2.5))
+        assert (Quality.DRIVE_OFF in Quality(SineDwell().point((), [seen], True).quality)) is flagged, share
+
+
+def test_scans_that_went_missing_inside_a_recording_are_flagged(tmp_path: Path) -> None:
+    """The card lost a block while it was recorded: the samples are there, the time between them is not."""
+    with laboratory() as lab:
+        recording = threading.Event()
+        digitizer = Forgetful(lab.bench.digitizer, recording)
+        lab.bench.digitizer = digitizer
+        watch = Trigger(lambda e: isinstance(e, SettleEnded), recording.set)
+        ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab, watch)
+    first, second = (Quality(p.quality) for p in ran.points)
+    assert Quality.DROPPED in first
+    assert not first.usable
+    assert second.usable
+
+
+def test_averaging_goes_on_until_the_uncertainty_wanted_is_reached_and_says_how_far_it_is(tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, record_s=0.2, wanted=0.015)
+    with laboratory(simulated(sensor={"noise_m": 2e-6})) as lab:
+        once = run(protocol.model_copy(update={"wanted": 0.0}), tmp_path, lab).points[0]
+        ran = run(protocol, tmp_path, lab)
+    (point,) = ran.points
+    recorded = sum(isinstance(e, Recorded) for e in ran.events)
+    assert once.relative_uncertainty > 0.015 > point.relative_uncertainty
+    assert recorded == pytest.approx((once.relative_uncertainty / 0.015) ** 2, abs=2)
+    assert point.cycles == pytest.approx(recorded * once.cycles, rel=1e-3)
+    assert any(f"{recorded - 1} more" in text and "to reach 1.5 %" in text for text in notes(ran))
+    truth = abs(amplifier_response(Tactor(), np.array([160.0]), 0.01).fundamental[0])
+    assert abs(point.fundamental - truth) < 4 * point.fundamental_errors
+    with Run(ran.path) as file:
+        assert protocol.point((160.0,), list(file.recordings()), True) == point
+
+
+def test_averaging_stops_where_the_time_budget_ends(tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(160,), peak_to_peak_v=0.02, wanted=1e-4, budget_s=4.0)
+    with laboratory() as lab:
+        begin = lab.bench.clock.now()
+        ran = run(protocol, tmp_path, lab)
+        took_s = lab.bench.clock.now() - begin
+    assert 2 < sum(isinstance(e, Recorded) for e in ran.events) < 8
+    assert took_s < 4.0 + 3.0  # arming and the way out are not the measurement's
+    assert any("as many as the time allows" in text for text in notes(ran))
+
+
+def test_points_are_added_around_the_peak_until_they_lie_as_close_as_asked(tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(100, 140, 180, 220), refine_to_hz=5.0, record_s=0.1)
+    with laboratory() as lab:
+        ran = run(protocol, tmp_path, lab)
+    fine = np.linspace(140, 170, 3001)
+    peak = fine[np.abs(amplifier_response(Tactor(), fine, 2.5).fundamental).argmax()]
+    frequencies = np.sort([p.frequency for p in ran.points])
+    below, above = frequencies[frequencies < peak][-1], frequencies[frequencies > peak][0]
+    assert above - below <= 5.1
+    assert len(frequencies) < 4 + 8
+
+
+@given(st.lists(st.tuples(st.floats(20, 500), st.floats(1e-6, 1e-3), st.booleans()), max_size=12), st.floats(1, 50))
+def test_refinement_ends(points: list[tuple[float, float, bool]], closest_hz: float) -> None:
+    have = [
+        SimpleNamespace(frequency=f, fundamental=a, drive_amplitude=1.0, quality=0 if q else 2) for f, a, q in points
+    ]
+    for _ in range(100):
+        added = halved(have, closest_hz)
+        if not added:
+            return
+        have += [SimpleNamespace(frequency=f, fundamental=1e-4, drive_amplitude=1.0, quality=0) for f in added]
+    raise AssertionError("it never ends")
+
+
+def test_a_ringing_tactor_is_taken_for_steady_only_when_the_window_knows_its_decay(tmp_path: Path) -> None:
+    """Decay time 0.4 s: between windows of 40 ms hardly anything changes, and what is still to come is missing."""
+    truth = abs(amplifier_response(Tactor(c0=2.0), np.array([158.0]), 0.01).fundamental[0])
+    protocol = SineDwell(frequencies_hz=(158,), peak_to_peak_v=0.02, settle_limit_s=20, settle_tolerance=0.03)
+    with laboratory(simulated(tactor={"c0": 2.0})) as lab:
+        hasty = run(protocol, tmp_path, lab).points[0].fundamental / truth
+        patient = run(protocol.model_copy(update={"decay_s": 0.4}), tmp_path, lab).points[0].fundamental / truth
+    assert abs(patient - 1) < 0.005
+    assert hasty < 0.97

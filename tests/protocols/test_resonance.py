@@ -1,0 +1,67 @@
+"""Resonance and damping from the points of a dwell: pulled by neither noise nor the modes above."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from model.parameters import Tactor
+from model.response import modal
+from protocols.resonance import fit_resonance
+from protocols.sine_dwell import PAPER_FREQUENCIES_HZ
+
+AMPLITUDE_V = 2.5
+
+
+def first_pole(tactor: Tactor) -> tuple[float, float]:
+    """Natural frequency and damping ratio as the model's own eigenvalues have them."""
+    poles = modal(tactor, None, 7).poles
+    first = min(poles[poles.imag > 0], key=abs)
+    return abs(first) / (2 * np.pi), -first.real / abs(first)
+
+
+def dwelt(tactor: Tactor, frequencies_hz: np.ndarray, noise: float, rng: np.random.Generator) -> list[SimpleNamespace]:
+    """Points of a linear tactor with complex noise relative to the largest of them."""
+    form = modal(tactor, None, 7)
+    s = 2j * np.pi * frequencies_hz
+    response = 400 * np.sum(form.residues[:, None] / (s[None, :] - form.poles[:, None]), axis=0)
+    noisy = response + noise * np.abs(response).max() * (rng.standard_normal((2, s.size)) * [[1], [1j]]).sum(axis=0)
+    return [
+        SimpleNamespace(
+            frequency=f, fundamental=AMPLITUDE_V * abs(h), phase=float(np.angle(h)), drive_amplitude=AMPLITUDE_V
+        )
+        for f, h in zip(frequencies_hz, noisy, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("noise", [1e-5, 3e-3])
+@pytest.mark.parametrize("m_add", [7.73e-3, 2.75e-3])
+def test_pulls_are_those_of_honest_standard_errors(noise: float, m_add: float) -> None:
+    """Deviation over standard error: rms near 1 where noise rules, and never far above it where the model's error does."""
+    rng = np.random.default_rng(5)
+    tactor = replace(Tactor(), m_add=m_add)
+    f = np.array(PAPER_FREQUENCIES_HZ, float) if m_add > 5e-3 else np.linspace(50, 450, 18)
+    truth = first_pole(tactor)
+    pulls = []
+    for _ in range(40):
+        found = fit_resonance(dwelt(tactor, f, noise, rng))
+        pulls.append([(e.value - t) / e.standard_error for e, t in zip(found, truth, strict=True)])
+    rms = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert np.all(rms < 1.3), rms
+    assert np.all(rms > (0.6 if noise > 1e-4 else 0.05)), rms
+    assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.4)
+
+
+def test_points_on_one_side_of_the_resonance_tell_none() -> None:
+    rng = np.random.default_rng(6)
+    assert fit_resonance(dwelt(Tactor(), np.linspace(20, 60, 8), 1e-4, rng)) == ()
+    assert fit_resonance(dwelt(Tactor(), np.array([100.0, 150, 200, 250]), 0.0, rng)) == ()
+
+
+def test_a_tactor_that_moves_away_from_the_sensor_has_the_same_resonance() -> None:
+    points = dwelt(Tactor(), np.array(PAPER_FREQUENCIES_HZ, float), 1e-5, np.random.default_rng(7))
+    for point in points:
+        point.phase = float(np.angle(-np.exp(1j * point.phase)))
+    frequency, damping = (e.value for e in fit_resonance(points))
+    assert (frequency, damping) == (pytest.approx(158.31, abs=0.01), pytest.approx(0.2110, abs=1e-4))
