@@ -4,7 +4,10 @@ Used by the test and by `docs/make_fault_matrix.py`, which prints the table into
 """
 
 import logging
+import math
 import re
+import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,33 +15,30 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from annotated_types import Interval, Unit
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
 from app.build import connect
 from app.config import BenchConfig
 from app.session import header
 from drivers.clock import WallClock
+from drivers.errors import BenchError
 from drivers.rest import REST_TOLERANCE_V
-from protocols.events import Armed, AtRest, BlockTaken, Event, GoingToRest, Playing, SettleEnded, Status, StreamStarted
+from protocols.events import Armed, AtRest, BlockTaken, Event, GoingToRest, Playing, Recorded, Status, StreamStarted
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
+from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile
 from protocols.runner import Runner
 from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
-from protocols.wiring_check import WiringCheck
+from protocols.steps import Prompt
 from sim_hardware.bench import VirtualBench
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.served import ServedBench
 from tests.support import simulated
 
 MOMENTS = ("arming", "ramp", "settling", "recording", "stopping")
-
-SHORT: dict[str, Protocol] = {
-    "sine-dwell": SineDwell(
-        frequencies_hz=(100,), record_s=0.1, min_cycles=10, settle_limit_s=0.5, sample_rate_hz=2000
-    ),
-    "wiring-check": WiringCheck(record_s=0.5, wait_s=0.1, sample_rate_hz=2000),
-}
-"""Short forms; a protocol without one is run as it comes."""
 
 MOVES = re.compile(r"VOLT(:OFFS)? [-\d.]|\*TRG")
 """Messages that move the generator's output."""
@@ -49,9 +49,69 @@ ON_THE_WAY = 2
 TAKES_THE_DRIVE = ("generator-power-off", "drive-cable-off", "output-tripped")
 """What takes the generator off the amplifier's input, which is then pulled to -500 V on the specimen: no software helps."""
 
+ON_WIRES_ONLY = ("grpc-gone",)
+"""What the virtual clock has no wire for."""
 
+TOO_LONG_S = 900.0
+"""Bench time after which a run counts as one that does not end."""
+
+
+@cache
 def protocol(name: str) -> Protocol:
-    return SHORT.get(name) or PROTOCOLS[name]()
+    """The protocol, as short as its parameters let it be: each in turn is brought down, where the plan gets shorter."""
+    kind = PROTOCOLS[name]
+    settings: dict[str, Any] = {}
+    with connect(_bench_file(), None) as lab:
+
+        def seconds(changed: dict[str, Any]) -> float:
+            return rehearse(kind(**changed), lab.bench.amplifier).duration_s
+
+        least_s = seconds(settings)
+        for field, value in [*kind().model_dump().items()] * 2:  # what was refused at first may fit later
+            for smaller in _smaller(kind.model_fields[field], value):
+                try:
+                    now_s = seconds({**settings, field: smaller})
+                except (ValidationError, ValueError, BenchError):
+                    continue
+                if now_s < least_s or (now_s == least_s and _unit(kind.model_fields[field]) == "Hz"):
+                    settings, least_s = {**settings, field: smaller}, now_s
+                    break
+    return kind(**settings)
+
+
+def _smaller(info: FieldInfo, value: Any) -> Iterator[Any]:
+    """Smaller values of a parameter, the smallest first."""
+    if isinstance(value, tuple) and len(value) > 1:
+        yield from ((value[0],), (value[0], value[-1]), value[:3], (value[0], value[len(value) // 2], value[-1]))
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return
+    floor = next(
+        (getattr(m, "ge", None) or getattr(m, "gt", None) for m in info.metadata if isinstance(m, Interval)), 0
+    )
+    if _unit(info) == "Hz" and value >= 500:  # a sample rate: less to compute
+        yield from (rate for rate in (500.0, 1000.0, 2000.0, 2500.0) if rate < value)
+    if _unit(info) in ("s", "1"):
+        whole = isinstance(value, int)
+        steps = (floor or 0, max(floor or 0, value / 20), max(floor or 0, value / 4), value / 2)
+        yield from (math.ceil(step) if whole else step for step in steps if 0 < step < value)
+
+
+def _unit(info: FieldInfo) -> str:
+    return str(next((m.unit for m in info.metadata if isinstance(m, Unit)), ""))
+
+
+class Willing:
+    """The simulated operator; what nobody taught it is answered by what the prompt expects."""
+
+    def __init__(self, operator: SimulatedOperator) -> None:
+        self._operator, self._expected = operator, dict[int, str]()
+
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        self._operator.show(ask_id, prompt)
+        self._expected[ask_id] = prompt.choices[0]
+
+    def answer(self, ask_id: int) -> str | None:
+        return self._operator.answer(ask_id) or self._expected.pop(ask_id, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +128,7 @@ class Cell:
     file_status: str
     program_errors: tuple[str, ...]
     broke: bool
+    ended: bool
     watchdog_log: str
 
     @property
@@ -76,6 +137,8 @@ class Cell:
         wrong = []
         if not self.broke:
             wrong.append("the moment never came")
+        if not self.ended:
+            wrong.append(f"it did not end within {TOO_LONG_S:g} s")
         if not self.at_rest and self.status is not Status.UNSAFE:
             wrong.append(f"the input is at {self.end_v:.3f} V and the run says {self.status}")
         if self.told_rest is not None and self.told_rest.confirmed and abs(self.end_v - 2.5) > REST_TOLERANCE_V:
@@ -93,25 +156,52 @@ class Cell:
         return f"{self.status}, {'at rest' if self.at_rest else 'not at rest'}"
 
 
+class _Looker:
+    """Learns from a run in which nothing breaks when a protocol's moments come."""
+
+    def __init__(self, bench: VirtualBench) -> None:
+        self._clock = bench.clock
+        self._anchor_s: float | None = None
+        self._live, self._leaving = False, False
+        self.record_after_s: float | None = None
+        self.moves_live, self.moves_leaving = 0, 0
+        _on_moves(bench, self._moved)
+
+    def _moved(self) -> None:
+        self.moves_leaving += self._leaving
+        self.moves_live += self._live and not self._leaving
+
+    def __call__(self, event: Event) -> None:
+        now_s = self._clock.now()
+        match event:
+            case Armed():
+                self._live, self._anchor_s = True, now_s
+            case Playing() if self.record_after_s is None:
+                self._anchor_s = now_s
+            case Recorded(rows=(first, last)) if self.record_after_s is None and self._anchor_s is not None:
+                self.record_after_s = max(now_s - self._anchor_s - 0.5 * (last - first) / self.rate_hz, 0.0)
+            case StreamStarted(rate_hz):
+                self.rate_hz = rate_hz
+            case GoingToRest():
+                self._leaving = True
+
+
 class _Breaker:
     """Breaks the fault when the moment has come; it sees the run's events and the messages to the generator."""
 
-    def __init__(self, bench: VirtualBench, fault: str, moment: str) -> None:
-        self.bench, self.fault, self.moment = bench, fault, moment
+    def __init__(self, bench: VirtualBench, fault: str, moment: str, seen: "Moments") -> None:
+        self.bench, self.fault, self.moment, self._seen = bench, fault, moment, seen
         self.done = False
-        self._counting: type | None = {"ramp": Armed, "stopping": GoingToRest}.get(moment)  # type: ignore[assignment]
+        self._counting: type | None = {"ramp": Armed, "stopping": GoingToRest}.get(moment)
         self._left: int | None = None
-        self._playing = self._settled = False
-        handle = bench.port.handle
+        self._anchor_s: float | None = None
+        _on_moves(bench, self._moved)
 
-        def handled(message: str) -> Any:
-            if self._left is not None and MOVES.match(message):
-                self._left -= 1
-                if self._left == 0:
-                    self.act()
-            return handle(message)
-
-        bench.port.handle = handled  # type: ignore[method-assign]
+    def _moved(self) -> None:
+        if self._left is not None:
+            self._left -= 1
+            if self._left == 0:
+                self.act()
 
     def act(self) -> None:
         if not self.done:
@@ -119,17 +209,54 @@ class _Breaker:
             self.bench.inject(self.fault)
 
     def __call__(self, event: Event) -> None:
+        now_s = self.bench.clock.now()
         if self._counting is not None and isinstance(event, self._counting) and self._left is None:
             self._left = ON_THE_WAY
+            if self.moment == "stopping" and self._seen.moves_leaving < ON_THE_WAY:
+                self.act()  # it is at rest already, and stays there
         match event:
             case StreamStarted() if self.moment == "arming":
                 self.act()
+            case Armed():
+                self._anchor_s = now_s
             case Playing():
-                self._playing = True
-            case SettleEnded() if self.moment == "recording":
-                self._settled = True
-            case BlockTaken() if self._settled or (self._playing and self.moment == "settling"):
-                self.act()
+                self._anchor_s = now_s
+            case BlockTaken() if self._anchor_s is not None and self.moment in ("settling", "recording"):
+                if self.moment == "settling" or now_s - self._anchor_s >= (self._seen.record_after_s or 0.0):
+                    self.act()
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Which moments a protocol has, and when they come."""
+
+    names: tuple[str, ...]
+    record_after_s: float | None
+    moves_leaving: int
+
+
+@cache
+def moments_of(name: str) -> Moments:
+    """From a run in which nothing breaks, which must end well."""
+    with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
+        looker = _Looker(world)
+        store = RunFile.new(Path(folder), header(protocol(name), bench, "matrix"))
+        status, reason = Runner(protocol(name), bench, store, Willing(operator), [looker]).run()
+        assert status is Status.COMPLETED, f"{name} without a fault: {reason}"
+    missing = {"ramp"} if looker.moves_live < ON_THE_WAY else set()
+    return Moments(tuple(m for m in MOMENTS if m not in missing), looker.record_after_s, looker.moves_leaving)
+
+
+def _on_moves(bench: VirtualBench, told: Callable[[], None]) -> None:
+    """Be told before every message that moves the generator's output."""
+    handle = bench.port.handle
+
+    def handled(message: str) -> Any:
+        if MOVES.match(message):
+            told()
+        return handle(message)
+
+    bench.port.handle = handled  # type: ignore[method-assign]
 
 
 @cache
@@ -175,11 +302,19 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
     try:
         with opening() as (bench, world, operator):
             bench.watchdog.log_to(folder)
-            breaker = _Breaker(world, fault, moment)
+            breaker = _Breaker(world, fault, moment, moments_of(name))
             events: list[Event] = []
+            cancel = threading.Event()
+            begin_s = bench.clock.now()
+
+            def patience(_: Event) -> None:
+                if bench.clock.now() - begin_s > TOO_LONG_S:
+                    cancel.set()
+
             chosen = protocol(name)
             store = RunFile.new(folder, header(chosen, bench, "matrix"))
-            status, reason = Runner(chosen, bench, store, operator, [events.append, breaker]).run()
+            runner = Runner(chosen, bench, store, Willing(operator), [events.append, breaker, patience], cancel)
+            status, reason = runner.run()
             report = world.report()
     finally:
         logging.getLogger().removeHandler(listener)
@@ -196,5 +331,6 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
         file_status=str(file_status),
         program_errors=tuple(errors),
         broke=breaker.done,
+        ended=not cancel.is_set(),
         watchdog_log=log.read_text() if log.exists() else "",
     )
