@@ -100,7 +100,8 @@ def _digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack)
 
 def _watchdog(config: BenchConfig, resource: str, server: str, clock: BeatingClock, source: Source) -> Watchdog:
     """A process that opens the same driver on the same resource once more."""
-    from drivers.watchdog import Charge, WatchdogProcess
+    from drivers.watchdog import WatchdogProcess
+    from drivers.watchdog_charge import Charge
 
     if not config.watchdog.enabled:
         return NoWatchdog(SWITCHED_OFF)

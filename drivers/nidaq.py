@@ -5,19 +5,19 @@ which is also how the simulated card is served. Raw 16-bit integers are kept, wi
 """
 
 import contextlib
-from collections.abc import Iterator
 from types import TracebackType
 from typing import Any, Self
 
 import nidaqmx
 import numpy as np
 from nidaqmx.constants import AcquisitionType, TerminalConfiguration
-from nidaqmx.errors import DaqError, DaqNotFoundError, DaqNotSupportedError, RpcError
+from nidaqmx.errors import DaqError, DaqNotFoundError, RpcError
 from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.system import System
 
 from drivers.clock import Clock
 from drivers.errors import AcquisitionError, InstrumentError
+from drivers.nidaq_words import words
 from drivers.ports import Block, Identity, Scale
 
 BUFFER_S = 8.0
@@ -25,24 +25,6 @@ BUFFER_S = 8.0
 
 READ_TIMEOUT_S = 5.0
 """A card that gives nothing for this long (beyond the block's own duration) is gone."""
-
-REMEDIES = {
-    -200279: "scans were lost because the program read too late; lower the rate or the load on this computer",
-    -200278: "scans were lost because the program read too late; lower the rate or the load on this computer",
-    -200361: "scans were lost on the USB bus; connect the card to a port of its own, or lower the rate",
-    -200284: "the card gave no samples in time; check that it is powered and its sample clock runs",
-    -200220: "no such device; check its name in NI MAX and in the bench file",
-    -88705: "the card is not connected; check its USB cable and power",
-    -201003: "the card was disconnected; check its USB cable and power",
-    -50103: "the card is in use by another task or program; close that first",
-    -200077: "the card cannot do this setting; correct rate, range or channel",
-    -200081: "the card cannot sample that fast; lower the rate",
-    -200332: "the card cannot sample that fast; lower the rate",
-    -200561: "the output cannot be given this voltage; correct the amplifier's range in the bench file",
-    -200289: "the drive came too late to be changed; nothing was rewritten",
-    -89136: "the card cannot start its output by this signal; leave start_trigger empty in the bench file",
-    -200170: "no such channel on this card; correct it in the bench file",
-}
 
 
 class NiLink:
@@ -201,30 +183,6 @@ def _convert_s(task: Any) -> float:
     if all(device.ai_simultaneous_sampling_supported for device in task.devices):
         return 0.0
     return 1 / float(task.timing.ai_conv_rate)
-
-
-@contextlib.contextmanager
-def words(where: str) -> Iterator[None]:
-    """Turn NI's errors into sentences: AcquisitionError, or InstrumentError where nothing is installed."""
-    try:
-        yield
-    except DaqNotFoundError as error:
-        raise InstrumentError(
-            f"{where}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "
-            "'python -m nidaqmx installdriver', or use the simulated bench (--bench sim)"
-        ) from error
-    except DaqNotSupportedError as error:
-        raise InstrumentError(
-            f"{where}: NI-DAQmx does not run on this computer; use a gRPC server or --bench sim"
-        ) from error
-    except RpcError as error:
-        raise AcquisitionError(
-            f"{where}: the gRPC device server does not answer ({error.rpc_code}); check that it runs and its address"
-        ) from error
-    except DaqError as error:
-        remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
-        told = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
-        raise AcquisitionError(f"{where}: {remedy} (NI {error.error_code}: {told[:200]})") from error
 
 
 def cards(server: str | None = None) -> list[tuple[str, Identity]]:

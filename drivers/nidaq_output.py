@@ -22,7 +22,8 @@ from nidaqmx.stream_writers import AnalogSingleChannelWriter
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold, Ramp
 from drivers.errors import BenchError, InstrumentError
-from drivers.nidaq import NiLink, words
+from drivers.nidaq import NiLink
+from drivers.nidaq_words import words
 from drivers.rendering import RATES_HZ, STEP_V, count_of, dying, rate_for, rendered, resting_v
 
 LEVEL_TOLERANCE_V = 5e-3

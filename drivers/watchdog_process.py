@@ -21,7 +21,7 @@ from drivers.amplifier import HvAmplifier
 from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.ports import Source
-from drivers.watchdog import Charge
+from drivers.watchdog_charge import Charge
 from drivers.watchdog_log import write
 
 TICK_S = 0.02

@@ -189,3 +189,17 @@ def test_another_instrument_is_refused() -> None:
     bench = VirtualBench(simulated().truth, VirtualClock())
     with pytest.raises(InstrumentError, match="answered as 'Keysight Technologies 33511B"):
         DcSupply(bench.link(), bench.clock)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_restart_finds_a_held_level_and_brings_it_to_rest_in_small_steps(model: str) -> None:
+    with direct(model) as made:
+        source, bench, clock = live(made)
+        source.move(1.0, 0.3)
+        second = DcSupply(bench.link(), clock)
+        assert not second.at_rest(2.5, 0.0, 5.0)
+        second.prepare(2.5, 0.0, 5.0)
+        clock.sleep(0.5)
+        report = bench.report()
+        volts_are_safe(report)
+        assert report.steepest_v_per_s < 200  # at once it would be 1500

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drivers.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
-from drivers.errors import DriveRefused
+from drivers.errors import BenchError, DriveRefused, InstrumentError, LinkError
 from drivers.ports import Identity
 from model.amplifier import AmplifierMap
 
@@ -128,3 +128,54 @@ def test_the_map_and_its_inverse_agree(volts: float) -> None:
 )
 def test_the_map_has_two_slopes_and_clips_where_the_amplifier_does(volts: float, specimen: float) -> None:
     assert AmplifierMap().specimen_v(volts) == pytest.approx(specimen)
+
+
+def test_a_held_level_lasts_until_it_is_ended_whatever_its_duration_and_rest_lasts_no_time() -> None:
+    amplifier, source = guard()
+    assert amplifier.seconds_left == 0
+    amplifier.play(Hold(4.0, 0.01))
+    assert amplifier.seconds_left == float("inf")
+    amplifier.to_rest()
+    assert amplifier.seconds_left == 0
+    told = len(source.told)
+    amplifier.to_rest()  # it is there: a staircase at every step of a protocol would cost a second each
+    assert len(source.told) == told
+    amplifier.play(Sine(100, 1, 2.5, 1000))
+    assert amplifier.seconds_left == pytest.approx(10.0, abs=1.0)
+
+
+@pytest.mark.parametrize("deaf", [False, True])
+def test_a_source_that_fails_to_stop_is_moved_to_rest_all_the_same_and_the_first_failure_is_told(deaf: bool) -> None:
+    amplifier, source = guard()
+    amplifier.play(Hold(4.0, 1.0))
+    source.told.clear()
+
+    def stop() -> None:
+        raise InstrumentError("it did not stop")
+
+    def idle_v() -> float:
+        raise LinkError("no answer")
+
+    source.stop = stop  # type: ignore[method-assign]
+    if deaf:
+        source.idle_v = idle_v  # type: ignore[method-assign]
+    with pytest.raises(InstrumentError, match="it did not stop"):
+        amplifier.to_rest()
+    # Where it idles cannot be asked: as slowly as for the furthest way.
+    assert source.told == [Ramp(4.0, 2.5, 0.5 if deaf else 0.3)]
+    assert amplifier.seconds_left > 0  # nobody has said that it obeyed
+
+
+def test_what_is_no_failure_of_the_instrument_breaks_the_way_off() -> None:
+    """The watchdog took the source over: a staircase that goes on now would be the second hand."""
+    amplifier, source = guard()
+    amplifier.play(Hold(4.0, 1.0))
+    source.told.clear()
+
+    def stop() -> None:
+        raise BenchError("the watchdog took the source over")
+
+    source.stop = stop  # type: ignore[method-assign]
+    with pytest.raises(BenchError, match="watchdog"):
+        amplifier.to_rest()
+    assert source.told == []

@@ -112,8 +112,9 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: Laboratory, again: b
     assert hand.told == ["off"]
     assert world.report().live_s == 0
     if again:  # the source says now that it is at rest: nobody believes it, and nobody knows whether the voltage is off
-        with pytest.raises(UnsafeError), live(lab, hand):
+        with pytest.raises(UnsafeError) as failed, live(lab, hand):
             pass
+        assert str(failed.value.__cause__).startswith("the generator says it is at rest, but the card sees")
         assert hand.told == ["off"]
 
 

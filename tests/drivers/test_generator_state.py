@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from app.drivers import open_generator
@@ -158,6 +159,36 @@ def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(mo
         source.prepare(2.5, 0.0, 5.0)
 
 
+def test_a_box_whose_output_does_not_come_on_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    source, bench, _ = made("33511B")
+    handle = bench.port.handle
+    monkeypatch.setattr(bench.port, "handle", lambda message: handle(message.replace("OUTP ON", "OUTP OFF")))
+    with pytest.raises(InstrumentError, match="its output did not come on; look at its front panel"):
+        source.prepare(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("model", BOXES)
+def test_errors_that_others_left_do_not_keep_a_box_from_being_prepared(model: str) -> None:
+    source, _, panel = made(model)
+    for _ in range(3):
+        press(panel, "NONSENSE 1")
+    source.prepare(2.5, 0.0, 5.0)
+    assert source.at_rest(2.5, 0.0, 5.0)
+
+
+def test_a_box_that_was_told_of_another_load_is_not_moved_by_volts_that_mean_others() -> None:
+    """At 50 ohm its 2.5 V read as 1.25 V: brought 'gently' to 2.5 V it would put 5 V, 1500 V on the specimen."""
+    source, bench, panel = made("33220A")
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    press(panel, "OUTP:LOAD 50")
+    found = len(bench.history.pieces())
+    source.prepare(2.5, 0.0, 5.0)
+    pieces = bench.history.pieces()[found:]
+    assert pieces
+    assert max(float(piece.segment.volts(np.array([piece.start_s + 1e-6]))[0]) for piece in pieces) < 2.6
+
+
 # -- a burst that an earlier, killed program left playing ----------------------------------------------------------------
 
 
@@ -307,10 +338,11 @@ def test_a_held_level_comes_to_rest_although_no_answer_can_be_read(model: str, f
 def test_away_from_rest_an_unreadable_answer_ends_the_way_at_once() -> None:
     with direct("33511B") as (source, bench, _):
         source.prepare(2.5, 0.0, 5.0)
+        source.move(3.0, 0.1)
         bench.inject("scpi-garbled")
         with pytest.raises(LinkError):
             source.move(4.0, 0.3)
-        assert bench.report().end_v == pytest.approx(2.5, abs=0.06)  # one step at most
+        assert bench.report().end_v == pytest.approx(3.0, abs=0.06)  # one step at most
 
 
 def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:

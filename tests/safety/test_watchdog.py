@@ -19,7 +19,8 @@ from drivers.errors import BenchError
 from drivers.keysight_33500 import Keysight33500
 from drivers.visa import VisaLink
 from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog
-from drivers.watchdog import Charge, WatchdogProcess
+from drivers.watchdog import WatchdogProcess
+from drivers.watchdog_charge import Charge
 from drivers.watchdog_log import LOG_NAME, untold
 from model.amplifier import AmplifierMap
 from protocols.events import AtRest, Noted, Status
