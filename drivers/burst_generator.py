@@ -115,8 +115,6 @@ class BurstGenerator(BurstDialect):
 
     def move(self, level_v: float, duration_s: float) -> None:
         way = Descent(self._scpi.link, stubborn=level_v == self._rest_v)
-        if not self.HOLDS_RANGE:
-            way.ask(self._make_next_burst_short)
         start = way.ask(self.idle_v)
         if start is None:
             start = self._offset_told

@@ -232,6 +232,11 @@ def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_d
     wire = scpi.link = Breaks(scpi.link)
     with live(lab) as armed:
         armed.play(Hold(3.5, 10.0))
+        begin_s = lab.bench.clock.now()
+    assert wire.opened == 0  # not where the source obeys
+    assert lab.bench.clock.now() - begin_s < 1.5  # told at once, not only when the card saw no rest
+    with live(lab) as armed:
+        armed.play(Hold(3.5, 10.0))
         wire.cut = True
     assert wire.opened == 1
     assert armed.rest is not None

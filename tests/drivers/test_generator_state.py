@@ -232,6 +232,18 @@ def test_a_restart_finds_a_held_level_and_brings_it_to_rest_gently(model: str) -
     volts_are_safe(bench.report())
 
 
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
+def test_whoever_finds_such_a_box_idle_need_not_wait_for_a_burst_that_is_long_over(model: str) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 0.0, 5.0)
+    source.play(Sine(50.0, 1.0, 2.5, 400))
+    source.stop()
+    second = BOXES[model](bench.link(), bench.clock)
+    begin_s = bench.clock.now()
+    assert second.at_rest(2.5, 0.0, 5.0)
+    assert bench.clock.now() - begin_s < 0.5
+
+
 @pytest.mark.parametrize(
     ("model", "commands"),
     [
