@@ -147,7 +147,7 @@ def _bench(
     meters: Mapping[str, Meter],
     stack: ExitStack,
     watch: Callable[[Source], Watchdog],
-    speed: float = 1.0,
+    speed: float | None = None,
 ) -> Bench:
     if config.source.kind != "card-output":
         _must_be(
@@ -170,9 +170,9 @@ def _bench(
         digitizer=digitizer,
         sensor=config.sensor.sensor,
         clock=clock,
-        block_s=BLOCK_S if speed <= 1 else max(BLOCK_S, 0.02 * speed),
+        block_s=max(BLOCK_S, 0.02 * (speed or 1.0)),
         simulated=config.simulated,
-        record={**config.model_dump(mode="json"), "identities": identities, "speed": speed},
+        record={**config.model_dump(mode="json"), "identities": identities, "speed": speed or "max"},
         meters=meters,
         name=config.name,
         watchdog=watchdog,

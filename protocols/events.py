@@ -167,7 +167,7 @@ class AtRest:
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The last event of every run, also of one whose disk is full. `estimates` were appended to the file."""
+    """The last event of every run, also of one whose disk is full. `estimates` are what was identified."""
 
     status: Status
     reason: str

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -20,7 +20,7 @@ from protocols.quality import Quality
 from protocols.runfile import RunFile
 from protocols.signals import SettlingDetector
 from protocols.steps import Answer, Ask, Await, Awaited, Note, Play, Prompt, Read, Record, Redo, Settle, Settled
-from protocols.values import Planned, Recording
+from protocols.values import MOST_SCANS, Planned, Recording, too_long
 
 FRESH_S = 0.05
 """After a drive begins, scans older than this may still be on their way to us."""
@@ -180,6 +180,8 @@ class Executor:
     def _record(self, armed: ArmedBench, drive: Drive | None, step: Record, settled: Settled, entry: int) -> Recording:
         start_row = self._store.rows
         wanted = math.ceil(step.duration_s * armed.rate_hz)
+        if wanted > MOST_SCANS:
+            raise BenchError(too_long(wanted))
         blocks = [self._read(armed)]
         if step.drive is not None:
             while blocks[-1].stop - blocks[0].start < step.lead_s * armed.rate_hz:
@@ -192,8 +194,7 @@ class Executor:
             blocks.append(self._read(armed))
             have += blocks[-1].raw.shape[1]
         with self._bench.watchdog.allow(THINKING_S):
-            raw = np.concatenate([block.raw for block in blocks], axis=1)[:, :wanted]
-            drive_v, displacement_m, quality = self._units(armed, raw)
+            drive_v, displacement_m, quality = self._joined(armed, blocks, wanted)
         if not settled.settled:
             quality |= Quality.UNSETTLED
         if blocks[-1].stop - blocks[0].start != have:
@@ -241,6 +242,17 @@ class Executor:
         block = armed.read()
         self._interrupted()
         return block
+
+    def _joined(self, armed: ArmedBench, blocks: Sequence[Block], wanted: int) -> tuple[Any, Any, Quality]:
+        """As `_units`, for the first `wanted` scans of many blocks; block by block, so that nothing is there twice."""
+        drive_v, displacement_m, quality, at = np.empty(wanted), np.empty(wanted), Quality.GOOD, 0
+        for block in blocks:
+            raw = block.raw[:, : wanted - at]
+            here = slice(at, at + raw.shape[1])
+            drive_v[here], displacement_m[here], flags = self._units(armed, raw)
+            quality |= flags
+            at = here.stop
+        return drive_v, displacement_m, quality
 
     def _units(self, armed: ArmedBench, raw: Any) -> tuple[Any, Any, Quality]:
         """Drive in volts, displacement in metres, and what is wrong with these samples."""

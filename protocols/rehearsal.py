@@ -16,7 +16,7 @@ from drivers.sensor import LaserSensor
 from model.parameters import Tactor
 from protocols.protocol import Protocol
 from protocols.runfile import RESERVE_BYTES
-from protocols.values import Planned
+from protocols.values import MOST_SCANS, Planned, too_long
 
 BYTES_A_SAMPLE = 2
 OVERHEAD_BYTES = 200_000
@@ -65,7 +65,7 @@ def rehearse(
 
     Raises:
         DriveRefused: a drive is not admissible, or the bench's source cannot play it.
-        CannotRun: a meter is missing, or the disk is too full.
+        CannotRun: a meter is missing, the disk is too full, or an entry is too long for the computer's memory.
     """
     rest_v = amplifier.map.rest_v
     plan = protocol.plan(rest_v)
@@ -77,6 +77,9 @@ def rehearse(
             raise DriveRefused(f"{entry.label}: {refusal}") from None
     if meters is not None:
         _meters_must_be_there(protocol, meters)
+    longest = max(plan, key=lambda entry: entry.expected_s, default=None)
+    if longest is not None and longest.expected_s * protocol.sample_rate_hz > MOST_SCANS:
+        raise CannotRun(f"{longest.label}: {too_long(longest.expected_s * protocol.sample_rate_hz)}")
     duration_s = sum(entry.expected_s for entry in plan)
     file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_A_SAMPLE) + OVERHEAD_BYTES
     if folder is not None:

@@ -5,6 +5,7 @@ switched on, then rows are only appended and each block is flushed. Nothing raw 
 running. Status and results go in when the run ends.
 """
 
+import contextlib
 import json
 import os
 import platform
@@ -138,8 +139,9 @@ class RunFile:
                 trace[f"{name}_scaling_coefficients"][:] = padded
                 trace[f"{name}_skew"][()] = scale.skew_s
                 gain, offset = trace[f"{name}_volts_to_units"][:]
-                trace[f"{name}_scaling_factor"][()] = padded[1] * gain
-                trace[f"{name}_offset"][()] = padded[0] * gain + offset
+                factor = padded[1] * gain
+                trace[f"{name}_scaling_factor"][()] = factor
+                trace[f"{name}_offset"][()] = (padded[0] * gain + offset) / factor
             self._file.flush()
             self._file.swmr_mode = True
 
@@ -194,10 +196,14 @@ class RunFile:
                 quality[row] = int(quality[row]) | Quality.SUPERSEDED
                 quality.flush()
 
-    def finish(self, status: Status, reason: str, estimates: Sequence[Estimate] = ()) -> None:
-        """Say how the run ended and append what was identified. The file is closed whatever happens."""
+    def finish(self, status: Status, reason: str, estimates: Sequence[Estimate] = ()) -> str:
+        """Say how the run ended and append what was identified. The file is closed whatever happens.
+
+        Returns the reason as it stands in the file. Everything measured is in it by then; where the estimates, which can be
+        identified again, cannot be appended, the status stands and the reason says so.
+        """
         if self._closed:
-            return
+            return reason
         try:
             with self._storing():
                 # First where a reader of the still open file sees it; the rest needs the file out of SWMR.
@@ -207,7 +213,17 @@ class RunFile:
                 self._file.flush()
         finally:
             self._close()
-        append_estimates(self.path, estimates)
+        try:
+            append_estimates(self.path, estimates, locking=False)  # a reader of ours or not must not stand in the way
+        except StoreError as error:
+            reason += f"; what was identified could not be stored: {error}"
+            with (
+                contextlib.suppress(StoreError),
+                _Storing(self.path),
+                h5py.File(self.path, "r+", locking=False) as file,
+            ):
+                file["entry/reason"][()] = _cut(reason, TEXT_BYTES)
+        return reason
 
     def abandon(self) -> None:
         """Close after a store error, keeping whatever reached the disk."""
@@ -268,8 +284,11 @@ class RunFile:
         for name, (gain, offset, unit) in gains.items():
             raw = trace.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,))
             raw.attrs.update({"units": "counts", "long_name": f"{name} (counts)", "scaled_units": unit})
-            trace.create_dataset(f"{name}_scaling_factor", data=1.0).attrs["units"] = f"{unit}/count"
-            trace.create_dataset(f"{name}_offset", data=0.0).attrs["units"] = unit
+            # NXdata's own convention; the straight line through the middle of the card's polynomial.
+            factor = trace.create_dataset(f"{name}_scaling_factor", data=1.0)
+            shift = trace.create_dataset(f"{name}_offset", data=0.0)
+            factor.attrs.update({"units": f"{unit}/count", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
+            shift.attrs.update({"units": "counts", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
             trace.create_dataset(f"{name}_volts_to_units", data=[gain, offset]).attrs["units"] = unit
             card = trace.create_dataset(f"{name}_scaling_coefficients", data=np.zeros(LARGEST_POLYNOMIAL))
             skew = trace.create_dataset(f"{name}_skew", data=0.0)
@@ -322,7 +341,7 @@ def unclosable() -> bool:
     return bool(h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_ALL))
 
 
-def append_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
+def append_estimates(path: Path, estimates: Sequence[Estimate], locking: bool = True) -> None:
     """Append identified quantities to a finished run; raw data is not touched.
 
     Raises:
@@ -330,7 +349,7 @@ def append_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
     """
     if not estimates:
         return
-    with _Storing(path), h5py.File(path, "r+", libver="latest") as file:
+    with _Storing(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
         group = _group(file["entry"], "estimates", "NXcollection")
         for estimate in estimates:
             one = _group(group, estimate.name.replace(" ", "_"), "NXcollection")

@@ -303,7 +303,7 @@ class Runner:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
         try:
-            self._store.finish(status, reason, estimates)
+            reason = self._store.finish(status, reason, estimates)
         except StoreError as error:
             if status in (Status.COMPLETED, Status.STOPPED):
                 status, reason = Status.FAILED, str(error)

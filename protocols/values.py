@@ -12,6 +12,18 @@ from protocols.steps import Prompt
 Array = NDArray[np.float64]
 
 
+MOST_SCANS = 50_000_000
+"""Scans of one recording, which is held in memory whole: a gigabyte."""
+
+
+def too_long(scans: float) -> str:
+    """Why so many scans are not recorded at once."""
+    return (
+        f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MOST_SCANS / 1e6:.0f} million); "
+        "record for a shorter time or lower sample_rate_hz"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """Samples kept under one drive, in physical units, and what is known against them.

@@ -140,3 +140,10 @@ def test_a_disk_without_room_is_told_before_anything_moves(tmp_path: Path, monke
     assert ran.status is Status.FAILED
     assert "Free some space" in ran.reason
     assert "Asked" not in ran.kinds()
+
+
+def test_a_recording_that_no_memory_holds_is_told_before_anything_moves() -> None:
+    with pytest.raises(
+        CannotRun, match=r"^200 Hz: a recording of 15\d million scans does not fit into memory \(limit 50"
+    ):
+        rehearse(SineDwell(frequencies_hz=(200,), record_s=600, sample_rate_hz=250_000), guard())

@@ -21,7 +21,7 @@ from hypothesis.extra import numpy as hnp
 from drivers.drive import Sine
 from drivers.ports import Block, Scale
 from drivers.sensor import LaserSensor
-from protocols.events import Noted, Status
+from protocols.events import AtRest, Event, Noted, Status
 from protocols.quality import Quality
 from protocols.runfile import Header, RunFile, StoreError, append_estimates
 from protocols.runreader import Run, RunError
@@ -219,6 +219,47 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
             Run(path)
 
 
+class Twice(SineDwell):
+    """Identifies something that no file can hold: two quantities of one name."""
+
+    def estimates(self, points: Any) -> tuple[Estimate, ...]:
+        return tuple(Estimate("gain", value, 0.1, "1", "the test") for value in (1.0, 2.0))
+
+
+class Once(Twice):
+    """Identifies one of them."""
+
+    def estimates(self, points: Any) -> tuple[Estimate, ...]:
+        return super().estimates(points)[:1]
+
+
+def test_estimates_that_cannot_be_stored_are_told_and_the_file_says_how_the_run_ended(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
+    assert ran.status == Status.COMPLETED
+    assert "all points measured; what was identified could not be stored: " in ran.reason
+    with Run(ran.path) as file:
+        assert (file.state, file.reason) == (Status.COMPLETED, ran.reason)
+        assert len(file.points()["frequency"]) == 1
+
+
+def test_a_reader_that_holds_the_file_does_not_keep_the_estimates_out(tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    kept: list[Any] = []
+
+    def hold(event: Event) -> None:
+        if isinstance(event, AtRest):
+            kept.append(next(tmp_path.glob("*.h5")).open("rb"))
+            fcntl.flock(kept[0], fcntl.LOCK_SH | fcntl.LOCK_NB)  # as a program does that has the file open to read it
+
+    with laboratory() as lab:
+        ran = run(Once(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab, hold)
+    kept[0].close()
+    assert ran.reason == "all points measured"
+    with Run(ran.path) as file:
+        assert [estimate.value for estimate in file.estimates()] == [1.0]
+
+
 def test_two_runs_of_one_second_get_two_files(tmp_path: Path) -> None:
     files = [new(tmp_path) for _ in range(3)]
     assert len({file.path for file in files}) == 3
@@ -250,14 +291,20 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
         assert data[signal_name].shape == data[axis].shape == data[f"{signal_name}_errors"].shape == (2,)
         assert data[signal_name].attrs["units"] == "m"
         trace = entry["trace"]
-        scaled = trace["displacement"][:] * trace["displacement_scaling_factor"][()] + trace["displacement_offset"][()]
+        scaled = {
+            name: (trace[name][:] + trace[f"{name}_offset"][()]) * trace[f"{name}_scaling_factor"][()]  # NXdata
+            for name in ("drive", "displacement")
+        }
+        assert trace["displacement_offset"].attrs["units"] == trace["displacement"].attrs["units"] == "counts"
         unitless = []
         numbers = (entry["points"], entry["trace"], entry["instrument/displacement_sensor"])
         for group in numbers:
             unitless += [d.name for d in group.values() if d.dtype.kind in "fi" and "units" not in d.attrs]
     assert unitless == []
     with Run(ran.path) as run_:
-        assert scaled == pytest.approx(run_.displacement_m(), abs=1e-9)
+        assert scaled["displacement"] == pytest.approx(run_.displacement_m(), abs=1e-9)
+        assert scaled["drive"] == pytest.approx(run_.drive_v(), abs=1e-5)
+        assert run_.configuration["speed"] == "max"
         assert set(run_.points()) == {*SinePoint.__slots__, "entry"}
 
 

@@ -1,6 +1,7 @@
 """The runner: whatever ends a run, the source is at rest, measured, and the file says what happened."""
 
 import threading
+import tracemalloc
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from protocols.events import (
     Status,
     StreamStarted,
 )
+from protocols.executor import Executor
 from protocols.protocol import Protocol
 from protocols.runfile import RunFile
 from protocols.runreader import Run
@@ -274,3 +276,29 @@ def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:
     with Run(ran.path) as file:
         assert file.configuration["simulation"]["tactor"]["k2"] == 7.5e-3
         assert file.simulated
+
+
+def test_a_long_recording_is_in_memory_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four bytes a scan as they came and sixteen as volts and metres, and nothing beside that grows with the length."""
+    peaks: list[int] = []
+    joined = Executor._joined
+
+    def watched(*arguments: Any) -> Any:
+        tracemalloc.start()
+        answer = joined(*arguments)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        return answer
+
+    monkeypatch.setattr(Executor, "_joined", watched)
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(200,), record_s=8, sample_rate_hz=50_000), tmp_path, lab)
+    assert ran.status == Status.COMPLETED
+    assert peaks[0] / (8 * 50_000) < 18
+
+
+def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)
+    assert ran.status == Status.FAILED
+    assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
