@@ -1,7 +1,7 @@
 """Where the displacement's spectrum, or a frequency response, is largest: the paper's resonance (Sec. IV-1), with an error.
 
 The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz. Three things are done differently, for reasons:
-- A low-pass at 600 Hz changes nothing below 500 Hz, so none is computed; `low_pass` is there for traces that are shown.
+- A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed; `low_pass` is there for traces that are shown.
 - The highest of 10^5 bins is an accident: the amplifier's second harmonic sweeps at twice the rate and beats with the
   fundamental by 15 % at random phase. Hann-weighted sums over bins end the beat, and raise all lines by the same 2 %.
 - The curve through the lines is fitted: 1 / |H|^2 of a single mode is exactly a polynomial of second degree in f^2, and of
@@ -56,30 +56,23 @@ class Peak:
 
 
 def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -> Array:
-    """Zero-phase low-pass, (N,): gain 1 up to the cutoff, 0 from 1.2 times of it, a cosine between.
+    """Zero-phase low-pass, (N,), for traces that are shown: Butterworth of eighth order, forth and back.
 
-    One product in the frequency domain: exact zero phase, and half the time of `sosfiltfilt`, which runs eight orders over
-    the record twice. The ends are continued by point reflection, as `sosfiltfilt` does.
+    The gain is 1/2 at the cutoff, 0.95 at 5/6 of it, 1 to a part in 10^4 below half of it. (scipy's `sosfiltfilt`: a product
+    in the frequency domain took three times as long.)
 
     Raises:
         ValueError: too short, not finite, or a cutoff beyond half the sample rate.
     """
-    from scipy.fft import irfft, next_fast_len, rfft
+    from scipy.signal import butter, sosfiltfilt
 
     check_positive(rate_hz=rate_hz, cutoff_hz=cutoff_hz)
-    if 1.2 * cutoff_hz > rate_hz / 2:
+    if cutoff_hz >= rate_hz / 2:
         raise ValueError(
-            f"a cutoff of {cutoff_hz:g} Hz needs more than {2.4 * cutoff_hz:g} samples per second, not {rate_hz:g}"
+            f"a cutoff of {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} samples per second, not {rate_hz:g}"
         )
-    x = check_samples("the trace", samples, 16)
-    reach = min(x.size - 1, int(np.ceil(20 * rate_hz / cutoff_hz)))
-    mirrored = np.concatenate((2 * x[0] - x[reach:0:-1], x, 2 * x[-1] - x[-2 : -reach - 2 : -1]))
-    n = next_fast_len(mirrored.size, real=True)
-    level = float(x.mean())
-    bins = rfft(mirrored - level, n)
-    over = np.clip((np.arange(bins.size) * rate_hz / n / cutoff_hz - 1) / 0.2, 0, 1)
-    bins *= 0.5 + 0.5 * np.cos(np.pi * over)
-    return np.asarray(irfft(bins, n)[reach : reach + x.size] + level)
+    x = check_samples("the trace", samples, 32)
+    return np.asarray(sosfiltfilt(butter(8, cutoff_hz, fs=rate_hz, output="sos"), x))
 
 
 def spectrum_peak(

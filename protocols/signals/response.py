@@ -35,6 +35,8 @@ GATES = np.arange(3, 11)
 HARMONIC_GATES = -np.arange(2, 9)
 """Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
 
+SEARCHED = 1 << 14
+
 POOLED_LINES = 5
 """Neighbouring lines whose noise is taken together."""
 
@@ -228,21 +230,25 @@ def periodic_response(
 
 def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: Blocks, rises: bool) -> Array:
     """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
-    f = np.arange(blocks.size)
-    lines = blocks.length // 2 * (1 + np.arange(blocks.count))
-    left = cross - (np.interp(f, lines, H.real) + 1j * np.interp(f, lines, H.imag)).astype(np.complex64) * power
+    # Straight lines between the lines, which stand half a block apart; beyond the outermost the response is taken as it is there.
+    hop = blocks.length // 2
+    ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
+    share = np.arange(hop, dtype=np.float32) / np.float32(hop)
+    straight = (ends[:-1, None] + np.multiply.outer(np.diff(ends), share)).ravel()
+    within = slice(0, straight.size)
+    left = cross[within] - straight * power[within]
     # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
     side = 1 if rises else -1
 
-    def seen(gates: NDArray[np.int64]) -> Array:
-        shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
-        return np.asarray(np.abs(blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)) ** 2)
-
+    gates = np.concatenate((GATES, HARMONIC_GATES))
+    shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
+    seen = blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
+    at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [GATES.size], axis=1)
     # What stands at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
     m = np.abs(HARMONIC_GATES)
-    leaked = (seen(HARMONIC_GATES) / (np.pi * m * (m**2 - 1)) ** 2).max(1)
+    leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
     reach = np.pad(leaked, POOLED_LINES, "edge")
-    noise, pool = seen(GATES).mean(1), np.ones(POOLED_LINES)
+    noise, pool = at_gates.mean(1), np.ones(POOLED_LINES)
     pooled = np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same")
     return np.asarray(pooled + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
 
@@ -252,13 +258,23 @@ def _driven(drive: Array) -> slice:
     low, high = float(drive.min()), float(drive.max())
     if not high > low:
         raise ValueError(f"the drive stands at {low:g}: check the drive channel's cable")
-    moves = np.abs(drive - 0.5 * (low + high)) > 0.05 * (high - low)
-    return slice(int(moves.argmax()), moves.size - int(moves[::-1].argmax()))
+    middle, least = 0.5 * (low + high), 0.05 * (high - low)
+
+    def first(samples: Array) -> int:
+        """The first sample that is away; looked for piece by piece, since it is mostly near the end."""
+        for start in range(0, samples.size, SEARCHED):
+            away = np.abs(samples[start : start + SEARCHED] - middle) > least
+            if away.any():
+                return start + int(away.argmax())
+        return samples.size
+
+    return slice(first(drive), drive.size - first(drive[::-1]))
 
 
 def _rises(X: NDArray[np.complex64]) -> bool:
     """Whether the sweep goes up: whether its upper half of bins arrives later than its lower half (group delay)."""
-    delay = np.mod(-np.angle(X[1:] * X[:-1].conj()), 2 * np.pi)
+    few = slice(None, None, 16)
+    delay = np.mod(-np.angle(X[1:][few] * X[:-1][few].conj()), 2 * np.pi)
     half = delay.size // 2
     return bool(np.median(delay[half:]) >= np.median(delay[:half]))
 
