@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Bin = TypeVar("Bin", bound=np.inexact[Any])
 
+ROWS = 8
+
 OVERLAP_CORRELATION = 1 / 6
 """Of neighbouring lines: Hann blocks that overlap by half."""
 
@@ -47,22 +49,50 @@ class Blocks:
         return sliding_window_view(bins, self.length)[:: self.length // 2]
 
 
-def spectrum(samples: Array, rate_hz: float, faded: int = 0) -> tuple[NDArray[np.complex64], float]:
-    """One-sided spectrum of the samples without their mean, and the distance of its bins in Hz.
+def bins_of(samples: Array, n: int, blocks: Blocks, faded: int = 0) -> NDArray[np.complex64]:
+    """The blocks' bins of the spectrum of the samples without their mean, followed by zeros up to n = `padded`; (size,).
 
     The first and last `faded` samples are faded in and out with half a cosine.
-    Zeros fill up to a length with small prime factors. Single precision: its rounding, 1e-7 of the whole, is far below the
-    half count of a 16-bit converter, and it takes two thirds of the time.
-    """
-    from scipy.fft import next_fast_len, rfft
 
-    n = next_fast_len(samples.size, real=True)
-    x = np.subtract(samples, samples.mean(), dtype=np.float32, casting="same_kind")
+    Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the bins that are wanted are put
+    together of them (the first step of any fast transform): two thirds of the time of a transform of the whole. Single
+    precision: its rounding, 3e-7 of the largest bin, is far below half a count of a 16-bit converter.
+    """
+    from scipy.fft import rfft
+
+    x = np.zeros(n, np.float32)
+    np.subtract(samples, samples.mean(), out=x[: samples.size], casting="same_kind")
     if faded:
-        edge = (0.5 - 0.5 * np.cos(np.pi * (np.arange(faded) + 0.5) / faded)).astype(np.float32)
+        edge = 0.5 - 0.5 * np.cos(np.pi * (np.arange(faded) + 0.5) / faded)
         x[:faded] *= edge
-        x[-faded:] *= edge[::-1]
-    return np.asarray(rfft(x, n, overwrite_x=True)), rate_hz / n
+        x[samples.size - faded : samples.size] *= edge[::-1]
+    rows = rfft(np.ascontiguousarray(x.reshape(-1, ROWS).T))
+    period, start, stop = n // ROWS, blocks.first, blocks.first + blocks.size
+    turn = np.exp(-2j * np.pi / n * np.arange(start, stop)).astype(np.complex64)
+    whole = np.empty(blocks.size, np.complex64)
+    while start < stop:
+        q = start % period  # a row's spectrum goes on with its mirror image, and then again
+        if q <= period // 2:
+            end = min(stop, start + period // 2 - q + 1)
+            part = rows[:, q : q + end - start]
+        else:
+            end = min(stop, start + period - q)
+            part = rows[:, period - q - (end - start) + 1 : period - q + 1][:, ::-1].conj()
+        piece = slice(start - blocks.first, end - blocks.first)
+        total = part[-1].copy()
+        for row in part[-2::-1]:
+            total *= turn[piece]
+            total += row
+        whole[piece] = total
+        start = end
+    return whole
+
+
+def padded(size: int) -> int:
+    """A length of at least `size` that is transformed fast by `bins_of`."""
+    from scipy.fft import next_fast_len
+
+    return ROWS * int(next_fast_len(-(-size // ROWS), real=True))
 
 
 def blocks_for(band_hz: tuple[float, float], resolution_hz: float, bin_hz: float, nyquist_hz: float) -> Blocks:

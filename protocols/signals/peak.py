@@ -9,8 +9,8 @@ The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz
 
 A spectrum of the whole record is |H(f)| |X(f)| exactly: the shift of a swept peak, sweep rate over decay rate, belongs to
 envelopes in time and does not occur here. The standard error is that of the polynomial, scaled by what the lines scatter about it,
-so noise and residual ripple are in it; what the third degree cannot follow over the half-power width is not (below 0.01 Hz
-for damping ratios up to 0.25, tests).
+so noise and residual ripple are in it; what the third degree cannot follow over the half-power width is not (0.0001 Hz for the
+tactor of the paper).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.lines import OVERLAP_CORRELATION, blocks_for, spectrum
+from protocols.signals.lines import OVERLAP_CORRELATION, bins_of, blocks_for, padded
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.samples import check_positive, check_samples
 
@@ -91,12 +91,15 @@ def spectrum_peak(
     """
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
     y = check_samples("the displacement", displacement, 256)
-    Y, bin_hz = spectrum(y, rate_hz)
+    n = padded(y.size)
+    bin_hz = rate_hz / n
+    band = blocks_for(band_hz, 2 * bin_hz, bin_hz, rate_hz / 2)
+    Y = bins_of(y, n, band)
     power = (Y.real**2 + Y.imag**2) / np.float32(rate_hz) ** 2
     resolution = max(resolution_hz, LEAST_BINS * bin_hz)
     while True:
         blocks = blocks_for(band_hz, resolution, bin_hz, rate_hz / 2)
-        lines = np.asarray(blocks.of(power[blocks.first : blocks.first + blocks.size]) @ blocks.window, float)
+        lines = np.asarray(blocks.of(power) @ blocks.window, float)
         finer = resolution / 2 >= LEAST_BINS * bin_hz
         found = _largest(blocks.frequency_hz, lines, band_hz, "spectrum of the displacement")
         if found.stop - found.start >= 2 * LEAST_LINES or not finer:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.lines import OVERLAP_CORRELATION, Blocks, blocks_for, spectrum
+from protocols.signals.lines import OVERLAP_CORRELATION, Blocks, bins_of, blocks_for, padded
 from protocols.signals.samples import check_positive, check_samples, coverage_factor
 
 Array = NDArray[np.float64]
@@ -119,8 +119,8 @@ def sweep_response(
     # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
     # cycles of the lowest frequency it has nothing in the band; the response, which lasts milliseconds, does not notice.
     faded = min(round(FADED_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
-    X, bin_hz = spectrum(x[swept], rate_hz, faded)
-    Y, _ = spectrum(y[swept], rate_hz, faded)
+    n = padded(duration)
+    bin_hz = rate_hz / n
     least_hz = LEAST_BINS * bin_hz
     width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
     if width < least_hz * (1 - 1e-9):
@@ -133,8 +133,7 @@ def sweep_response(
         raise ValueError(
             f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz holds {blocks.count} lines of {width:g} Hz, at least {POOLED_LINES} are needed"
         )
-    bins = slice(blocks.first, blocks.first + blocks.size)
-    X, Y = X[bins], Y[bins]
+    X, Y = bins_of(x[swept], n, blocks, faded), bins_of(y[swept], n, blocks, faded)
     cross, power = Y * X.conj(), X.real**2 + X.imag**2
     S_xx = np.asarray(blocks.of(power) @ blocks.window)
     # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.

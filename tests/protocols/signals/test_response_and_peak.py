@@ -180,7 +180,7 @@ def test_the_low_pass_of_the_paper_does_not_move_the_peak() -> None:
 
 def test_the_low_pass_keeps_what_is_slow_in_phase_and_drops_what_is_fast() -> None:
     t = np.arange(20_000) / RATE
-    slow, fast = np.sin(2 * np.pi * 160 * t) + 3 + t, np.sin(2 * np.pi * 800 * t)
+    slow, fast = np.sin(2 * np.pi * 160 * t) + 3 + t, np.sin(2 * np.pi * 1200 * t)
     inner = slice(1000, -1000)
     assert np.abs(low_pass(slow + fast, RATE) - slow)[inner].max() < 1e-3
 
@@ -202,7 +202,7 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
     inside = np.mean(
         [abs(p.frequency_hz - without) <= coverage_factor(p.degrees_of_freedom) * p.standard_error_hz for p in found]
     )
-    assert 0.92 < inside < 0.98
+    assert 0.93 < inside < 0.97
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(values.std(), rel=0.12)
     # Cramer-Rao for the same curve, third degree in f^2, from all bins of the half-power width, modulus only.
     f, X = np.fft.rfftfreq(n, 1 / RATE), np.fft.rfft(drive)
