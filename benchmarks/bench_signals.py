@@ -127,10 +127,10 @@ def main() -> None:
         print(
             f"scipy's Welch / file to response and resonance: {ratio('scipy: welch, welch, csd', 'file to response and resonance'):.1f}"
         )
-        best = min(wall for wall, _ in times["file to response and resonance"])
-        print(
-            f"goal file to response and resonance < 150 ms: {'met' if best < 0.15 else 'not met on this machine now'}"
-        )
+        wall, cpu = (min(column) for column in zip(*times["file to response and resonance"], strict=True))
+        for name, took in (("wall", wall), ("CPU, what an idle machine takes", cpu)):
+            met = "met" if took < 0.15 else "not met on this machine now"
+            print(f"goal file to response and resonance < 150 ms, {name}: {met}")
 
 
 if __name__ == "__main__":

@@ -125,7 +125,10 @@ def _valley(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, fl
     counts = [4 + int(2 * min(span / zeta, told_apart)) for zeta in GRID_DAMPING]
     zeta = np.repeat(GRID_DAMPING, counts)
     w = 2 * np.pi * np.concatenate([np.geomspace(*band_hz, count) for count in counts])
-    ringing = np.exp(np.outer((-zeta + 1j * np.sqrt(1 - zeta**2)) * w, t))
+    pole = (-zeta + 1j * np.sqrt(1 - zeta**2)) * w
+    # exp(s (a + b)) is a product: an exponential a sample and pole would be nearly all of the time.
+    coarse, fine = np.exp(np.outer(pole, t[::32])), np.exp(np.outer(pole, t[:32]))
+    ringing = (coarse[:, :, None] * fine[:, None, :]).reshape(pole.size, -1)[:, : t.size]
     ringing -= ringing.mean(1, keepdims=True)  # the offset is fitted as well
     a, b = ringing.real, ringing.imag
     aa, bb, ab = (np.einsum("gn,gn->g", *pair) for pair in ((a, a), (b, b), (a, b)))

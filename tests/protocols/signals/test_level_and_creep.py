@@ -23,7 +23,7 @@ def covered(values: np.ndarray, truth: float, errors: np.ndarray, freedoms: np.n
     return float(np.mean(np.abs(values - truth) <= factors * errors))
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
+@pytest.mark.parametrize("memory", [0.0, 0.95])
 def test_a_level_is_covered_whether_its_noise_is_white_or_slow(memory: float) -> None:
     rng = np.random.default_rng(11)
     n, seeds = 2000, 400
@@ -93,7 +93,7 @@ def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | No
 @pytest.mark.parametrize("with_drift", [False, True])
 def test_creep_reaches_the_bound_and_covers_it(with_drift: bool) -> None:
     rng = np.random.default_rng(14)
-    rate, sigma, seeds = 200.0, 0.05, 600
+    rate, sigma, seeds = 200.0, 0.05, 500
     t = np.arange(20, 12_000) / rate  # 0.1 to 60 s
     clean = 5 + 1 + 0.02 * np.log10(t) + (1e-3 * t if with_drift else 0)
     found = [

@@ -80,11 +80,11 @@ def ringing(t: np.ndarray, f: float, zeta: float) -> np.ndarray:
     return np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2) * t + 0.3)
 
 
-@pytest.mark.parametrize(("f", "zeta"), [(158.3, 0.211), (300.0, 0.02), (140.0, 0.005)])
+@pytest.mark.parametrize(("f", "zeta"), [(158.3, 0.211), (300.0, 0.01)])
 def test_a_decay_reaches_the_bound_and_covers_it(f: float, zeta: float) -> None:
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(77)
     t = np.arange(500) / RATE
-    sigma, seeds = 0.01, 40
+    sigma, seeds = 0.01, 200
     found = [
         fit_decay(3 + ringing(t, f, zeta) + sigma * rng.standard_normal(t.size), RATE, (60, 500)) for _ in range(seeds)
     ]
@@ -104,8 +104,9 @@ def test_a_decay_reaches_the_bound_and_covers_it(f: float, zeta: float) -> None:
         )
     ):
         assert abs(values.mean() - truth) < 4 * bound[k] / np.sqrt(seeds)
-        assert values.std(ddof=1) == pytest.approx(bound[k], rel=0.3)
+        assert values.std(ddof=1) == pytest.approx(bound[k], rel=0.12)
         assert errors.mean() == pytest.approx(bound[k], rel=0.05)
+        assert 0.91 < np.mean(np.abs(values - truth) <= coverage_factor(495) * errors) < 0.98
     assert found[0].amplitude == pytest.approx(1, abs=5 * found[0].amplitude_error)
     assert found[0].offset == pytest.approx(3, abs=5 * found[0].offset_error)
     assert found[0].phase == pytest.approx(0.3, abs=0.05)

@@ -75,7 +75,7 @@ def two_modes() -> Modal:
 
 def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     rng = np.random.default_rng(2)
-    n, sigma, seeds = 1 << 15, 2e-8, 40
+    n, sigma, seeds = 1 << 15, 2e-8, 30
     t = np.arange(n) / RATE
     drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
     clean = march(two_modes(), drive, RATE)
