@@ -60,7 +60,7 @@ class ScpiServer:
 
     def poke(self) -> None:
         """Look again at what is broken, and return when that is done; call it after a fault has come or gone."""
-        if self._closing:
+        if self._closing or threading.current_thread() is self._thread:  # it looks itself when it has answered
             return
         with self._looked:
             self._asked += 1

@@ -9,7 +9,7 @@ import pytest
 from app.drivers import open_generator
 from drivers.burst_generator import BurstGenerator
 from drivers.clock import WallClock
-from drivers.drive import Hold, Sine
+from drivers.drive import Hold, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.scpi import Link
 from drivers.visa import VisaLink
@@ -138,6 +138,22 @@ def test_another_waveform_at_the_front_panel_is_never_played() -> None:
     report = bench.report()
     volts_are_safe(report)  # EXP_RISE at this amplitude would begin with a jump of a volt
     assert (report.lowest_v, report.highest_v) == (pytest.approx(1.5, abs=0.01), pytest.approx(3.5, abs=0.01))
+
+
+def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clearing it selects EXP_RISE, whose first point is the lowest: half of the amplitude below the idle level."""
+    monkeypatch.setattr("sim_hardware.keysight_33500.MEMORY_POINTS", 20_000)
+    source, bench, _ = made("33511B")
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    source.play(Sine(100.0, 2.5, 2.5, 5))
+    bench.clock.sleep(0.2)  # it has ended by itself, its amplitude stands
+    source.play(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
+    bench.clock.sleep(0.4)
+    report = bench.report()
+    volts_are_safe(report)
+    assert report.highest_v == pytest.approx(5.0, abs=0.01)
 
 
 def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
