@@ -142,7 +142,7 @@ def test_another_waveform_at_the_front_panel_is_never_played() -> None:
 
 def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
     """Clearing it selects EXP_RISE, whose first point is the lowest: half of the amplitude below the idle level."""
-    monkeypatch.setattr("sim_hardware.keysight_33500.MEMORY_POINTS", 20_000)
+    monkeypatch.setattr("sim_hardware.keysight_33500.MEMORY_POINTS", 4500)
     source, bench, _ = made("33511B")
     source.prepare(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
@@ -154,6 +154,15 @@ def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(mon
     report = bench.report()
     volts_are_safe(report)
     assert report.highest_v == pytest.approx(5.0, abs=0.01)
+
+
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
+def test_a_drive_beyond_the_one_amplitude_of_such_a_box_is_refused(model: str) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 1.5, 3.5)
+    with pytest.raises(InstrumentError, match=r"was set up for 1 V at most .* not 1\.5 V; .*Nothing was sent"):
+        source.play(Sine(50.0, 1.5, 2.5, 10))
+    assert bench.report().outside_rest_s == 0
 
 
 def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
