@@ -35,13 +35,19 @@ KEYSIGHT = {
 CHANGES: dict[str, dict[str, str]] = {
     "33511B": {
         **KEYSIGHT,
+        "FUNC SIN": "FUNC ARB",
         "FORM:BORD NORM": "FORM:BORD SWAP",
         "FUNC:ARB:FILT OFF": "FUNC:ARB:FILT STEP",
         "VOLT:LIM:LOW -1": "VOLT:LIM:LOW -0.005",
         "VOLT:LIM:HIGH 6": "VOLT:LIM:HIGH 5.005",
         "VOLT:LIM:STAT OFF": "VOLT:LIM:STAT ON",
     },
-    "33220A": {**KEYSIGHT, "FORM:BORD SWAP": "FORM:BORD NORM", "OUTP:LOAD 50": "OUTP:LOAD INF"},
+    "33220A": {
+        **KEYSIGHT,
+        "FUNC SIN": "FUNC USER",
+        "FORM:BORD SWAP": "FORM:BORD NORM",
+        "OUTP:LOAD 50": "OUTP:LOAD INF",
+    },
     "DG1032Z": {
         ":OUTP1:LOAD 50": ":OUTP1:LOAD INF",
         ":SOUR1:VOLT:UNIT VRMS": ":SOUR1:VOLT:UNIT VPP",
