@@ -4,7 +4,7 @@ Clamped at both ends, E I w'''' - T w'' = q with T = E A (delta + integral of w'
 thirteen thicknesses, far outside its own validity; stretching carries most of the weight.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +12,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from model.parameters import Membrane
-from model.quantity import Quantity
+from model.quantity import ParameterError, Quantity
 from model.skin import PRE_STRETCH, point_stiffness
 
 Array = NDArray[np.float64]
@@ -58,6 +58,33 @@ def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.
     total = most if excess(most) <= 0 else float(brentq(excess, delta, most, xtol=1e-15, rtol=1e-13))
     tension = membrane.E_m * membrane.b_m * membrane.h_m * total
     return Sag(_centre(membrane, q, total), _centre(membrane, q, delta), tension, total)
+
+
+def modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None, delta: float = 0.0) -> float:
+    """Young modulus, Pa, with which a membrane of this geometry sags by `sag_m`; its own E_m is not used.
+
+    Raises:
+        ParameterError: no modulus between 1 kPa and 1 TPa does; or as `sag`.
+    """
+    from scipy.optimize import brentq
+
+    q = weight(membrane) if load_n_per_m is None else load_n_per_m
+
+    def off(log_e: float) -> float:
+        return float(np.log(sag(replace(membrane, E_m=float(np.exp(log_e))), q, delta).centre_m / sag_m))
+
+    softest, stiffest = np.log(1e3), np.log(1e12)
+    if not (sag_m > 0 and q > 0) or off(softest) <= 0 or off(stiffest) >= 0:
+        raise ParameterError(
+            f"no modulus lets this membrane sag by {sag_m:g} m under {q:g} N/m; check its dimensions and the sag"
+        )
+    return float(np.exp(brentq(off, softest, stiffest, xtol=1e-13)))
+
+
+def linear_modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None) -> float:
+    """What linear theory, q L^4 / (384 I w), makes of the same sag, Pa: for comparison only."""
+    q = weight(membrane) if load_n_per_m is None else load_n_per_m
+    return float(q * membrane.L_m**4 / (384 * membrane.b_m * membrane.h_m**3 / 12 * sag_m))
 
 
 def _centre(m: Membrane, q: float, total: float) -> float:

@@ -24,8 +24,8 @@ from model.identification.observations import (
     VoltageSteps,
 )
 from model.identification.receptance import Dense
-from model.membrane import sag
-from model.parameters import Membrane
+from model.membrane import modulus
+from model.quantity import ParameterError
 from model.skin import point_stiffness
 from model.statics import load_compliance, voltage_gain
 
@@ -202,8 +202,6 @@ class _Walk:
 
     def modulus(self) -> None:
         """Step 5: E_m such that the model sags as much as the mean of what was measured."""
-        from scipy.optimize import brentq
-
         runs = self.campaign.of(MembraneSag)
         if not runs:
             return
@@ -211,17 +209,10 @@ class _Walk:
         for run in runs:
             strip, w = run.geometry or self.membrane, float(np.mean(run.deflection_m[run.use]))
             load = run.load(self.membrane)
-
-            def off(
-                log_e: float, run: MembraneSag = run, strip: Membrane = strip, load: float = load, w: float = w
-            ) -> float:
-                return float(np.log(sag(replace(strip, E_m=float(np.exp(log_e))), load, run.delta).centre_m / w))
-
-            if not w > 0 or off(np.log(1e3)) <= 0 or off(np.log(1e12)) >= 0:
-                raise ChainError(
-                    f"step 5, E_m: no modulus lets the membrane of {run.label!r} sag by {w:g} m; check the run"
-                )
-            values.append(float(np.exp(brentq(off, np.log(1e3), np.log(1e12), xtol=1e-13))))
+            try:
+                values.append(modulus(strip, w, load, run.delta))
+            except ParameterError as error:
+                raise ChainError(f"step 5, E_m: the run {run.label!r}: {error}") from error
         E_m = float(np.mean(values))
         self.membrane = replace(self.membrane, E_m=E_m)
         self.keep("E_m", [r.label for r in runs], {"E_m": E_m}, f"E_m = {E_m / 1e6:.4g} MPa from the sag")

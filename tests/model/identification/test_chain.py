@@ -111,7 +111,7 @@ def test_what_a_step_cannot_do_is_told() -> None:
         chain(Campaign((low,)))
     with pytest.raises(ChainError, match="step 2, mu: every level is rest"):
         chain(Campaign((VoltageSteps("rest", np.full(3, 2.5), np.zeros(3), 1e-7 * np.ones(3)),)))
-    with pytest.raises(ChainError, match="no modulus lets the membrane of 'up' sag by"):
+    with pytest.raises(ChainError, match="run 'up': no modulus lets this membrane sag by"):
         chain(Campaign((MembraneSag("up", np.array([-1e-3]), np.array([1e-5])),)))
     with pytest.raises(ParameterError, match="drawn_errors"):
         chain_errors(PERFECT, ChainMethod(damping="neglected"), chain(PERFECT))
