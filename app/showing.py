@@ -4,8 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from app.words import duration, quantity, size
+from app.words import duration, point_line, quantity, size
+from protocols.continuation import points_of
 from protocols.quality import Quality
+from protocols.registry import PROTOCOLS
 from protocols.runreader import Run
 
 
@@ -59,6 +61,8 @@ def run_text(run: Run) -> str:
                 strict=True,
             )
         ]  # fmt: skip
+    elif (kind := PROTOCOLS.get(run.protocol)) is not None and hasattr(kind.point_type, "words"):
+        lines += [point_line(point) for _, point in points_of(run, kind.point_type)]
     else:
         units = run.units()
         shown = [name for name, column in points.items() if column.ndim == 1 and name not in ("entry", "quality")]

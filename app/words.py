@@ -25,7 +25,14 @@ def size(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-SHOWN = {"m": (1e6, "µm"), "m/V": (1e6, "µm/V"), "m/N": (1e6, "µm/N"), "kg": (1e3, "g"), "s": (1e3, "ms")}
+SHOWN = {
+    "m": (1e6, "µm"),
+    "m/V": (1e6, "µm/V"),
+    "m/N": (1e6, "µm/N"),
+    "kg": (1e3, "g"),
+    "s": (1e3, "ms"),
+    "Pa": (1e-6, "MPa"),
+}
 """Units that nobody at a bench thinks in: by what to multiply, and what then stands there."""
 
 

@@ -63,7 +63,7 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
         except ValidationError as error:
             raise RunError(f"{path} has parameters this version refuses: {error.errors()[0]['msg']}") from error
         rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
-        points = {int(entry): point for entry, point in _points(run, kind.point_type)}
+        points = {int(entry): point for entry, point in points_of(run, kind.point_type)}
         begun = run.entries()
         plan = extended(protocol, protocol.plan(rest_v), points, rest_v)
         # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.
@@ -147,7 +147,7 @@ def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str,
     return words, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def _points(run: Run, kind: type) -> Sequence[tuple[int, Any]]:
+def points_of(run: Run, kind: type) -> Sequence[tuple[int, Any]]:
     """Points with their entries, in the order they were measured; a later one of the same entry counts."""
     columns = run.points()
     entries = columns.pop(ENTRY)

@@ -9,14 +9,18 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from protocols.membrane_sag import MembraneSag
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
+from protocols.static_loading import StaticLoading
 from protocols.voltage_steps import VoltageSteps
 from protocols.wiring_check import WiringCheck
 
 GROUP = "tactor_bench.protocols"
 
-PROTOCOLS: dict[str, type[Protocol]] = {protocol.name: protocol for protocol in (SineDwell, VoltageSteps, WiringCheck)}
+PROTOCOLS: dict[str, type[Protocol]] = {
+    protocol.name: protocol for protocol in (StaticLoading, VoltageSteps, SineDwell, MembraneSag, WiringCheck)
+}
 
 
 class ProtocolFileError(Exception):

@@ -6,7 +6,7 @@ from typing import Protocol
 from protocols.steps import Prompt
 from sim_hardware.situation import HANDS
 
-SLOW = {"place-weight", "remove-weight", "hang-membrane"}
+SLOW = {"place-weight", "remove-weight"}
 """What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
 
 

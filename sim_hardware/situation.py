@@ -18,7 +18,10 @@ SPECIMEN: Mapping[str, tuple[str, ...]] = {
     "stretch-membrane": ("elongation_m",),
     "remove-membrane": (),
 }
-"""What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder."""
+"""What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
+
+`turn-side` may name `offset_kg`, the weight that is to lie there then, and `shorted`.
+"""
 
 SENSOR: Mapping[str, tuple[str, ...]] = {
     "zero-sensor": (),
@@ -79,7 +82,11 @@ def altered(now: Situation, action: str, values: Mapping[str, float], truth: Ben
             side = values["side"]
             if side not in (1, -1):
                 raise ValueError(f"turn-side: side is {side:g}; it is +1 (MFC up) or -1 (aluminium up)")
-            return replace(now, side=int(side), weights_kg=now.weights_kg if side == now.side else ())
+            weights_kg = now.weights_kg if side == now.side else ()
+            if "offset_kg" in values:  # what is to lie there afterwards
+                weights_kg = (_positive(action, values, "offset_kg"),) if values["offset_kg"] else ()
+            shorted = bool(values.get("shorted", now.shorted))
+            return replace(now, side=int(side), weights_kg=weights_kg, shorted=shorted)
         case "short-electrodes" | "connect-electrodes":
             return replace(now, shorted=action == "short-electrodes")
         case "fix-mass":

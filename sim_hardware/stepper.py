@@ -84,11 +84,11 @@ class Stepper:
         self, volts: Array, before_v: float, newtons: Array, before_n: float, state: Complex
     ) -> tuple[Array, Complex]:
         """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
-        u = _led(volts, before_v)
-        pushes, w = u @ self.W_V, u @ self.T_V
-        if before_n or newtons.any():
-            u = _led(newtons, before_n)
-            pushes, w = pushes + u @ self.W_F, w + u @ self.T_F
+        pushes, w = np.zeros((volts.size // BLOCK, self.advance.size), complex), np.zeros((volts.size // BLOCK, BLOCK))
+        for drive, before, T, W in ((volts, before_v, self.T_V, self.W_V), (newtons, before_n, self.T_F, self.W_F)):
+            if before or drive.any():  # half of a bench's time nothing drives it
+                u = _led(drive, before)
+                pushes, w = pushes + u @ W, w + u @ T
         states = np.empty_like(pushes)
         for i, push in enumerate(pushes):
             states[i] = state

@@ -101,7 +101,10 @@ def _fix_mass(painter: QPainter, values: dict[str, float]) -> None:
 def _turn_side(painter: QPainter, values: dict[str, float]) -> None:
     side = values.get("side", 1.0)
     _tactor(painter, side)
-    _words(painter, QRectF(20, 6, 150, 20), "MFC up" if side > 0 else "aluminium up")
+    offset = f", {grams(values['offset_kg'])} on it" if values.get("offset_kg") else ""
+    _words(painter, QRectF(0, 6, 190, 20), ("MFC up" if side > 0 else "aluminium up") + offset)
+    if values.get("shorted"):
+        _words(painter, QRectF(0, 74, 190, 18), "wires together")
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.drawArc(QRectF(78, 26, 34, 24), 20 * 16, 300 * 16)
 
@@ -143,6 +146,15 @@ def _hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
     painter.drawArc(QRectF(28, 6, 134, 60), 190 * 16, 160 * 16)
 
 
+def _place_reference(painter: QPainter, values: dict[str, float]) -> None:
+    for x in (8, 160):
+        _fill(painter, METAL, QRectF(x, 30, 22, 24))
+    _fill(painter, "#d8dde2", QRectF(60, 60, 70, 14))
+    painter.drawLine(QPointF(30, 42), QPointF(160, 42))
+    _arrow(painter, QPointF(95, 42), QPointF(95, 59))
+    _words(painter, QRectF(20, 6, 150, 20), f"{1e3 * values.get('reference_m', 0.0):.3f} mm deep")
+
+
 DRAWINGS: dict[str, Callable[[QPainter, dict[str, float]], None]] = {
     "place-weight": _place_weight,
     "remove-weight": _remove_weight,
@@ -151,5 +163,6 @@ DRAWINGS: dict[str, Callable[[QPainter, dict[str, float]], None]] = {
     "short-electrodes": _short_electrodes,
     "stretch-membrane": _membrane,
     "remove-membrane": _no_membrane,
+    "place-reference": _place_reference,
     "hang-membrane": _hang_membrane,
 }

@@ -78,6 +78,8 @@ class LandingDetector:
 
     _rest: Array = field(default_factory=lambda: np.empty(0))
     _quiet: deque[Array] = field(default_factory=deque)
+    _levels: deque[tuple[float, float]] = field(default_factory=deque)
+    """Mean and standard deviation of each of the quiet windows: a trace may be watched for hours."""
     _moved: deque[Array] = field(default_factory=deque)
     _zero: Array = field(default_factory=lambda: np.empty(0))
     _seen: int = 0
@@ -128,9 +130,11 @@ class LandingDetector:
 
     def _take(self, window: Array) -> Landing | None:
         self._quiet.append(window)
+        self._levels.append((float(window.mean()), float(window.std())))
         if len(self._quiet) > self.windows:
             self._quiet.popleft()
-        means = np.array([w.mean() for w in self._quiet])
+            self._levels.popleft()
+        means, spreads = np.array(self._levels).T
         gap = abs(float(means[-1]) - self.zero)  # NaN, out of range, is not within any tolerance
         assert self.tolerance is not None
         if self.state is LandingState.READY and not gap <= self.tolerance:
@@ -142,7 +146,6 @@ class LandingDetector:
         allowed = (
             self.tolerance if self.state is not LandingState.MOVING else max(self.tolerance, self.CREEP_SHARE * step)
         )
-        spreads = np.array([w.std() for w in self._quiet])
         if (
             len(means) < self.windows
             or not np.ptp(means) <= allowed
