@@ -32,7 +32,6 @@ from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile
 from protocols.runner import Runner
 from protocols.runreader import Run
-from protocols.steps import Prompt
 from sim_hardware.bench import VirtualBench
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.served import ServedBench
@@ -98,20 +97,6 @@ def _smaller(info: FieldInfo, value: Any) -> Iterator[Any]:
 
 def _unit(info: FieldInfo) -> str:
     return str(next((m.unit for m in info.metadata if isinstance(m, Unit)), ""))
-
-
-class Willing:
-    """The simulated operator; what nobody taught it is answered by what the prompt expects."""
-
-    def __init__(self, operator: SimulatedOperator) -> None:
-        self._operator, self._expected = operator, dict[int, str]()
-
-    def show(self, ask_id: int, prompt: Prompt) -> None:
-        self._operator.show(ask_id, prompt)
-        self._expected[ask_id] = prompt.choices[0]
-
-    def answer(self, ask_id: int) -> str | None:
-        return self._operator.answer(ask_id) or self._expected.pop(ask_id, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +226,7 @@ def moments_of(name: str) -> Moments:
     with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
         looker = _Looker(world)
         store = RunFile.new(Path(folder), header(protocol(name), bench, "matrix"))
-        status, reason = Runner(protocol(name), bench, store, Willing(operator), [looker]).run()
+        status, reason = Runner(protocol(name), bench, store, operator, [looker]).run()
         assert status is Status.COMPLETED, f"{name} without a fault: {reason}"
     missing = {"ramp"} if looker.moves_live < ON_THE_WAY else set()
     return Moments(tuple(m for m in MOMENTS if m not in missing), looker.record_after_s, looker.moves_leaving)
@@ -313,7 +298,7 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
 
             chosen = protocol(name)
             store = RunFile.new(folder, header(chosen, bench, "matrix"))
-            runner = Runner(chosen, bench, store, Willing(operator), [events.append, breaker, patience], cancel)
+            runner = Runner(chosen, bench, store, operator, [events.append, breaker, patience], cancel)
             status, reason = runner.run()
             report = world.report()
     finally:
