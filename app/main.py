@@ -66,6 +66,7 @@ def entry() -> NoReturn:
 def _parser() -> argparse.ArgumentParser:
     from app import commands
     from app.bench_parser import add_bench_commands, add_fault_option
+    from app.identify_parser import add_identify_commands
     from app.model_parser import add_model_commands
     from app.protocol_parser import add_protocol_commands
     from app.run_parser import add_run_commands
@@ -143,6 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     add_model_commands(known)
     add_run_commands(known)
     add_protocol_commands(known, _bench_options)
+    add_identify_commands(known)
     return parser
 
 

@@ -91,8 +91,12 @@ def _version(package: str) -> str:
 
 def run_path(folder: Path, specimen: str, protocol: str, now: datetime) -> Path:
     """A name that sorts by time and tells specimen and protocol: `20261121T091502Z_T7_sine-dwell.h5`."""
-    safe = _cut("".join(c if c.isalnum() or c in "-." else "-" for c in specimen), NAME_BYTES).decode() or "unnamed"
-    return folder / f"{now:%Y%m%dT%H%M%SZ}_{safe}_{protocol}.h5"
+    return folder / f"{now:%Y%m%dT%H%M%SZ}_{safe_name(specimen)}_{protocol}.h5"
+
+
+def safe_name(specimen: str) -> str:
+    """The name of a specimen as it can stand in a file's name."""
+    return _cut("".join(c if c.isalnum() or c in "-." else "-" for c in specimen), NAME_BYTES).decode() or "unnamed"
 
 
 class RunFile:

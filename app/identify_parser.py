@@ -1,0 +1,88 @@
+"""The parsers of `tactor-bench identify`, `compare` and `calibration`. What they run is imported when it runs."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from app.arguments import path
+
+
+def add_identify_commands(known: Any) -> None:
+    """Register the commands with the subparsers of the command."""
+    identify = known.add_parser(
+        "identify",
+        help="parameters of a specimen from its runs, with errors",
+        description="Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
+        "step by step as the paper did. What the runs do not tell is named instead of guessed.",
+        epilog="example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
+    )
+    identify.add_argument("runs", nargs="+", type=path, metavar="RUN", help="run files of one specimen")
+    identify.add_argument("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
+    identify.add_argument(
+        "--free", metavar="NAMES", help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)"
+    )
+    identify.add_argument(
+        "--fix",
+        dest="fixed",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a value to hold; SI or with unit",
+    )
+    identify.add_argument("--robust", action="store_true", help="let go of outliers (a Cauchy loss) instead of squares")
+    identify.add_argument("--accept", action="store_true", help="keep the result as the specimen's calibration")
+    identify.add_argument("--by", default="", metavar="NAME", help="who accepts it")
+    identify.add_argument("--note", default="", help="a remark kept with it")
+    identify.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+    identify.set_defaults(command=_identify)
+
+    compare = known.add_parser(
+        "compare",
+        help="what differs between two runs of the same kind",
+        description="Points of two runs side by side: values, difference, and the difference in standard errors.",
+        epilog="example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5",
+    )
+    compare.add_argument("first", type=path)
+    compare.add_argument("second", type=path)
+    compare.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+    compare.set_defaults(command=_compare)
+
+    calibration = known.add_parser(
+        "calibration",
+        help="the accepted estimates of a specimen: show, diff, use another version",
+        description="What `identify --accept` kept: one version after the other, one of them active.",
+        epilog="example: tactor-bench calibration show T7",
+    )
+    do = calibration.add_subparsers(title="what", metavar="WHAT", required=True)
+    show = do.add_parser("show", help="one version, the active one by default", epilog="example: calibration show T7")
+    show.add_argument("specimen")
+    show.add_argument("--version", type=int)
+    diff = do.add_parser("diff", help="what changed between two versions", epilog="example: calibration diff T7 1 2")
+    diff.add_argument("specimen")
+    diff.add_argument("first", type=int)
+    diff.add_argument("second", type=int)
+    use = do.add_parser("use", help="make another version the active one", epilog="example: calibration use T7 1")
+    use.add_argument("specimen")
+    use.add_argument("version", type=int)
+    for each, what in ((show, "show"), (diff, "diff"), (use, "use")):
+        each.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
+        each.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+        each.set_defaults(command=_calibration, what=what)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from app.identify_commands import identify_runs
+
+    return identify_runs(options)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from app.identify_commands import compare_runs
+
+    return compare_runs(options)
+
+
+def _calibration(options: argparse.Namespace) -> int:
+    from app.identify_commands import calibration
+
+    return calibration(options)

@@ -1,0 +1,134 @@
+"""Identification of one specimen from its run files, by the paper's chain or by the joint fit, as one kind of result."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.observing import campaign_of
+from model.amplifier import AmplifierMap
+from model.identification.chain import chain
+from model.identification.chain_errors import chain_errors
+from model.identification.chain_method import ChainMethod, Validation
+from model.identification.estimates import Estimate
+from model.identification.joint import JointFit, joint_fit
+from model.identification.names import defaults
+from model.identification.observations import Campaign
+from model.identification.setting import Loss, Setting
+from model.parameters import Membrane, Tactor
+from model.quantity import quantities
+
+Method = Literal["chain", "joint"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunMisfit:
+    """How well one run is explained."""
+
+    label: str
+    points: int
+    chi_square: float
+    probability: float
+    outliers: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """What an identification found, whichever method found it."""
+
+    specimen: str
+    method: Method
+    campaign: Campaign
+    estimates: tuple[Estimate, ...]
+    covariance: NDArray[np.float64]
+    fixed: Mapping[str, float | None]
+    """Every parameter of the model that was not identified, with the value it was given."""
+    verdict: str
+    misfits: tuple[RunMisfit, ...] = ()
+    validation: tuple[Validation, ...] = ()
+    unidentified: tuple[str, ...] = ()
+    """Combinations that these runs do not tell, in words."""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    fit: JointFit | None = field(default=None, repr=False)
+
+    @property
+    def tactor(self) -> Tactor:
+        """The tactor as identified."""
+        return Tactor(**self._values(Tactor))
+
+    @property
+    def membrane(self) -> Membrane:
+        """The membrane as identified."""
+        return Membrane(**self._values(Membrane))
+
+    def _values(self, kind: type) -> dict[str, Any]:
+        every = {**self.fixed, **{e.name: e.value for e in self.estimates}}
+        return {q.name: every[q.name] for q in quantities(kind)}
+
+
+def identify(
+    paths: Sequence[Path],
+    method: Method = "joint",
+    free: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    loss: Loss = "linear",
+    amplifier: AmplifierMap | None = None,
+    tactor: Tactor | None = None,
+    membrane: Membrane | None = None,
+    progress: Callable[..., None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> Identified:
+    """Identify the specimen of these runs.
+
+    Raises:
+        ObservingError: the runs do not go together, or tell nothing.
+        ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
+    """
+    specimen, campaign, left_out = campaign_of(paths)
+    tactor, membrane = tactor or Tactor(), membrane or Membrane()
+    base = defaults(tactor, membrane, None)
+    amplifier = amplifier or AmplifierMap()
+    if method == "chain":
+        chosen = ChainMethod(tactor=tactor, membrane=membrane, amplifier=amplifier)
+        found = chain(campaign, chosen)
+        estimates, covariance = chain_errors(campaign, chosen, found)
+        words = (
+            "the paper's chain: every step takes the results of those before it; errors are carried through all steps"
+        )
+        return _result(
+            specimen, method, campaign, estimates, covariance, base, words,
+            validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
+        )  # fmt: skip
+    setting = Setting(
+        tactor=tactor, membrane=membrane, free=tuple(free) if free else None, fixed=dict(fixed or {}), loss=loss,
+        amplifier=amplifier,
+    )  # fmt: skip
+    fit = joint_fit(campaign, setting, progress, cancelled)
+    estimates = fit.estimates()
+    misfits = tuple(
+        RunMisfit(r.label, len(r.values), r.chi_square, r.probability, len(r.outliers)) for r in fit.residuals
+    )
+    return _result(
+        specimen, method, campaign, estimates, fit.covariance_of(estimates), base | dict(fixed or {}), fit.verdict,
+        misfits=misfits, unidentified=tuple(c.words for c in fit.unidentified), seconds=fit.seconds, fit=fit,
+        notes=(*left_out, *([] if fit.converged else [fit.message])),
+    )  # fmt: skip
+
+
+def _result(
+    specimen: str,
+    method: Method,
+    campaign: Campaign,
+    estimates: tuple[Estimate, ...],
+    covariance: NDArray[np.float64],
+    base: Mapping[str, float | None],
+    verdict: str,
+    **more: Any,
+) -> Identified:
+    found = {e.name for e in estimates}
+    fixed = {name: value for name, value in base.items() if name not in found}
+    return Identified(specimen, method, campaign, estimates, covariance, fixed, verdict, **more)

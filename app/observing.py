@@ -1,0 +1,214 @@
+"""From run files to what an identification takes: each protocol's points as observations of one specimen.
+
+Only points that no flag speaks against count as good; the others stay in the record. What all values of one instrument
+share - the sensor's gain - is one common error, named by the instrument's serial number, so that two runs with the same
+sensor share it and two with different sensors do not.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config import AmplifierTable
+from model.identification.observations import (
+    Campaign,
+    CommonError,
+    FrequencyResponse,
+    MassResonance,
+    MembraneSag,
+    Observation,
+    StaticLoading,
+    VoltageSteps,
+)
+from model.parameters import Membrane
+from model.quantity import ParameterError
+from protocols.quality import Quality
+from protocols.runreader import Run, RunError
+
+CARD_ERROR_V = 0.02
+"""How far the card may see a drive beyond the range it cannot leave."""
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class ObservingError(Exception):
+    """Runs cannot be identified together. The sentence says which and why."""
+
+
+def campaign_of(paths: Sequence[Path]) -> tuple[str, Campaign, list[str]]:
+    """The specimen, all its observations, and a sentence for each run that tells nothing.
+
+    Raises:
+        ObservingError: a file is no run, the runs are of several specimens, or none tells anything.
+    """
+    specimens: dict[str, Path] = {}
+    found: list[Observation] = []
+    left_out: list[str] = []
+    for path in paths:
+        try:
+            with Run(path) as run:
+                specimens.setdefault(run.specimen, path)
+                taken = list(observations(run))
+        except (RunError, ParameterError) as error:
+            raise ObservingError(f"{path}: {error}") from error
+        usable = [run for run in taken if run.use.any()]
+        found += usable
+        if not usable:
+            left_out.append(f"{path.name} tells nothing about the model and is left out")
+    if len(specimens) > 1:
+        names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
+        raise ObservingError(f"these runs are of several specimens, {names}: identify one at a time")
+    if not found:
+        raise ObservingError("none of these runs has a usable point that tells about the model")
+    try:
+        return next(iter(specimens)), Campaign(tuple(found)), left_out
+    except ParameterError as error:
+        raise ObservingError(str(error)) from error
+
+
+def observations(run: Run) -> Iterator[Observation]:
+    """What one run tells; nothing where its protocol tells nothing about the model."""
+    observe = OBSERVERS.get(run.protocol)
+    if observe is not None:
+        columns = run.points()
+        if len(columns["entry"]):
+            yield from observe(run, columns, _good(columns))
+
+
+def _good(columns: Columns) -> NDArray[np.bool_]:
+    return np.array([Quality(int(flags)).usable for flags in columns["quality"]], bool)
+
+
+def _gain(run: Run) -> tuple[CommonError, ...]:
+    """The gain of the displacement sensor: the same for all values taken with it."""
+    sensor = run.sensor
+    if not sensor.gain_relative_uncertainty > 0:
+        return ()
+    return (
+        CommonError(f"gain of {sensor.name} {sensor.serial}".strip(), "displacement", sensor.gain_relative_uncertainty),
+    )
+
+
+def _all(run: Run) -> dict[str, Any]:
+    return {"common": _gain(run), "simulated": run.simulated}
+
+
+def _response(
+    run: Run, columns: Columns, good: NDArray[np.bool_], label: str, elongation_m: float | None
+) -> FrequencyResponse:
+    good = good & (columns["fundamental_errors"] > 0) & (columns["peak_to_peak_errors"] > 0)
+    amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
+    map_ = AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
+    # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
+    room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
+    amplitude_v = np.where(amplitude_v < room_v + CARD_ERROR_V, np.minimum(amplitude_v, room_v), amplitude_v)
+    return FrequencyResponse(
+        label,
+        columns["frequency"],
+        columns["fundamental"] * np.exp(1j * columns["phase"]),
+        columns["fundamental_errors"],
+        drive_amplitude_v=amplitude_v,
+        drive_offset_v=offset_v,
+        elongation_m=elongation_m,
+        peak_to_peak_m=columns["peak_to_peak"],
+        peak_to_peak_errors_m=columns["peak_to_peak_errors"],
+        harmonics_m=columns["harmonics"],
+        good=good,
+        **_all(run),
+    )
+
+
+def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    yield _response(run, columns, good, run.path.stem, None)
+
+
+def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    """One response for each elongation; a free reference before and after is one each."""
+    parts = columns["part"] if "part" in columns else columns["elongation"]
+    for part in dict.fromkeys(parts.tolist()):
+        at = parts == part
+        elongation = float(columns["elongation"][at][0])
+        free = not np.isfinite(elongation) or elongation < 0
+        words = f"free, part {part:g}" if free else f"{1e3 * elongation:g} mm"
+        mine = {name: column[at] for name, column in columns.items()}
+        if good[at].any():
+            yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
+
+
+def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    errors = columns["frequency_errors"]
+    yield MassResonance(
+        run.path.stem,
+        columns["mass"],
+        columns["frequency"],
+        errors,
+        meaning="peak",
+        good=good & (errors > 0),
+        simulated=run.simulated,
+    )
+
+
+def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    errors = columns["deflection_errors"]
+    direction = columns["direction"]
+    yield VoltageSteps(
+        run.path.stem,
+        columns["drive"],
+        columns["deflection"],
+        errors,
+        rising=direction > 0 if (direction != 0).all() else None,
+        time_s=columns["read_time"],
+        good=good & (errors > 0),
+        **_all(run),
+    )
+
+
+def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    """Each side by itself; a push is positive, whichever way the sensor counts it."""
+    for side, name in ((1.0, "mfc"), (-1.0, "aluminium")):
+        at = columns["side"] == side
+        if not good[at].any():
+            continue
+        deflection = columns["deflection"][at]
+        down = np.sign(np.median(deflection[good[at]])) or 1.0
+        # The load's own error is small beside that of the deflection, and moves the point along the line.
+        compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
+        errors = np.hypot(columns["deflection_errors"][at], compliance * columns["load_errors"][at])
+        yield StaticLoading(
+            f"{run.path.stem} {name}",
+            columns["load"][at],
+            down * deflection,
+            errors,
+            side="mfc" if side > 0 else "aluminium",
+            good=good[at] & (errors > 0),
+            **_all(run),
+        )
+
+
+def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    given = run.parameters
+    errors = np.hypot(columns["sag_errors"], float(given["reference_error_m"]))
+    strip = Membrane(L_m=given["length_m"], b_m=given["width_m"], h_m=given["thickness_m"])
+    yield MembraneSag(
+        run.path.stem,
+        columns["sag"],
+        errors,
+        geometry=strip,
+        load_n_per_m=9.80665 * given["density_kg_per_m3"] * strip.b_m * strip.h_m,
+        delta=given["elongation_m"] / strip.L_m,
+        good=good & (errors > 0),
+        **_all(run),
+    )
+
+
+OBSERVERS: dict[str, Callable[[Run, Columns, NDArray[np.bool_]], Iterator[Observation]]] = {
+    "sine-dwell": _sine_dwell,
+    "membrane-series": _membrane_series,
+    "mass-resonance": _mass_resonance,
+    "voltage-steps": _voltage_steps,
+    "static-loading": _static_loading,
+    "membrane-sag": _membrane_sag,
+}

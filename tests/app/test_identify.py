@@ -1,0 +1,136 @@
+"""From run files to parameters: what the simulated tactor is made of comes back, with errors that hold; and is kept."""
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+
+from app import calibrations
+from app.calibrations import CalibrationError
+from app.identifying import identify
+from app.main import main
+from app.observing import ObservingError, campaign_of
+from model.identification.observations import FrequencyResponse
+from model.parameters import Tactor
+from protocols.quality import Quality
+from protocols.sine_dwell import SineDwell
+from protocols.voltage_steps import VoltageSteps
+from tests.support import laboratory, run, simulated
+
+TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
+DWELL = SineDwell(frequencies_hz=(50, 100, 130, 145, 160, 175, 200, 250))
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A dwell, a second one, and voltage steps of a tactor that is not the table's."""
+    folder = tmp_path_factory.mktemp("runs")
+    with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0}, seed=5)) as lab:
+        dwells = [run(DWELL, folder, lab).path for _ in range(2)]
+        return [*dwells, run(VoltageSteps(repeats=2), folder, lab).path]
+
+
+@pytest.mark.parametrize("method", ["joint", "chain"])
+def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], method: str) -> None:
+    found = identify([runs[0], runs[2]], method)  # type: ignore[arg-type]
+    estimates = {e.name: e for e in found.estimates}
+    assert set(estimates) == {"mu", "m_add", "c0"}
+    allowance = 1e-4 if method == "joint" else 5e-3  # the chain's parabola through the peak has an error of its own
+    for name, one in estimates.items():
+        truth = getattr(TRUTH, name)
+        assert abs(one.value - truth) < 4 * one.standard_error + allowance * abs(truth), name
+    assert found.campaign.simulated
+    assert found.tactor.mu == estimates["mu"].value
+    if method == "joint":
+        assert "the errors explain the misfit" in found.verdict
+
+
+def test_a_shared_gain_error_of_the_sensor_is_in_the_error_of_the_coupling(runs: list[Path]) -> None:
+    """0.2 % of the sensor's gain cannot be averaged away by more points."""
+    one = {e.name: e for e in identify([runs[0]]).estimates}["mu"]
+    all_ = {e.name: e for e in identify(runs).estimates}["mu"]
+    assert one.standard_error / abs(one.value) == pytest.approx(2e-3, rel=0.2)
+    assert all_.standard_error == pytest.approx(one.standard_error, rel=0.2)
+
+
+def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
+    copy = Path(shutil.copy(runs[0], tmp_path))
+    with h5py.File(copy, "r+") as file:
+        file["entry/points/quality"][2] = int(Quality.CLIPPED)
+        file["entry/points/fundamental"][2] *= 3
+    _, campaign, _ = campaign_of([copy])
+    (response,) = campaign.of(FrequencyResponse)
+    assert response.use.tolist() == [True, True, False, *[True] * 5]
+    mu = {e.name: e for e in identify([copy]).estimates}["mu"]
+    assert abs(mu.value - TRUTH.mu) < 4 * mu.standard_error
+
+
+def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_path: Path) -> None:
+    with laboratory() as lab:
+        other = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab).path
+    shutil.copy(other, tmp_path / "copy.h5")
+    with h5py.File(tmp_path / "copy.h5", "r+") as file:
+        del file["entry/specimen"]
+        file["entry/specimen"] = "T2"
+    with pytest.raises(ObservingError, match="these runs are of several specimens, 'T1'"):
+        campaign_of([other, tmp_path / "copy.h5"])
+    with pytest.raises(ObservingError, match="there is no file"):
+        campaign_of([tmp_path / "gone.h5"])
+
+
+def test_the_command_accepts_shows_and_tells_apart(
+    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    here = [shutil.copy(path, tmp_path) for path in runs]
+    assert main(["identify", *here[::2], "--accept", "--by", "K. Tanaka", "--note", "first", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["simulated"] is True
+    assert set(told["parameters"]["name"]) == {"mu", "m_add", "c0"}
+    assert main(["identify", *here, "--accept"]) == 0
+    capsys.readouterr()
+    assert main(["calibration", "show", "T1", "--folder", str(tmp_path), "--version", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "version 1 (version 2 is active), SIMULATED" in shown
+    assert "K. Tanaka" in shown
+    assert main(["calibration", "diff", "T1", "1", "2", "--folder", str(tmp_path)]) == 0
+    assert "in standard errors" in capsys.readouterr().out
+    assert main(["calibration", "use", "T1", "1", "--folder", str(tmp_path)]) == 0
+    assert calibrations.read(tmp_path, "T1").active == 1
+    assert calibrations.read(tmp_path, "T1").get().tactor().c0 == pytest.approx(180.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["calibration", "show", "T9"], "specimen T9: there is no calibration; versions: none"),
+        (["identify", "nowhere.h5"], "there is no file nowhere.h5"),
+        (["identify", "RUN", "--fix", "k2"], "write NAME=VALUE"),
+        (["identify", "RUN", "--fix", "weight=3"], "weight"),
+        (["identify", "RUN", "--free", "colour"], "colour"),
+        (["identify", "RUN", "--method", "chain", "--robust"], "for the joint fit"),
+        (["compare", "RUN", "nowhere.h5"], "there is no file nowhere.h5"),
+    ],
+)
+def test_what_is_asked_wrongly_is_a_sentence(
+    runs: list[Path], arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(runs[0]) if word == "RUN" else word for word in arguments]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_two_runs_of_one_specimen_agree(runs: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", str(runs[0]), str(runs[1]), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    errors = told["points"]["standard errors"]
+    assert len(errors) == 8
+    assert max(abs(e) for e in errors) < 4
+    assert main(["compare", str(runs[0]), str(runs[2])]) == 2
+    assert "compare runs of one kind" in capsys.readouterr().err
+
+
+def test_a_damaged_calibration_file_is_named(tmp_path: Path) -> None:
+    calibrations.calibrations_path(tmp_path, "T1").write_text('{"format": "tactor-bench-calibrations", "versions": 3}')
+    with pytest.raises(CalibrationError, match="restore it from a copy"):
+        calibrations.read(tmp_path, "T1")
