@@ -1,11 +1,14 @@
 """What a person writes for the model, read and checked: `--set`, numbers with units, lists and ranges of them."""
 
 import argparse
+import json
 import math
 import re
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,11 +109,13 @@ def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
 def read_settings(settings: Sequence[str]) -> dict[str, float]:
     """`NAME=VALUE` texts as SI numbers by name; of a name given twice the last one holds.
 
+    A text may also be many of them: a JSON object or TOML lines, as the window copies them, or `@FILE` with either.
+
     Raises:
         UsageError: a text that is no setting, or an unknown name.
     """
     values = {}
-    for setting in settings:
+    for setting in (one for text in settings for one in _each(text)):
         name, equals, value = setting.partition("=")
         if not equals or not value.strip():
             raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set 'L=22 mm'")
@@ -169,6 +174,22 @@ def specimen_record(specimen: Specimen) -> dict[str, float]:
     """Every variable the specimen has, SI, by name."""
     free = {q.name for q in quantities(Tactor)} | {"k_s", "c_s"}
     return {name: specimen.value(name) for name in variables() if specimen.membrane is not None or name in free}
+
+
+def _each(text: str) -> list[str]:
+    """The settings that a text of many stands for; one that is a single one, as it is."""
+    if text.startswith("@"):
+        try:
+            text = Path(text[1:]).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"--set {text}: the file cannot be read: {error}") from None
+    elif not text.lstrip().startswith("{") and "\n" not in text.strip():
+        return [text]
+    try:
+        record = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+    except ValueError as error:
+        raise UsageError(f"--set: neither a JSON object nor TOML lines of NAME = VALUE: {error}") from None
+    return [f"{name}={value}" for name, value in record.items()]
 
 
 def _variable(name: str) -> Quantity:

@@ -8,7 +8,7 @@ from app.arguments import path
 
 SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
-    "'tactor-bench model parameters' lists them"
+    "'tactor-bench model parameters' lists them. @FILE takes many from a TOML or JSON file, as the Explore page copies them"
 )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QTabWidget, QWidget
 
 from app.gui.theme import Theme
@@ -31,7 +32,10 @@ class Pages(QTabWidget):
         self._pages = tuple(pages)
         for page in self._pages:
             assert isinstance(page, QWidget)
-            self.addTab(page, page.title)
+            at = self.addTab(page, page.title)
+            self.setTabToolTip(at, f"Ctrl+{at + 1}")
+            shortcut = QShortcut(QKeySequence(f"Ctrl+{at + 1}"), self)
+            shortcut.activated.connect(lambda at=at: self.setCurrentIndex(at))
 
     def show_view(self, view: View) -> None:
         for page in self._pages:

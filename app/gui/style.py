@@ -12,6 +12,8 @@ def sheet(theme: Theme) -> str:
     QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
     QLabel[kind="fault"] {{ color: {theme.bad}; font-size: 9pt; }}
     QLabel[kind="caption"] {{ font-weight: bold; }}
+    QLabel[kind="moved"] {{ color: {theme.accent}; font-weight: bold; }}
+    QLabel[kind="note-size"] {{ color: {theme.dim}; }}
     QLabel[kind="simulated"] {{
         color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
         font-size: 13pt; font-weight: bold; padding: 0 8px;

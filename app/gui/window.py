@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
 from app.gui.bench_bar import BenchBar
+from app.gui.explore_page import ExplorePage
 from app.gui.link import Link
 from app.gui.measure_page import MeasurePage
 from app.gui.notices import Notices
@@ -57,7 +58,8 @@ class MainWindow(QMainWindow):
         self.measure = MeasurePage(
             protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
         )
-        self.pages = Pages([self.measure])
+        self.explore = ExplorePage(self.theme)
+        self.pages = Pages([self.measure, self.explore])
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
@@ -167,6 +169,7 @@ class MainWindow(QMainWindow):
             self._timer.stop()
             self._save()
             self.overlay.close()
+            self.explore.end()
             event.accept()
             return
         event.ignore()
@@ -253,6 +256,7 @@ class MainWindow(QMainWindow):
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
         self.measure.restore(self._settings)
+        self.explore.restore(self._settings)
         kept = self._settings.value("run/folder", "runs")
         self.measure.panel.folder.setText(str(folder if folder is not None else kept))
         self.measure.panel.specimen.setText(
@@ -264,6 +268,7 @@ class MainWindow(QMainWindow):
         self._settings.setValue("run/folder", self.measure.panel.folder.text())
         self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
         self.measure.save(self._settings)
+        self.explore.save(self._settings)
         self._settings.sync()
 
     def _follow_system(self, *_: object) -> None:

@@ -1,0 +1,251 @@
+"""Playing with the model: what stands at which slider, how it came there, and how it leaves as text or as a study. No Qt."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from app.model_inputs import changed
+from model.parameters import Membrane, Tactor
+from model.quantity import quantities
+from model.specimen import Specimen, variables
+from model.study import PRESETS, Study
+
+OF_TACTOR = frozenset(q.name for q in quantities(Tactor))
+FOLLOWING = ("k_s", "c_s", "contact_length")
+"""What the membrane or the geometry gives, unless a person takes it in hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Where every slider stands: `values` holds, SI, only what was moved; all else is the paper's Table I."""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    on_skin: bool = False
+    peak_to_peak_v: float = 5.0
+    """Of the drive, at the amplifier's input."""
+
+    @property
+    def specimen(self) -> Specimen:
+        """The specimen; raises ParameterError where it is not physical."""
+        known = {name: v for name, v in self.values.items() if self.on_skin or name in OF_TACTOR}
+        return changed(Specimen(membrane=Membrane() if self.on_skin else None), known)
+
+    def value(self, name: str) -> float:
+        """Where a slider stands, or what follows for it; on a free tactor, what would be on the skin."""
+        return self.values[name] if name in self.values else replace(self, on_skin=True).specimen.value(name)
+
+    def moved(self, name: str, value: float) -> "Setting":
+        """With one slider elsewhere. A slider of the skin puts the tactor on it."""
+        on_skin = self.on_skin or name not in OF_TACTOR
+        return replace(self, values={**self.values, name: value}, on_skin=on_skin)
+
+    def reset(self, name: str) -> "Setting":
+        """With one slider back: at Table I, or following the others again."""
+        return replace(self, values={n: v for n, v in self.values.items() if n != name})
+
+    @property
+    def record(self) -> dict[str, float]:
+        """Every number of the specimen that `--set` takes, SI; what follows from others is left out."""
+        names = [
+            n for n in variables() if (self.on_skin or n in OF_TACTOR) and (n not in FOLLOWING or n in self.values)
+        ]
+        return {name: self.value(name) for name in names}
+
+    def as_json(self) -> str:
+        return json.dumps(self.record, indent=2)
+
+    def as_toml(self) -> str:
+        known = variables()
+        return "".join(f"{n} = {v!r}  # {known[n].unit or '1'}, {known[n].words}\n" for n, v in self.record.items())
+
+
+@dataclass(frozen=True, slots=True)
+class Slider:
+    """One slider: how it is called, in which unit it is read, and how far it goes; a field beside it takes any value."""
+
+    name: str
+    label: str
+    unit: str
+    factor: float
+    """Shown is the SI value times this."""
+    low: float
+    high: float
+    log: bool = False
+
+    def place(self, value: float) -> float:
+        """Where a value stands on the slider, 0 to 1; beyond the ends at them."""
+        a, b = self.low, self.high
+        share = np.log(max(value, a) / a) / np.log(b / a) if self.log else (value - a) / (b - a)
+        return float(np.clip(share, 0.0, 1.0))
+
+    def value(self, place: float) -> float:
+        """The value at a place, to four figures: nobody means the fifteenth."""
+        a, b = self.low, self.high
+        value = a * (b / a) ** place if self.log else a + (b - a) * place
+        return float(f"{value:.4g}")
+
+    def text(self, value: float) -> str:
+        """The value in the slider's unit as one types it."""
+        return f"{value * self.factor:.5g}"
+
+
+GROUPS: Mapping[str, Sequence[Slider]] = {
+    "Skin": (
+        Slider("delta", "pre-stretch δ", "%", 1e2, 0.0, 0.1),
+        Slider("E_m", "Young modulus E_m", "MPa", 1e-6, 1e3, 1e9, True),
+        Slider("k_s", "stiffness k_s", "N/m^2", 1.0, 1.0, 1e7, True),
+        Slider("c_s", "damping c_s", "kg/(m s)", 1.0, 0.0, 6000.0),
+    ),
+    "Tactor": (
+        Slider("m_add", "added mass", "g", 1e3, 0.0, 20e-3),
+        Slider("c0", "damping c₀", "kg/(m s)", 1.0, 0.0, 1000.0),
+        Slider("k2", "stiffness k₂, with MFC", "N mm^2", 1e6, 2e-3, 3e-2, True),
+        Slider("mu", "moment per volt μ", "N mm/kV", 1e6, -4e-5, 0.0),
+    ),
+    "Clamp and geometry": (
+        Slider("L", "clamp to centre L", "mm", 1e3, 16e-3, 40e-3),
+        Slider("L1", "clamp to MFC L₁", "mm", 1e3, 1e-3, 14e-3),
+        Slider("L2", "clamp to cylinder L₂", "mm", 1e3, 9e-3, 21e-3),
+        Slider("b_Al", "plate width", "mm", 1e3, 5e-3, 40e-3),
+        Slider("h_Al", "plate thickness", "mm", 1e3, 0.05e-3, 0.6e-3),
+    ),
+    "Materials": (
+        Slider("E_Al", "plate modulus E_Al", "GPa", 1e-9, 1e9, 220e9),
+        Slider("rho1", "plate, mass per length ρ₁", "g/m", 1e3, 2e-3, 6e-2),
+        Slider("rho2", "with MFC, ρ₂", "g/m", 1e3, 5e-3, 1e-1),
+    ),
+    "Membrane": (
+        Slider("L_m", "free length", "mm", 1e3, 30e-3, 400e-3),
+        Slider("b_m", "width", "mm", 1e3, 10e-3, 150e-3),
+        Slider("h_m", "thickness", "mm", 1e3, 0.2e-3, 5e-3),
+        Slider("c_s_0", "damping unstretched", "kg/(m s)", 1.0, 0.0, 1000.0),
+        Slider("c_s_delta", "damping per stretch", "kg/(m s)", 1.0, 0.0, 2e5),
+        Slider("contact_length", "contact length", "mm", 1e3, 1e-3, 30e-3),
+    ),
+}
+SLIDERS: Mapping[str, Slider] = {slider.name: slider for group in GROUPS.values() for slider in group}
+OF_SKIN = frozenset(SLIDERS) - OF_TACTOR
+DRIVE = Slider("peak_to_peak_v", "drive, peak to peak", "V", 1.0, 0.1, 5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A curve that stays while the sliders move on."""
+
+    label: str
+    setting: Setting
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A start for the sliders, with the curves that belong to it."""
+
+    title: str
+    setting: Setting
+    kept: tuple[Kept, ...] = ()
+    variable: str = ""
+    """What the kept curves differ in."""
+
+
+def presets() -> tuple[Preset, ...]:
+    """Table I free and on the membrane, and the paper's Figs. 10, 11 and 12."""
+    words = {"fig10": "Fig. 10: skin stiffness", "fig11": "Fig. 11: skin damping", "fig12": "Fig. 12: pre-stretch"}
+    table = (
+        Preset("Table I, free", Setting()),
+        Preset("Table I, on the membrane", Setting(on_skin=True)),
+    )
+    return (*table, *(_of_study(words[name], make()) for name, make in PRESETS.items()))
+
+
+def _of_study(title: str, study: Study) -> Preset:
+    on = study.specimen
+    values = {"delta": on.delta} if on.delta else {}
+    values |= {name: v for name in ("k_s", "c_s") if (v := getattr(on, name)) is not None}
+    base = Setting(values, on_skin=True)
+    ((variable, varied),) = study.vary.items()
+    kept = tuple(Kept(kept_label(variable, v), base.moved(variable, v)) for v in varied)
+    return Preset(title, kept[len(kept) // 2].setting, kept, variable)
+
+
+def kept_label(name: str, value: float) -> str:
+    """`E_m = 6.95 MPa`."""
+    slider = SLIDERS[name]
+    return f"{name} = {value * slider.factor:.4g} {slider.unit}"
+
+
+def difference(old: Setting, new: Setting) -> str:
+    """In what two settings differ, in words; for the label of a kept curve."""
+    words = [kept_label(n, new.value(n)) for n in SLIDERS if old.values.get(n) != new.values.get(n)]
+    if old.on_skin != new.on_skin:
+        words.insert(0, "on the skin" if new.on_skin else "free")
+    if old.peak_to_peak_v != new.peak_to_peak_v:
+        words.append(f"{new.peak_to_peak_v:g} V")
+    return ", ".join(words) or "Table I"
+
+
+def study_of(setting: Setting, kept: Sequence[Kept], variable: str, frequency_hz: Sequence[float]) -> Study:
+    """A study of one variable: over the values in which the kept curves differ, else over its slider in nine steps.
+
+    Raises:
+        ParameterError: a value at which the specimen is not physical.
+    """
+    values = sorted({k.setting.value(variable) for k in kept})
+    if len(values) < 2:
+        slider = SLIDERS[variable]
+        values = [slider.value(place) for place in np.linspace(0, 1, 9)]
+        admitted = variables()[variable].admits(values)
+        values = [v for v, good in zip(values, admitted, strict=True) if good]
+    base: Any = setting if setting.on_skin or variable in OF_TACTOR else replace(setting, on_skin=True)
+    specimen = base.reset(variable).specimen
+    return Study(
+        {variable: tuple(values)},
+        tuple(float(f) for f in frequency_hz),
+        specimen,
+        measure="peak_to_peak",
+        amplitude_v=setting.peak_to_peak_v / 2,
+    )
+
+
+class History:
+    """Settings one can go back and forth among; moving one slider on and on is one step."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.now = setting
+        self._past: list[Setting] = []
+        self._future: list[Setting] = []
+        self._moving = ""
+
+    def go(self, setting: Setting, moving: str = "") -> None:
+        """A new setting; `moving` names the slider."""
+        if setting == self.now:
+            return
+        if not (moving and moving == self._moving):
+            self._past.append(self.now)
+        self._future.clear()
+        self.now, self._moving = setting, moving
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._future)
+
+    def undo(self) -> bool:
+        """One step back; whether there was one."""
+        return self._step(self._past, self._future)
+
+    def redo(self) -> bool:
+        """One step forth; whether there was one."""
+        return self._step(self._future, self._past)
+
+    def _step(self, back: list[Setting], forth: list[Setting]) -> bool:
+        if not back:
+            return False
+        forth.append(self.now)
+        self.now, self._moving = back.pop(), ""
+        return True

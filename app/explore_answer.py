@@ -1,0 +1,152 @@
+"""What the Explore page asks of the model, answered piece by piece in the order in which a person looks. No Qt."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.explore import Kept, Setting
+from protocols.quality import Quality
+from protocols.runreader import Run, RunError
+
+Array = NDArray[np.float64]
+
+FREQUENCIES = 300
+LOWEST_HZ = 1.0
+PHASES = 48
+ALONG = 49
+MOST_KEPT_IN_MIND = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One state of the page."""
+
+    setting: Setting
+    kept: tuple[Kept, ...]
+    top_hz: float
+    at_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One curve over frequency: amplitudes in m, phase in rad."""
+
+    frequency_hz: Array
+    peak_to_peak: Array
+    twice_fundamental: Array
+    phase: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The half beam in motion: `deflection` (phases, X) in m at `x` (X,) in m."""
+
+    x: Array
+    deflection: Array
+    L1: float
+    L2: float
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What is known by now."""
+
+    line: Line
+    bands: tuple[tuple[float, float], ...]
+    """Where max - min is above the threshold of the skin, Hz."""
+    kept: tuple[Line, ...] | None = None
+    shape: Shape | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The points of a run, to lie over the curves; all (P,), SI."""
+
+    path: Path
+    label: str
+    simulated: bool
+    peak_to_peak_v: float
+    """Of the drive, as recorded."""
+    frequency_hz: Array
+    peak_to_peak: Array
+    peak_to_peak_errors: Array
+    twice_fundamental: Array
+    phase: Array
+    usable: NDArray[np.bool_]
+
+
+class Answerer:
+    """Computes pictures; curves once computed are kept in mind, so that kept ones cost nothing."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, float], Line] = {}
+
+    def pictures(self, question: Question) -> Iterator[Picture]:
+        """The curve first, then the kept ones, then the motion.
+
+        Raises:
+            ParameterError, LinAlgError: the model has no answer.
+        """
+        from model.perception import usable_bands
+
+        line = self._line(question.setting, question.top_hz)
+        picture = Picture(line, usable_bands(line.frequency_hz, line.peak_to_peak))
+        yield picture
+        picture = replace(picture, kept=tuple(self._line(kept.setting, question.top_hz) for kept in question.kept))
+        yield picture
+        yield replace(picture, shape=_shape(question))
+
+    def _line(self, setting: Setting, top_hz: float) -> Line:
+        from model.curve import curve
+
+        name = (repr((sorted(setting.values.items()), setting.on_skin, setting.peak_to_peak_v)), top_hz)
+        if name not in self._known:
+            if len(self._known) >= MOST_KEPT_IN_MIND:
+                self._known.pop(next(iter(self._known)))
+            f = np.linspace(LOWEST_HZ, top_hz, FREQUENCIES)
+            got = curve(setting.specimen, f, setting.peak_to_peak_v / 2)
+            phase = np.unwrap(np.angle(got.fundamental))
+            self._known[name] = Line(f, got.peak_to_peak, 2 * np.abs(got.fundamental), phase)
+        return self._known[name]
+
+
+def read_measured(path: Path) -> Measured:
+    """The points of a run that has a response over frequency.
+
+    Raises:
+        RunError: it cannot be read, or has none.
+    """
+    try:
+        with Run(path) as run:
+            points = run.points()
+            if not len(points.get("frequency", ())) or "fundamental" not in points:
+                raise RunError(f"{path.name} has no points over frequency; take a finished sine dwell")
+            order = np.argsort(points["frequency"], kind="stable")
+            columns = {name: column[order] for name, column in points.items()}
+            return Measured(
+                path,
+                f"{run.specimen} {run.start_time[:10]}",
+                run.simulated,
+                2 * float(np.median(columns["drive_amplitude"])),
+                columns["frequency"],
+                columns["peak_to_peak"],
+                columns["peak_to_peak_errors"],
+                2 * columns["fundamental"],
+                np.unwrap(columns["phase"]),
+                np.array([Quality(int(q)).usable for q in columns["quality"]], bool),
+            )
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise RunError(f"{path.name} is damaged inside: {error}") from None
+
+
+def _shape(question: Question) -> Shape:
+    from model.curve import motion
+
+    specimen = question.setting.specimen
+    t = specimen.tactor
+    x = np.linspace(0, t.L, ALONG)
+    w = motion(specimen, question.at_hz, x, PHASES, question.setting.peak_to_peak_v / 2)
+    return Shape(x, w, t.L1, t.L2)

@@ -1,0 +1,375 @@
+"""The Explore page: sliders for every number of the model, and at once what the skin would feel."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QSettings, Qt, QTimer, Signal
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeySequence, QShortcut
+from PySide6.QtWidgets import QFileDialog, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
+
+from app.explore import DRIVE, SLIDERS, History, Kept, Preset, Setting, difference, presets, study_of
+from app.explore_answer import Answerer, Measured, Picture, Question, read_measured
+from app.gui.explore_bar import ExploreBar
+from app.gui.explore_plot import ExplorePlot
+from app.gui.form import mark
+from app.gui.jobs import Jobs
+from app.gui.shape_plot import ShapePlot
+from app.gui.sliders import SliderPanel
+from app.gui.theme import Theme
+from app.latest import Latest
+from app.view import View
+from model.quantity import ParameterError
+
+Fit = Callable[[Sequence[Measured], Setting], Setting]
+"""Finds the setting with which the model comes closest to the runs, beginning from one; raises ValueError with a sentence."""
+
+SAY_MS = 8000
+"""How long a remark stays."""
+
+
+class ExplorePage(QSplitter):
+    """One page of the window.
+
+    Args:
+        fit: identifies from the runs laid over; without one there is no such button.
+    """
+
+    title = "Explore"
+    _answered = Signal(object, object)
+
+    def __init__(self, theme: Theme, fit: Fit | None = None, parent: QWidget | None = None) -> None:
+        super().__init__(Qt.Orientation.Horizontal, parent)
+        self.history = History(Setting())
+        self.kept: tuple[Kept, ...] = ()
+        self.measured: tuple[Measured, ...] = ()
+        self.picture: Picture | None = None
+        self._fit, self._variable = fit, "delta"
+        self._top_hz, self._at_hz = 250.0, 160.0
+        self._asked: Question | None = None
+        self._jobs = Jobs("explore", self)
+        self._latest: Latest[Question, Picture] | None = None
+        self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
+        self.bar = ExploreBar(presets(), fit is not None)
+        self.said = QLabel()
+        self.said.hide()
+        self.said.setWordWrap(True)
+        self.said.setTextFormat(Qt.TextFormat.PlainText)
+        self._silence = QTimer(self, singleShot=True, interval=SAY_MS)
+        self._silence.timeout.connect(lambda: self._say(""))
+        self._build()
+        self._connect()
+        self.setAcceptDrops(True)
+        self._series()
+        self._show_setting()
+
+    @property
+    def setting(self) -> Setting:
+        return self.history.now
+
+    # -- what the window does with a page ------------------------------------------------------------------------------
+
+    def show_view(self, view: View) -> None:
+        """Nothing here depends on the bench."""
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self.plot.set_theme(theme)
+        self.shape.set_theme(theme)
+
+    def refresh(self) -> None:
+        """Called at every tick while the page is seen."""
+        if self._asked is None:
+            self._ask()
+        self.shape.refresh()
+
+    def end(self) -> None:
+        """End what works beside the window."""
+        if self._latest is not None:
+            self._latest.close()
+        self._jobs.close()
+
+    def save(self, settings: QSettings) -> None:
+        """Remember how it is."""
+        s = self.setting
+        record = {"values": dict(s.values), "on_skin": s.on_skin, "peak_to_peak_v": s.peak_to_peak_v}
+        settings.setValue("explore/setting", json.dumps(record))
+
+    def restore(self, settings: QSettings) -> None:
+        """Be as it was."""
+        try:
+            record = json.loads(str(settings.value("explore/setting", "")))
+            values = {str(n): float(v) for n, v in record["values"].items() if n in SLIDERS}
+            setting = Setting(values, bool(record["on_skin"]), float(record["peak_to_peak_v"]))
+            _ = setting.specimen
+        except (ValueError, KeyError, TypeError, AttributeError):
+            return
+        self.history = History(setting)
+        self._show_setting()
+
+    # -- what a person wants -------------------------------------------------------------------------------------------
+
+    def turn(self, name: str, value: float) -> None:
+        """One slider to a value, SI."""
+        if name == DRIVE.name:
+            self.go(Setting(self.setting.values, self.setting.on_skin, value), name)
+            return
+        self._variable = name
+        self.go(self.setting.moved(name, value), name)
+
+    def reset(self, name: str) -> None:
+        """One slider back."""
+        s = self.setting
+        self.go(Setting(s.values, s.on_skin) if name == DRIVE.name else s.reset(name))
+
+    def go(self, setting: Setting, moving: str = "") -> None:
+        """Another setting; one that is not physical is refused in words and the sliders stay."""
+        try:
+            _ = setting.specimen
+        except ParameterError as error:
+            self._say(str(error), fault=True)
+            self._show_setting()
+            return
+        self.history.go(setting, moving)
+        self._say("")
+        self._show_setting()
+
+    def choose(self, preset: Preset) -> None:
+        """Begin from a preset."""
+        self.kept, self._variable = preset.kept, preset.variable or self._variable
+        if preset.kept:
+            self.bar.series[1].setChecked(True)  # the paper's theory is the fundamental
+            self.bar.series[0].setChecked(False)
+        self.go(preset.setting)
+        self._ask()
+
+    def undo(self) -> None:
+        self.history.undo()
+        self._show_setting()
+
+    def redo(self) -> None:
+        self.history.redo()
+        self._show_setting()
+
+    def keep(self) -> None:
+        """Let the present curve stay while the sliders move on."""
+        last = self.kept[-1].setting if self.kept else Setting()
+        self.kept += (Kept(difference(last, self.setting), self.setting),)
+        self._ask()
+
+    def clear(self) -> None:
+        """Take kept curves and measured runs away."""
+        self.kept, self.measured = (), ()
+        self._show_measured()
+        self._ask()
+
+    def lay_over(self, paths: Sequence[Path]) -> None:
+        """Measured runs over the curves."""
+        for path in paths:
+            if all(run.path != path for run in self.measured):
+                self._jobs.do(lambda path=path: read_measured(path), self._laid, self._failed)  # type: ignore[misc]
+
+    def fit(self) -> None:
+        """Let the sliders go where the runs are met best."""
+        find, measured, setting = self._fit, self.measured, self.setting
+        if find is None or not measured:
+            self._say("lay a measured run over the curves first", fault=True)
+            return
+        self._say("fitting …")
+        self._jobs.do(lambda: find(measured, setting), self.go, self._failed)
+
+    def copy(self, kind: str) -> None:
+        """The numbers as text for `--set`."""
+        text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
+        QGuiApplication.clipboard().setText(text)
+        self._say(f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"')
+
+    def save_study(self, path: Path) -> None:
+        """What the kept curves vary, or the slider moved last, as a study file."""
+        self._say("computing the study …")
+        self._jobs.do(lambda: self._study_file(path), lambda words: self._say(str(words)), self._failed)
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _study_file(self, path: Path) -> str:
+        from app.study_answer import header
+        from protocols.studyfile import StudyFile
+
+        line = self.picture.line if self.picture is not None else None
+        frequencies: Any = range(1, 251) if line is None else line.frequency_hz
+        study = study_of(self.setting, self.kept, self._variable, frequencies)
+        if path.suffix == ".csv":
+            study.run().to_csv(path)
+        else:
+            with StudyFile(path, header(study)) as file:
+                for start, block in study.blocks():
+                    file.write(start, block)
+        return f"{path.name}: max − min over {self._variable}, {study.shape[0]} values"
+
+    def _laid(self, run: Measured) -> None:
+        self.measured = (*(r for r in self.measured if r.path != run.path), run)
+        self._show_measured()
+
+    def _failed(self, error: Exception) -> None:
+        self._say(str(error), fault=True)
+
+    def _drop(self, run: Measured) -> None:
+        self.measured = tuple(r for r in self.measured if r is not run)
+        self._show_measured()
+
+    def _show_measured(self) -> None:
+        self.plot.show_measured(self.measured)
+        self.bar.show_measured(self.measured, self._drop)
+        other = [f"{r.label} at {r.peak_to_peak_v:.3g} V" for r in self.measured if self._other_drive(r)]
+        if other:
+            self._say(
+                f"{', '.join(other)}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", fault=True
+            )
+
+    def _other_drive(self, run: Measured) -> bool:
+        return abs(run.peak_to_peak_v / self.setting.peak_to_peak_v - 1) > 0.02
+
+    def _show_setting(self) -> None:
+        self.sliders.show_setting(self.setting)
+        self.bar.show_setting(self.setting, self.history)
+        if self.isVisible():
+            self._ask()
+        else:
+            self._asked = None
+
+    def _ask(self) -> None:
+        question = Question(self.setting, self.kept, self._top_hz, self._at_hz)
+        if question == self._asked:
+            return
+        self._asked = question
+        if self._latest is None:  # not before somebody looks: it loads the linear algebra
+            self._latest = Latest(Answerer().pictures, self._answered.emit, "explore model")
+        self._latest.ask(question)
+
+    def _show(self, question: Question, answer: Picture | Exception) -> None:
+        if isinstance(answer, Exception):
+            self._say(f"the model cannot be computed so: {answer}; move a slider back", fault=True)
+            return
+        self.picture = answer
+        self.plot.show_picture(answer, question.kept)
+        if answer.shape is not None:
+            self.shape.show_shape(answer.shape, question.at_hz)
+
+    def _cursor(self, hz: float) -> None:
+        self._at_hz = float(f"{hz:.4g}")
+        self.bar.show_frequency(self._at_hz)
+        self._ask()
+
+    def _range(self, top_hz: float) -> None:
+        self._top_hz = top_hz
+        self.plot.show_range(top_hz)
+        self._ask()
+
+    def _series(self) -> None:
+        self.plot.show_series(*(box.isChecked() for box in self.bar.series))
+
+    def _say(self, words: str, fault: bool = False) -> None:
+        if words != self.said.text():
+            self.said.setText(words)
+            mark(self.said, "fault" if fault else "note")
+            self.said.setVisible(bool(words))
+        if words and not fault:
+            self._silence.start()
+
+    def _browse(self) -> None:
+        names, _ = QFileDialog.getOpenFileNames(self, "Runs to lay over", "", "Runs (*.h5)")
+        self.lay_over([Path(name) for name in names])
+
+    def _ask_for_study(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, "Save as study", "study.h5", "Study (*.h5);;Sheet (*.csv)")
+        if name:
+            self.save_study(Path(name))
+
+    def _build(self) -> None:
+        scroll = QScrollArea()
+        scroll.setWidget(self.sliders)
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.viewport().setAutoFillBackground(False)
+        self.sliders.setAutoFillBackground(False)
+        left = QWidget()
+        column = QVBoxLayout(left)
+        column.setContentsMargins(0, 2, 4, 0)
+        column.setSpacing(6)
+        column.addLayout(self.bar.start())
+        column.addWidget(scroll, 1)
+        column.addWidget(self.said)
+        column.addLayout(self.bar.leave())
+        right = QWidget()
+        column = QVBoxLayout(right)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(4)
+        column.addLayout(self.bar.head())
+        column.addLayout(self.bar.runs())
+        rows = QSplitter(Qt.Orientation.Vertical)
+        rows.addWidget(self.plot)
+        below = QWidget()
+        beam = QVBoxLayout(below)
+        beam.setContentsMargins(0, 0, 0, 0)
+        beam.setSpacing(2)
+        beam.addLayout(self.bar.motion())
+        beam.addWidget(self.shape, 1)
+        rows.addWidget(below)
+        rows.setSizes([400, 210])
+        rows.setChildrenCollapsible(False)
+        column.addWidget(rows, 1)
+        self.addWidget(left)
+        self.addWidget(right)
+        self.setStretchFactor(0, 0)
+        self.setStretchFactor(1, 1)
+        self.setSizes([430, 820])
+        self.setChildrenCollapsible(False)
+        left.setMinimumWidth(400)
+
+    def _connect(self) -> None:
+        bar = self.bar
+        self._answered.connect(self._show)
+        self.sliders.moved.connect(self.turn)
+        self.sliders.reset.connect(self.reset)
+        self.sliders.refused.connect(lambda words: self._say(words, fault=True))
+        self.plot.cursor_moved.connect(self._cursor)
+        bar.preset_chosen.connect(self.choose)
+        bar.skin_chosen.connect(lambda on: self.go(Setting(self.setting.values, on, self.setting.peak_to_peak_v)))
+        bar.frequency_chosen.connect(self.plot.pointer.setValue)
+        bar.range_chosen.connect(self._range)
+        bar.series_changed.connect(self._series)
+        bar.copy_chosen.connect(self.copy)
+        for button, do in (
+            (bar.undo, self.undo),
+            (bar.redo, self.redo),
+            (bar.keep, self.keep),
+            (bar.clear, self.clear),
+            (bar.lay, self._browse),
+            (bar.fit, self.fit),
+            (bar.study, self._ask_for_study),
+        ):
+            button.clicked.connect(do)
+        for sequence, button in (
+            (QKeySequence.StandardKey.Undo, bar.undo),
+            (QKeySequence.StandardKey.Redo, bar.redo),
+            (QKeySequence("Ctrl+K"), bar.keep),
+            (QKeySequence("Ctrl+Shift+C"), bar.copy_json),
+            (QKeySequence("Ctrl+O"), bar.lay),
+        ):
+            shortcut = QShortcut(QKeySequence(sequence), self, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.activated.connect(button.click)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if run_urls(event):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        self.lay_over(run_urls(event))
+        event.acceptProposedAction()
+
+
+def run_urls(event: QDropEvent) -> list[Path]:
+    """Run files that are dragged over a page."""
+    paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+    return [path for path in paths if path.suffix == ".h5"]

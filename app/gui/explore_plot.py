@@ -1,0 +1,222 @@
+"""Curves over frequency: amplitude above, phase below it where asked for; kept curves, measured points, what is felt."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from app.explore import Kept
+from app.explore_answer import Line, Measured, Picture
+from app.gui.plots import Corner, paint, quiet, round_step, simulated_mark
+from app.gui.theme import Theme
+from model.perception import ABDOMEN
+
+AXIS_WIDTH = 62
+FELT_UM = 1e6 * ABDOMEN.amplitude_m[0]
+INKS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
+SERIES = ("max − min", "2 × fundamental")
+
+
+def ink(at: int, theme: Theme) -> QColor:
+    """The colour of the n-th thing among several."""
+    colour = QColor(INKS[at % len(INKS)])
+    return colour.lighter(160) if theme.dark else colour
+
+
+class ExplorePlot(QWidget):
+    """Draws pictures; tells where its cursor was moved to."""
+
+    cursor_moved = Signal(float)
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self._picture: Picture | None = None
+        self._kept: tuple[Kept, ...] = ()
+        self._measured: Sequence[Measured] = ()
+        self._shown = (True, False)
+        self._log = False
+        self._top_hz = 250.0
+        self.canvas, self.below = pg.PlotWidget(enableMenu=False), pg.PlotWidget(enableMenu=False)
+        self.plot, self.phase = self.canvas.getPlotItem(), self.below.getPlotItem()
+        for plot, words in ((self.plot, "amplitude (µm)"), (self.phase, "phase (°)")):
+            quiet(plot, self.font())
+            plot.setContentsMargins(0, 0, 8, 0)
+            plot.getAxis("left").setWidth(AXIS_WIDTH)
+            plot.setLabel("left", words)
+            plot.setLabel("bottom", "frequency (Hz)")
+            plot.showGrid(x=True, y=True, alpha=0.12)
+        self.phase.setXLink(self.plot)
+        beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
+        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=f"{FELT_UM:g} µm: felt on the abdomen", labelOpts=beside)
+        self._felt.label.setFont(self.font())
+        self.band = pg.PlotCurveItem(connect="finite")
+        self.curves = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
+        self.turn = pg.PlotCurveItem(antialias=True)
+        self._kept_curves: list[tuple[pg.PlotCurveItem, pg.PlotCurveItem]] = []
+        self._points: list[tuple[pg.PlotDataItem, ...]] = []
+        self.pointer = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=(1, 4000))
+        self.legend = self.plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6)
+        for item in (self._felt, self.band, self.pointer, *self.curves):
+            self.plot.addItem(item)
+        self.phase.addItem(self.turn)
+        self.mark = simulated_mark(self.plot, self.font())
+        self.words = Corner(self.plot, "", self.font(), right=False)
+        self.mark.show(False)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2)
+        layout.addWidget(self.canvas, 5)
+        layout.addWidget(self.below, 2)
+        self.below.hide()
+        self.pointer.sigPositionChanged.connect(lambda line: self.cursor_moved.emit(float(line.value())))
+        self.set_theme(theme)
+        self._scale()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self._theme = theme
+        for canvas, plot in ((self.canvas, self.plot), (self.below, self.phase)):
+            canvas.setBackground(theme.panel)
+            paint(plot, theme)
+        self._felt.setPen(pg.mkPen(theme.felt, width=1))
+        self._felt.label.setColor(QColor(theme.felt))
+        self.band.setPen(pg.mkPen(theme.felt, width=5))
+        self.pointer.setPen(pg.mkPen(theme.dim, width=1, style=Qt.PenStyle.DotLine))
+        self.pointer.setHoverPen(pg.mkPen(theme.accent, width=2))
+        for curve, style in zip(self.curves, (Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine), strict=True):
+            curve.setPen(pg.mkPen(theme.model, width=2, style=style))
+        self.turn.setPen(pg.mkPen(theme.model, width=2))
+        self.mark.colour(theme.simulated)
+        self.words.colour(theme.text)
+        self.legend.setLabelTextColor(theme.text)
+        ground = QColor(theme.panel)
+        ground.setAlpha(210)
+        self.legend.setBrush(ground)
+        self._draw_kept()
+        self._draw_measured()
+
+    def show_picture(self, picture: Picture, kept: tuple[Kept, ...]) -> None:
+        """Draw what is known by now."""
+        before, self._picture = self._picture, picture
+        line = picture.line
+        if before is None or line is not before.line:
+            for curve, values in zip(self.curves, self._amplitudes(line), strict=True):
+                curve.setData(line.frequency_hz, values)
+            self.turn.setData(line.frequency_hz, np.degrees(line.phase))
+            self._say_felt(picture)
+        if picture.kept is not None and (kept != self._kept or before is None or picture.kept != before.kept):
+            self._kept = kept
+            self._draw_kept()
+        self._scale()
+
+    def show_measured(self, measured: Sequence[Measured]) -> None:
+        """Lay runs over the curves."""
+        self._measured = tuple(measured)
+        self.mark.show(any(run.simulated for run in measured))
+        self._draw_measured()
+        self._scale()
+
+    def show_series(self, peak_to_peak: bool, fundamental: bool, phase: bool, log: bool) -> None:
+        """What is drawn, and whether the amplitude's axis is logarithmic."""
+        self._shown, self._log = (peak_to_peak, fundamental), log
+        for curve, shown in zip(self.curves, self._shown, strict=True):
+            curve.setVisible(shown)
+        self.below.setVisible(phase)
+        self.plot.getAxis("left").setLogMode(x=False, y=log)
+        self.plot.getAxis("bottom").setStyle(showValues=not phase)
+        self.plot.setLabel("bottom", "" if phase else "frequency (Hz)")
+        self._felt.setValue(self._y(FELT_UM))
+        if self._picture is not None:
+            picture, self._picture = self._picture, None
+            self.show_picture(picture, self._kept)
+        self._draw_kept()
+        self._draw_measured()
+        self._scale()
+
+    def show_range(self, top_hz: float) -> None:
+        self._top_hz = top_hz
+        self._scale()
+
+    def _y(self, um: float) -> float:
+        return float(np.log10(max(um, 1e-6))) if self._log else um
+
+    def _amplitudes(self, line: Line | Measured) -> tuple[np.ndarray, np.ndarray]:
+        both = 1e6 * line.peak_to_peak, 1e6 * line.twice_fundamental
+        return tuple(np.log10(np.maximum(v, 1e-6)) for v in both) if self._log else both  # type: ignore[return-value]
+
+    def _say_felt(self, picture: Picture) -> None:
+        ends: list[float] = []
+        for low, high in picture.bands:
+            ends += [low, high, np.nan]
+        self.band.setData(np.array(ends), np.full(len(ends), self._y(FELT_UM)))
+        line = picture.line
+        top = int(line.peak_to_peak.argmax())
+        peak = f"peak {1e6 * line.peak_to_peak[top]:.0f} µm at {line.frequency_hz[top]:.0f} Hz"
+        last = float(line.frequency_hz[-1])
+        bands = ", ".join(
+            f"{low:.0f} … {high:.0f} Hz" if high < last else f"{low:.0f} Hz and beyond" for low, high in picture.bands
+        )
+        self.words.say(f"{peak};   " + (f"felt {bands}" if bands else "nowhere felt"))
+
+    def _draw_kept(self) -> None:
+        for items in self._kept_curves:
+            self.legend.removeItem(items[0])
+            self.plot.removeItem(items[0])
+            self.phase.removeItem(items[1])
+        self._kept_curves = []
+        lines = (self._picture.kept or ()) if self._picture else ()
+        for at, (kept, line) in enumerate(zip(self._kept, lines, strict=False)):
+            pen = pg.mkPen(ink(at, self._theme), width=1.5)
+            upper, lower = pg.PlotCurveItem(antialias=True, pen=pen), pg.PlotCurveItem(antialias=True, pen=pen)
+            upper.setData(line.frequency_hz, self._amplitudes(line)[0 if self._shown[0] else 1])
+            lower.setData(line.frequency_hz, np.degrees(line.phase))
+            self.plot.addItem(upper)
+            self.phase.addItem(lower)
+            self.legend.addItem(upper, kept.label)
+            self._kept_curves.append((upper, lower))
+
+    def _draw_measured(self) -> None:
+        for upper, second, lower in self._points:
+            self.legend.removeItem(upper)
+            self.legend.removeItem(second)
+            self.plot.removeItem(upper)
+            self.plot.removeItem(second)
+            self.phase.removeItem(lower)
+        self._points = []
+        for at, run in enumerate(self._measured):
+            pen = pg.mkPen(ink(at + 3, self._theme), width=1.5)
+            solid, hollow = pg.mkBrush(ink(at + 3, self._theme)), pg.mkBrush(self._theme.panel)
+            fills = [solid if good else hollow for good in run.usable]
+            both = self._amplitudes(run)
+            upper, second, lower = (
+                pg.PlotDataItem(run.frequency_hz, y, pen=None, symbol=s, symbolSize=8, symbolPen=pen, symbolBrush=fills)
+                for y, s in ((both[0], "o"), (both[1], "s"), (np.degrees(run.phase), "o"))
+            )
+            self.plot.addItem(upper)
+            self.plot.addItem(second)
+            self.phase.addItem(lower)
+            upper.setVisible(self._shown[0])
+            second.setVisible(self._shown[1])
+            drawn = upper if self._shown[0] or not self._shown[1] else second
+            self.legend.addItem(drawn, f"{run.label}{', SIMULATED' if run.simulated else ''}")
+            self._points.append((upper, second, lower))
+
+    def _scale(self) -> None:
+        tops, phases = [1.5 * FELT_UM], [-180.0, 0.0]
+        picture = self._picture
+        if picture is not None:
+            for line in (picture.line, *(picture.kept or ())):
+                tops += [1e6 * float(v.max()) for v in (line.peak_to_peak, line.twice_fundamental)]
+            phases += [float(np.degrees(v)) for v in (picture.line.phase.min(), picture.line.phase.max())]
+        tops += [1e6 * float(np.nanmax(run.peak_to_peak)) for run in self._measured]
+        self.plot.setXRange(0, self._top_hz, padding=0)
+        if self._log:
+            self.plot.setYRange(0.0, np.ceil(4 * np.log10(max(tops))) / 4, padding=0)
+        else:
+            step = round_step(1.08 * max(tops), 8)  # in steps, so that it stands still while a slider moves
+            self.plot.setYRange(0, step * np.ceil(1.05 * max(tops) / step), padding=0)
+        self.phase.setYRange(90 * np.floor(min(phases) / 90), 90 * np.ceil(max(phases) / 90), padding=0.04)

@@ -1,0 +1,67 @@
+"""Work beside the window of which only the newest matters: a slider moves on while its last curve is computed."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+Q = TypeVar("Q")
+A = TypeVar("A")
+
+
+class Latest(Generic[Q, A]):
+    """Answers questions in a thread of its own; a question that was overtaken is not begun, or is left unfinished.
+
+    Args:
+        compute: yields one or several answers, the first as soon as it can.
+        told: hears each answer, or the error that ended it, with the question; called in the thread.
+    """
+
+    def __init__(
+        self, compute: Callable[[Q], Iterator[A]], told: Callable[[Q, A | Exception], None], name: str
+    ) -> None:
+        self._compute, self._told = compute, told
+        self._wake = threading.Condition()
+        self._next: Q | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread.start()
+
+    def ask(self, question: Q) -> None:
+        """Want an answer; returns at once."""
+        with self._wake:
+            self._next = question
+            self._wake.notify()
+
+    def close(self) -> None:
+        """End the thread; what is being computed is not told any more."""
+        with self._wake:
+            self._ended = True
+            self._wake.notify()
+        self._thread.join()
+
+    def _closed(self) -> bool:
+        with self._wake:
+            return self._ended
+
+    def _overtaken(self) -> bool:
+        with self._wake:
+            return self._ended or self._next is not None
+
+    def _work(self) -> None:
+        while True:
+            with self._wake:
+                while self._next is None and not self._ended:
+                    self._wake.wait()
+                question, self._next = self._next, None
+            if question is None or self._closed():
+                return
+            try:
+                for answer in self._compute(question):
+                    if self._closed():
+                        return
+                    self._told(question, answer)
+                    if self._overtaken():
+                        break
+            except Exception as error:  # noqa: BLE001 - whatever the model cannot do is shown, and the next slider still works
+                if not self._closed():
+                    self._told(question, error)
