@@ -37,6 +37,14 @@ class Setting:
         """Where a slider stands, or what follows for it; on a free tactor, what would be on the skin."""
         return self.values[name] if name in self.values else replace(self, on_skin=True).specimen.value(name)
 
+    @property
+    def everything(self) -> dict[str, float]:
+        """Where every slider stands, as `value` tells it, at the cost of one."""
+        specimen = replace(self, on_skin=True).specimen
+        skin = specimen.skin
+        follows = {"k_s": skin.k_s, "c_s": skin.c_s}
+        return {n: self.values.get(n, follows[n] if n in follows else specimen.value(n)) for n in SLIDERS}
+
     def moved(self, name: str, value: float) -> "Setting":
         """With one slider elsewhere. A slider of the skin puts the tactor on it."""
         on_skin = self.on_skin or name not in OF_TACTOR

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtWidgets import (
     QButtonGroup,
     QCheckBox,
@@ -22,8 +22,8 @@ RANGES_HZ = (250, 500, 1000, 4000)
 SERIES = ("max − min", "2 × fundamental", "phase", "logarithmic")
 
 
-class ExploreBar(QWidget):
-    """Holds the buttons; the page lays its rows out where they belong. It is never shown itself."""
+class ExploreBar(QObject):
+    """Holds the buttons; the page lays its rows out where they belong."""
 
     preset_chosen = Signal(object)
     skin_chosen = Signal(bool)
@@ -32,8 +32,8 @@ class ExploreBar(QWidget):
     series_changed = Signal()
     copy_chosen = Signal(str)
 
-    def __init__(self, presets: Sequence[Preset], fits: bool) -> None:
-        super().__init__()
+    def __init__(self, presets: Sequence[Preset], fits: bool, parent: QObject | None = None) -> None:
+        super().__init__(parent)
         self.presets = QComboBox()
         self.presets.addItem("Begin from …")
         for preset in presets:
@@ -70,7 +70,6 @@ class ExploreBar(QWidget):
         self.lay = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
         self.fit = _button("Fit these", "Let the sliders go where the runs are met best")
         self.fit.setVisible(fits)
-        self._fits = fits
         self.study = _button("Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV")
         self.copy_json = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
         self.copy_toml = _button("Copy TOML", "Every parameter as TOML for --set")
@@ -128,7 +127,7 @@ class ExploreBar(QWidget):
 
     def runs(self) -> QHBoxLayout:
         """Kept curves and measured runs."""
-        row = _row(self.keep, self.lay, *([self.fit] if self._fits else []))
+        row = _row(self.keep, self.lay, self.fit)
         row.addLayout(self._chips)
         row.addStretch()
         row.addWidget(self.clear)

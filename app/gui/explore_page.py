@@ -45,13 +45,16 @@ class ExplorePage(QSplitter):
         self.kept: tuple[Kept, ...] = ()
         self.measured: tuple[Measured, ...] = ()
         self.picture: Picture | None = None
+        self.shape_of: Question | None = None
+        """The question whose whole answer is on the screen."""
         self._fit, self._variable = fit, "delta"
         self._top_hz, self._at_hz = 250.0, 160.0
         self._asked: Question | None = None
+        self._stale = True
         self._jobs = Jobs("explore", self)
         self._latest: Latest[Question, Picture] | None = None
         self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
-        self.bar = ExploreBar(presets(), fit is not None)
+        self.bar = ExploreBar(presets(), fit is not None, self)
         self.said = QLabel()
         self.said.hide()
         self.said.setWordWrap(True)
@@ -82,6 +85,10 @@ class ExplorePage(QSplitter):
         """Called at every tick while the page is seen."""
         if self._asked is None:
             self._ask()
+        if self._stale:
+            self._stale = False
+            self.sliders.show_setting(self.setting)
+            self.bar.show_setting(self.setting, self.history)
         self.shape.refresh()
 
     def end(self) -> None:
@@ -231,12 +238,11 @@ class ExplorePage(QSplitter):
         return abs(run.peak_to_peak_v / self.setting.peak_to_peak_v - 1) > 0.02
 
     def _show_setting(self) -> None:
-        self.sliders.show_setting(self.setting)
-        self.bar.show_setting(self.setting, self.history)
         if self.isVisible():
             self._ask()
         else:
             self._asked = None
+        self._stale = True  # the curve first; the sliders follow with the next frame
 
     def _ask(self) -> None:
         question = Question(self.setting, self.kept, self._top_hz, self._at_hz)
@@ -255,6 +261,7 @@ class ExplorePage(QSplitter):
         self.plot.show_picture(answer, question.kept)
         if answer.shape is not None:
             self.shape.show_shape(answer.shape, question.at_hz)
+            self.shape_of = question
 
     def _cursor(self, hz: float) -> None:
         self._at_hz = float(f"{hz:.4g}")
@@ -351,11 +358,12 @@ class ExplorePage(QSplitter):
         ):
             button.clicked.connect(do)
         for sequence, button in (
-            (QKeySequence.StandardKey.Undo, bar.undo),
-            (QKeySequence.StandardKey.Redo, bar.redo),
-            (QKeySequence("Ctrl+K"), bar.keep),
-            (QKeySequence("Ctrl+Shift+C"), bar.copy_json),
-            (QKeySequence("Ctrl+O"), bar.lay),
+            ("Ctrl+Z", bar.undo),
+            ("Ctrl+Shift+Z", bar.redo),
+            ("Ctrl+Y", bar.redo),
+            ("Ctrl+K", bar.keep),
+            ("Ctrl+Shift+C", bar.copy_json),
+            ("Ctrl+O", bar.lay),
         ):
             shortcut = QShortcut(QKeySequence(sequence), self, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
             shortcut.activated.connect(button.click)

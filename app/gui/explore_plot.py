@@ -59,7 +59,7 @@ class ExplorePlot(QWidget):
         self._kept_curves: list[tuple[pg.PlotCurveItem, pg.PlotCurveItem]] = []
         self._points: list[tuple[pg.PlotDataItem, ...]] = []
         self.pointer = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=(1, 4000))
-        self.legend = self.plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6)
+        self.legend = self.plot.addLegend(offset=(8, 4), labelTextSize="9pt", verSpacing=-6)
         for item in (self._felt, self.band, self.pointer, *self.curves):
             self.plot.addItem(item)
         self.phase.addItem(self.turn)
@@ -188,8 +188,8 @@ class ExplorePlot(QWidget):
             self.phase.removeItem(lower)
         self._points = []
         for at, run in enumerate(self._measured):
-            pen = pg.mkPen(ink(at + 3, self._theme), width=1.5)
-            solid, hollow = pg.mkBrush(ink(at + 3, self._theme)), pg.mkBrush(self._theme.panel)
+            pen = pg.mkPen(ink(len(INKS) - 1 - at, self._theme), width=1.5)
+            solid, hollow = pg.mkBrush(ink(len(INKS) - 1 - at, self._theme)), pg.mkBrush(self._theme.panel)
             fills = [solid if good else hollow for good in run.usable]
             both = self._amplitudes(run)
             upper, second, lower = (

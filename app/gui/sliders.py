@@ -117,11 +117,12 @@ class SliderPanel(QWidget):
 
     def show_setting(self, setting: Setting) -> None:
         """Stand as a setting says."""
+        values = setting.everything
         for name, row in self.rows.items():
             if name == DRIVE.name:
                 row.show_value(setting.peak_to_peak_v, setting.peak_to_peak_v != PEAK_TO_PEAK.default, True)
             else:
-                row.show_value(setting.value(name), name in setting.values, setting.on_skin or name not in OF_SKIN)
+                row.show_value(values[name], name in setting.values, setting.on_skin or name not in OF_SKIN)
 
     def _group(self, sliders: Iterable[tuple[Slider, Quantity]]) -> QGridLayout:
         grid = QGridLayout()

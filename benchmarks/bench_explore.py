@@ -1,0 +1,84 @@
+"""The Explore page: from a moved slider to the new curve on the screen, and the quick curve against the thorough one.
+
+    python benchmarks/bench_explore.py
+
+Times are told as shares of a frame (16 ms) and ratios; run it on a quiet computer.
+"""
+
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+import numpy as np
+from PySide6.QtCore import QEventLoop, QTimer
+
+from app.gui.application import application
+from app.gui.explore_page import ExplorePage
+from app.gui.theme import LIGHT
+from model.curve import curve
+from model.response import amplifier_response
+from model.specimen import Specimen
+
+FRAME_MS = 16.0
+
+
+def main() -> None:
+    application()
+    page = ExplorePage(LIGHT)
+    page.resize(1280, 560)
+    page.show()
+    page.refresh()
+    pause(1000)
+    for name, start, step in (("k2", 7e-3, 1e-5), ("L1", 8e-3, 1e-5), ("delta", 0.0, 2e-4)):
+        spent = [slide(page, name, start + i * step) for i in range(1, 60)]
+        print(
+            f"{name:>6} to curve drawn: median {statistics.median(spent):.1f} ms, 9 in 10 below "
+            f"{np.percentile(spent, 90):.1f} ms; {100 * np.mean(np.array(spent) < FRAME_MS):.0f} % within a frame"
+        )
+    page.end()
+    f = np.linspace(1, 250, 300)
+    quick = timed(lambda: curve(Specimen(), f))
+    thorough = timed(lambda: amplifier_response(Specimen().tactor, f))
+    print(f"quick curve {1e3 * quick:.1f} ms, {thorough / quick:.0f} times as fast as the thorough one")
+
+
+def slide(page: ExplorePage, name: str, value: float) -> float:
+    pause(60)
+    loop = QEventLoop()
+
+    def answered(_question: Any, answer: Any) -> None:
+        if answer.kept is None:
+            loop.quit()
+
+    page._answered.connect(answered)
+    begin = time.perf_counter()
+    page.turn(name, value)
+    loop.exec()
+    page.plot.canvas.viewport().repaint()
+    spent = time.perf_counter() - begin
+    page._answered.disconnect(answered)
+    page.refresh()
+    return 1e3 * spent
+
+
+def pause(ms: int) -> None:
+    loop = QEventLoop()
+    QTimer.singleShot(ms, loop.quit)
+    loop.exec()
+
+
+def timed(act: Callable[[], Any], times: int = 15) -> float:
+    spent = []
+    for _ in range(times):
+        begin = time.perf_counter()
+        act()
+        spent.append(time.perf_counter() - begin)
+    return min(spent)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""The Explore page in the real window: a key or a drag moves the curve on the screen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent, QGuiApplication
+from PySide6.QtTest import QTest
+
+from app.gui.explore_page import ExplorePage
+from app.gui.theme import DARK
+from app.model_inputs import changed, read_settings
+from model.response import amplifier_response
+from model.specimen import Specimen
+from tests.app.gui.stage import OpenStage, Stage, until
+from tests.runs import finished_run
+
+
+@pytest.fixture
+def page(stage: Stage) -> ExplorePage:
+    stage.press(Qt.Key.Key_2, Qt.KeyboardModifier.ControlModifier)
+    explore = stage.window.explore
+    assert explore.isVisible()
+    settled(explore)
+    return explore
+
+
+def settled(page: ExplorePage) -> None:
+    """Everything that was asked is on the screen."""
+    page.window().tick()
+    want = page._asked
+    until(
+        lambda: page.picture is not None and page.picture.shape is not None and page.shape_of == want,
+        "for the curve",
+    )
+    page.window().tick()
+
+
+def on_screen(page: ExplorePage, series: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    return page.plot.curves[series].getData()
+
+
+def type_into(page: ExplorePage, name: str, text: str) -> None:
+    field = page.sliders.rows[name].field
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    settled(page)
+
+
+def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
+    f, um = on_screen(page)
+    wanted = amplifier_response(Specimen().tactor, f).peak_to_peak
+    np.testing.assert_allclose(um, 1e6 * wanted, rtol=1e-4)
+    assert "151 Hz" in page.plot.words.words
+
+
+def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: ExplorePage) -> None:
+    before = on_screen(page)[1]
+    bar = page.sliders.rows["m_add"].bar
+    bar.setFocus()
+    for _ in range(10):
+        QTest.keyClick(bar, Qt.Key.Key_Left)
+    settled(page)
+    assert page.setting.value("m_add") < 7.7e-3
+    assert page.plot.words.words.split(";")[0] != "peak 1155 µm at 151 Hz"
+    assert on_screen(page)[0][on_screen(page)[1].argmax()] > 155
+    QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    settled(page)
+    np.testing.assert_array_equal(on_screen(page)[1], before)
+    QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+    settled(page)
+    assert page.setting.value("m_add") < 7.7e-3
+    page.sliders.rows["m_add"].back.click()
+    settled(page)
+    assert page.setting.values == {}
+    np.testing.assert_array_equal(on_screen(page)[1], before)
+
+
+def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
+    type_into(page, "E_Al", "70000 MPa")
+    assert page.setting.value("E_Al") == pytest.approx(70e9)
+    type_into(page, "delta", "3.7")
+    assert page.setting.value("delta") == pytest.approx(0.037)
+    assert page.setting.on_skin
+    type_into(page, "m_add", "-1")
+    assert "at least 0 kg" in page.said.text()
+    assert page.setting.value("m_add") == 7.73e-3
+    type_into(page, "L1", "16 mm")
+    assert "L1" in page.said.text()
+    assert page.setting.value("L1") == 8e-3
+
+
+def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
+    page.bar.presets.setCurrentIndex(3)
+    page.bar.presets.activated.emit(3)
+    settled(page)
+    assert [kept.label for kept in page.kept][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
+    assert len(page.plot._kept_curves) == 5
+    assert len(page.plot.legend.items) == 5
+    page.bar.clear.click()
+    settled(page)
+    assert len(page.plot._kept_curves) == 0
+
+
+def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: ExplorePage, tmp_path: Path) -> None:
+    path = finished_run(tmp_path / "elsewhere")
+    mime = QMimeData()
+    mime.setUrls([QUrl.fromLocalFile(str(path))])
+    page.dropEvent(
+        QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
+    )
+    until(lambda: page.measured, "for the run")
+    x, y = page.plot._points[0][0].getData()
+    np.testing.assert_allclose((x, y), ([100.0, 160.0], [1000.0, 1000.0]))
+    assert page.plot.mark.visible
+    type_into(page, "peak_to_peak_v", "4")
+    page._show_measured()
+    assert "at 5 V; the curve is for 4 V" in page.said.text()
+    page.bar.chips[0].click()
+    assert page.measured == ()
+    assert not page.plot.mark.visible
+
+
+def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
+    (tmp_path / "bad.h5").write_text("nothing of the kind")
+    page.lay_over([tmp_path / "bad.h5"])
+    until(lambda: "bad.h5" in page.said.text(), "for the sentence")
+
+
+def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
+    page.plot.pointer.setValue(80.0)
+    settled(page)
+    assert page.bar.frequency.text() == "80"
+    lower, upper = (line.getData()[1] for line in page.shape._envelope)
+    middle = len(upper) // 2
+    f, um = on_screen(page)
+    assert upper[middle] - lower[middle] == pytest.approx(np.interp(80.0, f, um), rel=0.01)
+    frames = page.shape.frames
+    until(lambda: page.shape.frames > frames + 2, "for the beam to move")
+
+
+def test_copied_parameters_are_on_the_clipboard(page: ExplorePage) -> None:
+    type_into(page, "m_add", "5")
+    page.bar.copy_json.click()
+    got = changed(Specimen(), read_settings([QGuiApplication.clipboard().text()]))
+    assert got.tactor.m_add == 5e-3
+
+
+def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
+    from protocols.studyfile import read_study
+
+    type_into(page, "delta", "1")
+    page.save_study(tmp_path / "study.h5")
+    until(lambda: "study.h5: max" in page.said.text(), "for the study")
+    assert [axis.name for axis in read_study(tmp_path / "study.h5").axes] == ["delta", "frequency"]
+
+
+def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
+    assert not page.plot.below.isVisible()
+    page.bar.series[2].click()
+    page.bar.series[3].click()
+    settled(page)
+    assert page.plot.below.isVisible()
+    assert page.plot.turn.getData()[1][-1] < -90
+    assert on_screen(page)[1].max() == pytest.approx(np.log10(1155), abs=0.01)
+
+
+def test_a_fit_moves_the_sliders(page: ExplorePage, tmp_path: Path) -> None:
+    page._fit = lambda runs, setting: setting.moved("k2", 8e-3)
+    page.fit()
+    assert "lay a measured run" in page.said.text()
+    page.lay_over([finished_run(tmp_path)])
+    until(lambda: page.measured, "for the run")
+    page.fit()
+    until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
+
+
+def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
+    first = open_stage()
+    first.window.explore.turn("m_add", 5e-3)
+    first.window.explore.turn("delta", 0.01)
+    first.window.leave(at_once=True)
+    until(lambda: not first.window.isVisible(), "for the window to close")
+    again = open_stage().window.explore
+    assert again.setting.values == {"m_add": 5e-3, "delta": 0.01}
+    assert again.setting.on_skin
+
+
+def test_the_page_fits_a_small_screen(page: ExplorePage) -> None:
+    page.window().set_theme(DARK)
+    assert page.minimumSizeHint().width() <= 1260
+    assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()

@@ -1,0 +1,172 @@
+"""What stands at which slider, how it is undone, and how it leaves the page."""
+
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+import pytest
+
+from app.explore import GROUPS, SLIDERS, History, Setting, difference, presets, study_of
+from app.explore_answer import Answerer, Question, read_measured
+from app.latest import Latest
+from app.main import main
+from app.model_inputs import changed, read_settings
+from model.quantity import ParameterError
+from model.specimen import Specimen, variables
+from model.study import PRESETS
+from protocols.runreader import RunError
+from tests.runs import crashed_run, finished_run
+
+
+def test_every_variable_of_the_model_has_a_slider_that_holds_its_default() -> None:
+    assert SLIDERS.keys() == variables().keys()
+    assert sum(len(group) for group in GROUPS.values()) == len(SLIDERS)
+    for name, slider in SLIDERS.items():
+        value = Setting().value(name)
+        assert slider.low <= value <= slider.high
+        assert slider.value(slider.place(value)) == pytest.approx(value, rel=1e-3, abs=1e-12)
+        assert variables()[name].admits([slider.low, slider.high]).all()
+
+
+def test_all_values_at_once_are_those_one_by_one() -> None:
+    for preset in presets():
+        assert preset.setting.everything == {n: preset.setting.value(n) for n in SLIDERS}
+
+
+def test_a_skin_slider_puts_the_tactor_on_the_skin_and_what_follows_follows() -> None:
+    setting = Setting().moved("delta", 0.01)
+    assert setting.on_skin
+    free, stretched = Setting().value("k_s"), setting.value("k_s")
+    assert stretched > 5 * free
+    pinned = setting.moved("k_s", 123.0)
+    assert pinned.moved("delta", 0.05).value("k_s") == 123.0
+    assert pinned.reset("k_s") == setting
+
+
+@pytest.mark.parametrize("kind", ["json", "toml", "file"])
+@pytest.mark.parametrize("at", range(5))
+def test_copied_parameters_are_understood_by_set(kind: str, at: int, tmp_path: Path) -> None:
+    setting = presets()[at].setting.moved("m_add", 5e-3)
+    text = setting.as_json() if kind == "json" else setting.as_toml()
+    if kind == "file":
+        (tmp_path / "tactor.toml").write_text(text, "utf-8")
+        text = f"@{tmp_path / 'tactor.toml'}"
+    got = changed(Specimen(), read_settings([text]))
+    assert (got.tactor, got.skin) == (setting.specimen.tactor, setting.specimen.skin)
+
+
+def test_the_command_takes_what_was_copied(capsys: pytest.CaptureFixture[str]) -> None:
+    text = Setting().moved("m_add", 1.75e-3).as_toml()
+    assert tomllib.loads(text)["m_add"] == 1.75e-3
+    assert main(["model", "modes", "--json", "--set", text]) == 0
+    assert json.loads(capsys.readouterr().out)["undamped"]["free_frequency"][0] == pytest.approx(300.9, abs=0.1)
+
+
+@pytest.mark.parametrize("text", ["{ half", "@no such file", "a = \nb = 1"])
+def test_a_text_of_many_that_is_none_gets_a_sentence(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "modes", "--set", text]) == 2
+    assert "--set" in capsys.readouterr().err
+
+
+def test_presets_are_the_papers_studies() -> None:
+    for preset, make in zip(presets()[2:], PRESETS.values(), strict=True):
+        study = make()
+        question = Question(preset.setting, preset.kept, 250.0, 160.0)
+        *_, picture = Answerer().pictures(question)
+        assert picture.kept is not None
+        for line, row in zip(picture.kept, study.run().values, strict=True):
+            np.testing.assert_allclose(np.interp(100.0, line.frequency_hz, line.twice_fundamental), row[99], rtol=2e-3)
+
+
+def test_undo_goes_back_a_slider_at_a_time() -> None:
+    history = History(Setting())
+    for mass in (1e-3, 2e-3, 3e-3):
+        history.go(history.now.moved("m_add", mass), "m_add")
+    history.go(history.now.moved("delta", 0.01), "delta")
+    assert history.undo()
+    assert history.now.values == {"m_add": 3e-3}
+    assert history.undo()
+    assert history.now == Setting()
+    assert not history.undo()
+    assert history.redo()
+    assert history.now.values == {"m_add": 3e-3}
+    history.go(Setting())
+    assert not history.can_redo
+
+
+def test_differences_in_words() -> None:
+    old = Setting().moved("m_add", 1e-3)
+    assert difference(old, old.moved("m_add", 2e-3)) == "m_add = 2 g"
+    assert difference(Setting(), Setting()) == "Table I"
+
+
+def test_a_study_varies_what_the_kept_curves_do_else_the_slider() -> None:
+    preset = presets()[2]
+    assert study_of(preset.setting, preset.kept, "E_m", (100.0,)).vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
+    alone = study_of(Setting(), (), "delta", (100.0, 200.0))
+    assert alone.shape == (9,)
+    assert alone.run().values.shape == (9, 2)
+
+
+def test_what_is_not_physical_is_refused() -> None:
+    with pytest.raises(ParameterError, match="L1"):
+        _ = Setting().moved("L1", 16e-3).specimen
+
+
+def test_measured_points_come_in_order_with_their_drive(tmp_path: Path) -> None:
+    run = read_measured(finished_run(tmp_path, frequencies=(160.0, 100.0)))
+    assert run.frequency_hz.tolist() == [100.0, 160.0]
+    assert (run.simulated, run.peak_to_peak_v, run.usable.all()) == (True, 5.0, True)
+    assert len(read_measured(crashed_run(tmp_path)).frequency_hz) == 1
+    (tmp_path / "x.h5").write_text("nothing")
+    with pytest.raises(RunError, match=r"x\.h5"):
+        read_measured(tmp_path / "x.h5")
+
+
+def test_of_many_questions_the_newest_is_answered() -> None:
+    begun, go_on, told, done = Event(), Event(), [], Event()
+
+    def compute(question: int) -> Iterator[str]:
+        begun.set()
+        go_on.wait(10)
+        yield f"first of {question}"
+        yield f"second of {question}"
+
+    def tell(question: int, answer: str | Exception) -> None:
+        told.append(answer)
+        if answer == "second of 4":
+            done.set()
+
+    latest = Latest(compute, tell, "test")
+    latest.ask(1)
+    begun.wait(10)
+    for question in (2, 3, 4):
+        latest.ask(question)
+    go_on.set()
+    done.wait(10)
+    latest.close()
+    assert told == ["first of 1", "first of 4", "second of 4"]
+
+
+def test_an_error_is_told_and_the_next_question_still_answered() -> None:
+    told: list[object] = []
+    heard = Event()
+
+    def compute(question: int) -> Iterator[float]:
+        yield 1 / question
+
+    def tell(question: int, answer: float | Exception) -> None:
+        told.append(answer)
+        heard.set()
+
+    latest = Latest(compute, tell, "test")
+    for question in (0, 2):
+        heard.clear()
+        latest.ask(question)
+        heard.wait(10)
+    latest.close()
+    assert isinstance(told[0], ZeroDivisionError)
+    assert told[1] == 0.5
