@@ -19,7 +19,7 @@ from app.explore_answer import Measured
 from app.units import UnitError, to_number
 
 RANGES_HZ = (250, 500, 1000, 4000)
-SERIES = ("max − min", "2 × fundamental", "phase", "logarithmic")
+SERIES = ("max − min", "2 × fundamental", "phase", "log")
 
 
 class ExploreBar(QObject):

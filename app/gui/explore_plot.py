@@ -42,13 +42,13 @@ class ExplorePlot(QWidget):
         self._top_hz = 250.0
         self.canvas, self.below = pg.PlotWidget(enableMenu=False), pg.PlotWidget(enableMenu=False)
         self.plot, self.phase = self.canvas.getPlotItem(), self.below.getPlotItem()
+        # No grid: painting one takes longer than a frame, and this plot is painted with every move of a slider.
         for plot, words in ((self.plot, "amplitude (µm)"), (self.phase, "phase (°)")):
             quiet(plot, self.font())
             plot.setContentsMargins(0, 0, 8, 0)
             plot.getAxis("left").setWidth(AXIS_WIDTH)
             plot.setLabel("left", words)
             plot.setLabel("bottom", "frequency (Hz)")
-            plot.showGrid(x=True, y=True, alpha=0.12)
         self.phase.setXLink(self.plot)
         beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
         self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=f"{FELT_UM:g} µm: felt on the abdomen", labelOpts=beside)
