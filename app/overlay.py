@@ -51,6 +51,11 @@ class Overlay:
         self._wanted: Question | None = None
         self._future: Future[Curve] | None = None
 
+    @property
+    def amplifier(self) -> AmplifierMap:
+        """Through which the tactor is driven."""
+        return self._amplifier
+
     def ask(self, question: Question) -> None:
         """Want a curve; returns at once. `ready` gives it when it is there."""
         if question == self._wanted:

@@ -41,6 +41,13 @@ class LogPane(QPlainTextEdit):
         for message in view.messages[-new:]:
             self._write(message)
 
+    def show_messages(self, messages: tuple[Message, ...]) -> None:
+        """Write these and nothing else."""
+        self.clear()
+        self._told, self._messages = len(messages), messages
+        for message in messages:
+            self._write(message)
+
     def _write(self, message: Message) -> None:
         bar = self.verticalScrollBar()
         follow = bar.value() >= bar.maximum() - 2

@@ -15,6 +15,7 @@ from app.gui.link import Link
 from app.gui.measure_page import MeasurePage
 from app.gui.notices import Notices
 from app.gui.pages import Pages
+from app.gui.runs_page import RunsPage
 from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
 from app.overlay import Overlay
@@ -59,7 +60,8 @@ class MainWindow(QMainWindow):
             protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
         )
         self.explore = ExplorePage(self.theme)
-        self.pages = Pages([self.measure, self.explore])
+        self.runs = RunsPage(lambda: self._folder, self.overlay, self.theme)
+        self.pages = Pages([self.measure, self.explore, self.runs])
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
@@ -88,6 +90,13 @@ class MainWindow(QMainWindow):
         """Go to rest and end the run. The bench hears it first, then the screen."""
         self.link.session.stop()
         self._tell(StopAsked())
+
+    def escape(self) -> None:
+        """Stop, always; where nothing runs the page seen goes a step back besides."""
+        idle = not self.view.busy
+        self.stop()
+        if idle and self.pages.currentWidget() is self.runs:
+            self.runs.back()
 
     def pause(self) -> None:
         """Go to rest and wait there, or go on."""
@@ -145,6 +154,13 @@ class MainWindow(QMainWindow):
         if view is not self.view:
             self.view = view
             self._show()
+    def escape(self) -> None:
+        """Stop, always; where nothing runs the page seen goes a step back besides."""
+        idle = not self.view.busy
+        self.stop()
+        if idle and self.pages.currentWidget() is self.runs:
+            self.runs.back()
+
         # The runner asks after it has told.
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
@@ -170,6 +186,7 @@ class MainWindow(QMainWindow):
             self._save()
             self.overlay.close()
             self.explore.end()
+            self.runs.end()
             event.accept()
             return
         event.ignore()
@@ -202,6 +219,10 @@ class MainWindow(QMainWindow):
         self.notices.show_prompt(self.view.prompt, self.link.mailbox.waiting)
         self.pages.show_view(self.view)
 
+    def _explore(self, paths: list[Path]) -> None:
+        self.pages.setCurrentWidget(self.explore)
+        self.explore.lay_over(paths)
+
     def _amplifier(self) -> HvAmplifier | None:
         bench = self.link.session.bench
         return bench.amplifier if bench is not None else None
@@ -232,12 +253,14 @@ class MainWindow(QMainWindow):
             (self.notices.connect_pressed, self.connect_again),
             (self.notices.leave_pressed, self.leave),
             (self.notices.stay_pressed, self.notices.stay),
+            (self.runs.explore_asked, self._explore),
         ):
             wish.connect(do)
 
     def _connect_keys(self) -> None:
         keys: tuple[tuple[tuple[Qt.Key | str, ...], Callable[[], None]], ...] = (
-            ((Qt.Key.Key_Escape, Qt.Key.Key_F12), self.stop),
+            ((Qt.Key.Key_Escape,), self.escape),
+            ((Qt.Key.Key_F12,), self.stop),
             ((Qt.Key.Key_F5, "Ctrl+R"), self.run),
             ((Qt.Key.Key_F8,), self.pause),
         )

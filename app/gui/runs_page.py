@@ -1,0 +1,350 @@
+"""The Runs page: every run of the folder, found by a few words, opened with Enter, compared, noted, exported, dragged."""
+
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from PySide6.QtCore import QItemSelectionModel, Qt, Signal
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtWidgets import QAbstractItemView, QFileDialog, QHeaderView, QStackedWidget, QTableView
+
+from app.catalogue import Catalogue, Scanned
+from app.explore_answer import Measured, read_measured
+from app.export import Format, export
+from app.gui.explore_page import run_urls
+from app.gui.jobs import Jobs
+from app.gui.run_filter import RunFilter
+from app.gui.run_side import RunSide
+from app.gui.run_view import RunView
+from app.gui.runs_list import RunsList
+from app.gui.runs_table import COLUMNS, RunsModel
+from app.gui.theme import Theme
+from app.notes import Notes, read_tags, write_notes
+from app.overlay import Overlay, Question
+from app.reopening import Reopened, reopen
+from app.run_entry import Entry
+from app.view import View
+from protocols.runreader import Run, RunError
+
+MOST_COMPARED = 24
+
+
+class RunsTable(QTableView):
+    """Enter opens what is chosen."""
+
+    opened = Signal()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.opened.emit()
+            return
+        super().keyPressEvent(event)
+
+
+class RunsPage(QStackedWidget):
+    """One page of the window: the list, and in its place a run that was opened.
+
+    Args:
+        folder: where the runs are, asked whenever the page is looked at.
+    """
+
+    title = "Runs"
+    explore_asked = Signal(object)
+    """Paths of runs to be laid over the model's curve."""
+
+    def __init__(self, folder: Callable[[], Path], overlay: Overlay, theme: Theme, index: Path | None = None) -> None:
+        super().__init__()
+        self._folder, self._index = folder, index
+        self._overlay = Overlay(amplifier=overlay.amplifier)
+        self._jobs, self._reads = Jobs("runs", self), Jobs("run files", self)
+        self._stop = self._due = False
+        self._scanning = self._busy = False
+        self._leave: tuple[Path, ...] = ()
+        self.entries: list[Entry] = []
+        self.catalogue: Catalogue | None = None
+        self.model, self.table = RunsModel(theme), RunsTable()
+        self.filter, self.side, self.opened = RunFilter(), RunSide(theme), RunView(theme)
+        self._prepare_table()
+        self.addWidget(RunsList(self.filter, self.table, self.side))
+        self.addWidget(self.opened)
+        self.setAcceptDrops(True)
+        self._connect()
+
+    # -- what the window does with a page ------------------------------------------------------------------------------
+
+    def show_view(self, view: View) -> None:
+        """A run that ended is news; one that is being written is left alone."""
+        if self._busy and not view.busy:
+            self._due = True
+        self._busy = view.busy
+
+    def writing(self, path: Path | None) -> None:
+        """The file that this program is writing."""
+        self._leave = () if path is None else (path,)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self.model.set_theme(theme)
+        self.side.set_theme(theme)
+        self.opened.set_theme(theme)
+
+    def refresh(self) -> None:
+        """Called at every tick while the page is seen."""
+        if self.catalogue is None or self.catalogue.folder != self._folder() or self._due:
+            self.look()
+        if self.currentWidget() is self.opened and (curve := self._overlay.ready()) is not None:
+            self.opened.show_curve(curve)
+
+    def end(self) -> None:
+        """End what works beside the window."""
+        self._stop = True
+        self._jobs.close()
+        self._reads.close()
+        self._overlay.close()
+
+    # -- what a person wants -------------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """List what is known at once, then what has changed since."""
+        if self._scanning:
+            return
+        folder, leave = self._folder(), self._leave
+        if self.catalogue is None or self.catalogue.folder != folder:
+            self.catalogue = Catalogue(folder, self._index)
+            self.entries = []
+            self._list()
+        catalogue, self._due, self._scanning, self._stop = self.catalogue, False, True, False
+        self._jobs.do(catalogue.entries, self._listed, self._failed)
+        self._jobs.do(
+            lambda: catalogue.scan(self.filter.progressed.emit, lambda: self._stop, leave), self._scanned, self._failed
+        )
+
+    def open(self) -> None:
+        """The chosen run, as it was."""
+        chosen = self.chosen
+        if not chosen:
+            return
+        if not chosen[0].readable:
+            self.side.say(chosen[0].reason, fault=True)
+            return
+        path = self._path(chosen[0])
+        self.side.say("opening …")
+        self._reads.do(lambda: reopen(path), self._reopened, self._failed)
+
+    def back(self) -> bool:
+        """From an opened run to the list, from a search to all; whether there was somewhere to go."""
+        if self.currentWidget() is self.opened:
+            self.setCurrentIndex(0)
+            self.table.setFocus()
+            return True
+        if self.filter.clear():
+            return True
+        self.table.setFocus()
+        return False
+
+    def annotate(self, tags: str, note: str) -> None:
+        """Tags and a note for what is chosen; with several, the tags are added to each and notes stay."""
+        chosen = [(self._path(e), e) for e in self.chosen]
+        new = read_tags(tags)
+
+        def write() -> None:
+            for path, entry in chosen:
+                if len(chosen) == 1:
+                    write_notes(path, Notes(new, note))
+                else:
+                    write_notes(path, Notes(read_tags(f"{entry.tags},{','.join(new)}"), entry.note))
+
+        self._jobs.do(write, lambda _: self.look(), self._failed)
+
+    def export(self, folder: Path, kind: Format) -> None:
+        """What is chosen, as files for other programs."""
+        paths = [self._path(e) for e in self.chosen if e.readable]
+        self.side.say(f"exporting {len(paths)} …")
+
+        def write() -> int:
+            count = 0
+            for path in paths:
+                with Run(path) as run:
+                    count += len(export(run, folder, kind, stopped=lambda: self._stop))
+            return count
+
+        self._reads.do(write, lambda count: self.side.say(f"{count} files written to {folder}"), self._failed)
+
+    def take_in(self, paths: Sequence[Path]) -> None:
+        """Copy run files into the folder; what has the same name is never replaced."""
+        folder = self._folder()
+
+        def copy() -> list[str]:
+            folder.mkdir(parents=True, exist_ok=True)
+            left = []
+            for path in paths:
+                if (folder / path.name).exists():
+                    left.append(path.name)
+                    continue
+                with Run(path):  # nothing but runs
+                    pass
+                working = folder / f".{path.name}.part"
+                shutil.copy2(path, working)
+                working.replace(folder / path.name)
+            return left
+
+        def done(left: list[str]) -> None:
+            self.side.say(f"already there: {', '.join(left)}" if left else f"{len(paths)} taken in", fault=bool(left))
+            self.look()
+
+        self._reads.do(copy, done, self._failed)
+
+    def explore(self) -> None:
+        """Lay what is chosen, or opened, over the model's curve."""
+        if self.currentWidget() is self.opened and self.opened.run is not None:
+            self.explore_asked.emit([self.opened.run.path])
+        elif paths := [self._path(e) for e in self.chosen if e.readable]:
+            self.explore_asked.emit(paths)
+
+    @property
+    def chosen(self) -> list[Entry]:
+        """The entries that are selected, in the list's order."""
+        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
+        return [self.model.entries[row] for row in rows]
+
+    def choose(self, paths: Sequence[str]) -> None:
+        """Select runs by their paths."""
+        selection = self.table.selectionModel()
+        selection.clearSelection()
+        flags = QItemSelectionModel.SelectionFlag
+        for row in filter(lambda row: row >= 0, map(self.model.row_of, paths)):
+            selection.select(self.model.index(row, 0), flags.Select | flags.Rows)
+            selection.setCurrentIndex(self.model.index(row, 0), flags.NoUpdate)
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _path(self, entry: Entry) -> Path:
+        return self.model.folder / entry.path
+
+    def _listed(self, entries: list[Entry]) -> None:
+        self.entries = entries
+        self.filter.offer(entries)
+        self._list()
+
+    def _scanned(self, scanned: Scanned) -> None:
+        self._scanning = False
+        self.filter.scanned(scanned)
+        if scanned.news and self.catalogue is not None:
+            self._jobs.do(self.catalogue.entries, self._listed, self._failed)
+
+    def _list(self) -> None:
+        chosen = [entry.path for entry in self.chosen]
+        found = self.filter.wanted.among(self.entries)
+        self.model.show(self._folder() if self.catalogue is None else self.catalogue.folder, found)
+        self.choose(chosen)
+        if not self.chosen and found:
+            self.table.setCurrentIndex(self.model.index(0, 0))
+        self.filter.count(len(found), len(self.entries))
+        self._chosen()
+
+    def _chosen(self) -> None:
+        chosen = self.chosen
+        self.side.show_entries(chosen)
+        readable = [e for e in chosen if e.readable][:MOST_COMPARED]
+        paths = [(self._path(e), e) for e in readable]
+
+        def read() -> tuple[list[Entry], list[Measured]]:
+            runs = []
+            for path, _ in paths:
+                try:
+                    runs.append(read_measured(path))
+                except RunError:
+                    continue
+            return chosen, runs
+
+        self._reads.do(read, self._compared, self._failed)
+
+    def _compared(self, answer: tuple[list[Entry], list[Measured]]) -> None:
+        chosen, runs = answer
+        if chosen == self.chosen:  # else it was overtaken
+            self.side.show_runs(runs, len(chosen))
+
+    def _reopened(self, run: Reopened) -> None:
+        self.side.say("")
+        self.opened.show_run(run)
+        peak_to_peak = run.parameters.get("peak_to_peak_v", 5.0)
+        self._overlay.ask(Question(1.05 * run.top_hz, float(peak_to_peak) / 2))
+        self.setCurrentWidget(self.opened)
+        self.opened.back.setFocus()
+
+    def _failed(self, error: Exception) -> None:
+        self._scanning = False
+        self.side.say(str(error), fault=True)
+
+    def _ask_to_export(self, kind: Format) -> None:
+        if self.chosen:
+            name = QFileDialog.getExistingDirectory(self, "Folder for the exported files", str(self._folder()))
+            if name:
+                self.export(Path(name), kind)
+
+    def _copy_paths(self) -> None:
+        QGuiApplication.clipboard().setText("\n".join(str(self._path(e).resolve()) for e in self.chosen))
+
+    def _search(self) -> None:
+        if self.currentWidget() is not self.opened:
+            self.filter.search.setFocus()
+            self.filter.search.selectAll()
+
+    def _prepare_table(self) -> None:
+        table = self.table
+        table.setModel(self.model)
+        table.setSortingEnabled(True)
+        table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+        table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        table.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        table.setDragEnabled(True)
+        table.setAlternatingRowColors(True)
+        table.setShowGrid(False)
+        table.setWordWrap(False)
+        table.setTabKeyNavigation(False)
+        table.verticalHeader().hide()
+        table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
+        header = table.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        wide = table.fontMetrics().averageCharWidth()
+        for at, count in enumerate((19, 11, 13, 22, 7, 12, 34, 14, 9)):
+            table.setColumnWidth(at, count * wide)
+        header.setStretchLastSection(False)
+        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        table.setAccessibleName("runs")
+
+    def _connect(self) -> None:
+        self.filter.changed.connect(self._list)
+        self.filter.stop_pressed.connect(self._stop_scan)
+        self.filter.to_list.connect(self.table.setFocus)
+        self.table.selectionModel().selectionChanged.connect(lambda *_: self._chosen())
+        self.table.opened.connect(self.open)
+        self.table.doubleClicked.connect(lambda _: self.open())
+        self.side.noted.connect(self.annotate)
+        self.side.open_pressed.connect(self.open)
+        self.side.explore_pressed.connect(self.explore)
+        self.side.export_pressed.connect(self._ask_to_export)
+        self.opened.back_pressed.connect(self.back)
+        self.opened.explore_pressed.connect(self.explore)
+        for keys, do in (
+            ("/", self._search),
+            ("Ctrl+F", self._search),
+            ("E", self.explore),
+            ("Ctrl+E", lambda: self._ask_to_export("csv")),
+            ("F2", self.side.tags.setFocus),
+            ("Ctrl+C", self._copy_paths),
+        ):
+            shortcut = QShortcut(QKeySequence(keys), self, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.activated.connect(do)
+
+    def _stop_scan(self) -> None:
+        self._stop = True
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if run_urls(event) and event.source() is None:
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        self.take_in(run_urls(event))
+        event.acceptProposedAction()

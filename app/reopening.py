@@ -1,0 +1,123 @@
+"""A run as it was: its response, its model, its traces and what happened, read from its file. No Qt."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sentences import Level, Message, point_words, sentence
+from protocols import events as happened
+from protocols.runreader import Happened, Run, RunError
+from protocols.values import Estimate
+
+Array = NDArray[np.float64]
+CHUNK = 1_000_000
+COLUMNS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class Traces:
+    """Drive (V) and displacement (um) over the time shown, as low, high, low, high ...; all (2 columns,)."""
+
+    time_s: Array
+    drive_v: Array
+    displacement_um: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Reopened:
+    """Everything the page shows of one run."""
+
+    path: Path
+    title: str
+    state: str
+    reason: str
+    start_time: str
+    simulated: bool
+    parameters: Mapping[str, Any]
+    points: tuple[Any, ...]
+    estimates: tuple[Estimate, ...]
+    messages: tuple[Message, ...]
+    traces: Traces
+    duration_s: float
+
+    @property
+    def top_hz(self) -> float:
+        """How far the response reaches."""
+        return max((float(p.frequency) for p in self.points if hasattr(p, "frequency")), default=250.0)
+
+
+def reopen(path: Path) -> Reopened:
+    """Read a run.
+
+    Raises:
+        RunError: it cannot be read; the sentence says why.
+    """
+    try:
+        with Run(path) as run:
+            points = tuple(_points(run.points()))
+            begun = datetime.fromisoformat(run.start_time).astimezone()
+            log = [_message(event, begun) for event in run.events()]
+            return Reopened(
+                path,
+                run.title,
+                run.state,
+                run.reason,
+                run.start_time,
+                run.simulated,
+                run.parameters,
+                points,
+                run.estimates(),
+                tuple(message for message in log if message is not None),
+                read_traces(run),
+                run.samples / run.rate_hz if run.rate_hz else 0.0,
+            )
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise RunError(f"{path} is damaged inside: {error}") from None
+
+
+def read_traces(run: Run, start: int = 0, stop: int | None = None) -> Traces:
+    """Smallest and largest of each of `COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
+    stop = run.samples if stop is None else min(stop, run.samples)
+    per = max(-(-(stop - start) // COLUMNS), 1)
+    kept: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
+    step = max(CHUNK // per, 1) * per
+    for first in range(start, stop, step):
+        last = min(first + step, stop)
+        edges = np.arange(0, last - first, per)
+        kept[0].append(run.time_s(first, last)[edges])
+        for into, values in ((kept[1], run.drive_v(first, last)), (kept[2], 1e6 * run.displacement_m(first, last))):
+            pairs = np.stack((np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)), axis=1)
+            into.append(pairs.ravel())
+    if not kept[0]:
+        return Traces(np.empty(0), np.empty(0), np.empty(0))
+    return Traces(np.repeat(np.concatenate(kept[0]), 2), np.concatenate(kept[1]), np.concatenate(kept[2]))
+
+
+def _points(columns: Mapping[str, Array]) -> list[Any]:
+    rows = zip(*columns.values(), strict=True)
+    points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
+    for point in points:
+        point.quality = int(getattr(point, "quality", 0))
+    return points
+
+
+def _message(event: Happened, begun: datetime) -> Message | None:
+    """The event as the log told it, or none where it told nothing."""
+    kind = getattr(happened, event.kind, None)
+    at = begun + timedelta(seconds=event.time_s)
+    try:
+        if event.kind == "PointMeasured":
+            point = SimpleNamespace(**event.fields["point"])
+            return Message(at, Level.PLAIN, point_words(point))
+        if kind is None or event.kind in ("Playing", "Recorded", "BlockTaken"):
+            return None
+        said = sentence(kind(**event.fields))
+    except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: its name at least
+        return Message(at, Level.PLAIN, event.kind)
+    return None if said is None else Message(at, *said)
