@@ -154,13 +154,7 @@ class MainWindow(QMainWindow):
         if view is not self.view:
             self.view = view
             self._show()
-    def escape(self) -> None:
-        """Stop, always; where nothing runs the page seen goes a step back besides."""
-        idle = not self.view.busy
-        self.stop()
-        if idle and self.pages.currentWidget() is self.runs:
-            self.runs.back()
-
+        self.runs.writing(getattr(self.link.session, "path", None) if view.busy else None)
         # The runner asks after it has told.
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
