@@ -133,7 +133,7 @@ class RunSide(QWidget):
 
     def show_runs(self, runs: Sequence[Measured], of: int) -> None:
         """The points of what is chosen."""
-        words = "" if runs else "no response over frequency"
+        words = "" if runs or not of else "no response over frequency"
         self.plot.show_runs(runs, f"{len(runs)} of {of} are shown" if 0 < len(runs) < of else words)
 
     def _keep(self) -> None:

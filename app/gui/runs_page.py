@@ -308,7 +308,7 @@ class RunsPage(QStackedWidget):
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = table.fontMetrics().averageCharWidth()
-        for at, count in enumerate((19, 11, 13, 22, 7, 12, 34, 14, 9)):
+        for at, count in enumerate((20, 11, 14, 27, 8, 13, 34, 14)):
             table.setColumnWidth(at, count * wide)
         header.setStretchLastSection(False)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)

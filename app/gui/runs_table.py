@@ -9,11 +9,11 @@ from PySide6.QtGui import QColor
 
 from app.gui.theme import Theme
 from app.run_entry import Entry, State
-from app.words import duration, size
+from app.words import duration
 
 Index = QModelIndex | QPersistentModelIndex
-COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags", "size")
-RIGHT = ("points", "length", "size")
+COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags")
+RIGHT = ("points", "length")
 KEYS = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
@@ -23,7 +23,6 @@ KEYS = {
     "length": lambda e: e.seconds,
     "found": lambda e: e.found,
     "tags": lambda e: e.tags.casefold(),
-    "size": lambda e: e.size,
 }
 SIGNS = {
     State.COMPLETED: "✓",
@@ -122,7 +121,5 @@ def _text(e: Entry, column: str) -> str:
             return duration(e.seconds) if e.readable else ""
         case "found":
             return e.found or ("" if e.state == State.COMPLETED else e.reason)
-        case "size":
-            return size(e.size)
         case _:
             return str(getattr(e, column))

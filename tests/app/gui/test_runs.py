@@ -1,0 +1,213 @@
+"""The Runs page in the real window: found by keys, opened, compared, noted, exported, dragged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent
+from PySide6.QtTest import QTest
+
+from app.catalogue import Catalogue
+from app.gui.runs_page import RunsPage
+from app.notes import Notes, notes_path, read_notes
+from app.view import BenchState
+from protocols.runreader import Run
+from tests.app.gui.happenings import LIVE, OPENED
+from tests.app.gui.stage import OpenStage, Stage, until
+from tests.runs import crashed_run, finished_run, newer_run
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "runs"
+    finished_run(folder, "T7", size_m=8e-4)
+    finished_run(folder, "T8", size_m=6e-4)
+    crashed_run(folder, "T3")
+    return folder
+
+
+@pytest.fixture
+def page(open_stage: OpenStage, folder: Path) -> RunsPage:
+    return shown(open_stage(folder=folder))
+
+
+def shown(stage: Stage, count: int = 3) -> RunsPage:
+    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    runs = stage.window.runs
+    until(
+        lambda: runs.catalogue is not None and runs.model.rowCount() == count and not runs._jobs.waiting, "for the list"
+    )
+    return runs
+
+
+def names(page: RunsPage) -> list[str]:
+    at = [page.model.headerData(c, Qt.Orientation.Horizontal) for c in range(page.model.columnCount())].index(
+        "specimen"
+    )
+    return [page.model.index(row, at).data() for row in range(page.model.rowCount())]
+
+
+def choose(page: RunsPage, *specimens: str) -> None:
+    page.choose([e.path for e in page.entries if e.specimen in specimens])
+    until(lambda: not page._reads.waiting, "for the points")
+
+
+def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> None:
+    assert sorted(names(page)) == ["T3", "T7", "T8"]
+    newer_run(folder, "T5")
+    (folder / "20260101T000000Z_half_sine-dwell.h5").write_bytes(b"cut")
+    page.look()
+    until(lambda: page.model.rowCount() == 5, "for the new ones")
+    status = {e.specimen: e.state for e in page.model.entries}
+    assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
+    choose(page, "half")
+    page.open()
+    assert "half" in page.side.said.text()
+    assert page.currentIndex() == 0
+
+
+def test_found_by_keys_alone(page: RunsPage) -> None:
+    page.table.setFocus()
+    QTest.keyClick(page.table, Qt.Key.Key_Slash)
+    assert page.filter.search.hasFocus()
+    QTest.keyClicks(page.filter.search, "t8 resonance")
+    assert names(page) == ["T8"]
+    QTest.keyClick(page.filter.search, Qt.Key.Key_Down)
+    assert page.table.hasFocus()
+    QTest.keyClick(page.table, Qt.Key.Key_Return)
+    until(lambda: page.currentWidget() is page.opened, "for the run")
+    window = page.window()
+    QTest.keyClick(window, Qt.Key.Key_Escape)
+    assert page.currentIndex() == 0
+    assert names(page) == ["T8"]
+    QTest.keyClick(window, Qt.Key.Key_Escape)
+    assert len(names(page)) == 3
+
+
+def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = shown(stage)
+    choose(page, "T7")
+    page.open()
+    until(lambda: page.currentWidget() is page.opened, "for the run")
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    before = stage.session.stops
+    stage.press(Qt.Key.Key_Escape)
+    assert stage.session.stops == before + 1
+    assert stage.window.view.state is BenchState.GOING_TO_REST
+    assert page.currentWidget() is page.opened
+
+
+def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
+    choose(page, "T7")
+    page.open()
+    until(lambda: page.currentWidget() is page.opened, "for the run")
+    view = page.opened
+    x, y = view.response.scatters[0].getData()
+    np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
+    with Run(next(folder.glob("*_T7_*"))) as run:
+        drive, length = run.drive_v(), run.time_s()[-1]
+    t, v = view.traces.curves[1].getData()
+    assert (v.min(), v.max()) == (drive.min(), drive.max())
+    assert t[-1] == pytest.approx(length, abs=0.01)
+    assert "158.350 ± 0.010 Hz" in view.facts.text()
+    assert "SIMULATED" in view.facts.text()
+    assert "Armed" in view.log.toPlainText()
+    until(lambda: page._overlay.ready() is not None, "for the curve")
+    page.refresh()
+    assert len(view.response._lines[0].getData()[0]) > 100
+
+
+def test_several_are_compared(page: RunsPage) -> None:
+    choose(page, "T7", "T8")
+    heights = sorted(float(item.getData()[1][0]) for item in page.side.plot.items)
+    assert heights == pytest.approx([600.0, 800.0])
+    assert page.side.plot.mark.visible
+    assert page.side.heading.text() == "2 runs chosen"
+
+
+def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -> None:
+    choose(page, "T7")
+    QTest.keyClick(page.table, Qt.Key.Key_F2)
+    QTest.keyClicks(page.side.tags, "good, glued")
+    QTest.keyClick(page.side.tags, Qt.Key.Key_Return)
+    run = next(folder.glob("*_T7_*.h5"))
+    until(lambda: notes_path(run).exists(), "for the notes")
+    assert read_notes(notes_path(run)) == Notes(("good", "glued"))
+    until(lambda: any(e.tags == "good, glued" for e in page.entries), "for the list")
+    page.filter.search.setText("glued")
+    assert names(page) == ["T7"]
+
+
+def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
+    choose(page, "T7", "T8")
+    page.export(tmp_path / "sheets", "csv")
+    until(lambda: "10 files written" in page.side.said.text(), "for the files")
+    assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
+
+
+def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
+    new = finished_run(tmp_path / "stick", "T9")
+
+    def drop(path: Path) -> None:
+        mime = QMimeData()
+        mime.setUrls([QUrl.fromLocalFile(str(path))])
+        page.dropEvent(
+            QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
+        )
+
+    drop(new)
+    until(lambda: "T9" in names(page), "for the copy")
+    assert (folder / new.name).read_bytes() == new.read_bytes()
+    kept = (folder / new.name).read_bytes()
+    new.write_bytes(b"another")
+    drop(new)
+    until(lambda: "already there" in page.side.said.text(), "for the sentence")
+    assert (folder / new.name).read_bytes() == kept
+
+
+def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> None:
+    indexes = [page.model.index(row, 0) for row in (0, 1)]
+    dragged = [Path(url.toLocalFile()) for url in page.model.mimeData(indexes).urls()]
+    assert all(path.exists() and path.parent == folder.resolve() for path in dragged)
+    assert len(dragged) == 2
+
+
+def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path) -> None:
+    stage = open_stage(folder=folder)
+    page = shown(stage)
+    choose(page, "T7")
+    page.table.setFocus()
+    QTest.keyClick(page.table, Qt.Key.Key_E)
+    assert stage.window.pages.currentWidget() is stage.window.explore
+    until(lambda: stage.window.explore.measured, "for the points")
+
+
+def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:
+    catalogue = Catalogue(folder)
+    catalogue.scan()
+    one = catalogue.entries()[0]
+    made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
+    stage = open_stage(folder=folder)
+    page = shown(stage)
+    page._listed(made)
+    assert page.model.rowCount() == 10_000
+    assert "10 000 runs" in page.filter.told.text()
+    page.filter.search.setText("t33")
+    assert set(names(page)) == {"T33"}
+    assert len(names(page)) == 200
+
+
+def test_an_empty_folder_says_what_to_do(open_stage: OpenStage, tmp_path: Path) -> None:
+    page = shown(open_stage(folder=tmp_path / "none"), 0)
+    assert "dropped here" in page.side.facts.text()
+    assert page.filter.told.text() == "0 runs"
+    assert not page.side.open.isEnabled()
