@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore_answer import Measured
 from app.gui.explore_plot import ink
-from app.gui.plots import Corner, paint, quiet, round_step, simulated_mark, trace_pen
+from app.gui.plots import Corner, few_ticks, paint, quiet, round_step, simulated_mark, trace_pen
 from app.gui.theme import Theme
 from app.reopening import Traces
 from model.perception import ABDOMEN
@@ -124,8 +124,12 @@ class RunTraces(QWidget):
         if not traces.time_s.size:
             return
         for plot, curve, values in zip(self._plots, self.curves, (traces.displacement_um, traces.drive_v), strict=True):
-            curve.setData(traces.time_s, values)
+            # What was not kept is a gap, not a line.
+            apart = np.diff(traces.time_s, append=traces.time_s[-1])
+            curve.setData(traces.time_s, values, connect=apart <= 3 * np.median(apart[1::2]))
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             edge = 0.06 * max(high - low, 1e-3)
             plot.setYRange(low - edge, high + edge, padding=0)
+            spacing = few_ticks(low, high) if high > low else 1.0
+            plot.getAxis("left").setTickSpacing(spacing, spacing)
         self._plots[0].setXRange(float(traces.time_s[0]), float(traces.time_s[-1]), padding=0)

@@ -118,6 +118,8 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     t, v = view.traces.curves[1].getData()
     assert (v.min(), v.max()) == (drive.min(), drive.max())
     assert t[-1] == pytest.approx(length, abs=0.01)
+    gap = np.flatnonzero(~view.traces.curves[1].opts["connect"][:-1])
+    assert t[gap] == pytest.approx([0.2], abs=0.01)  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
     assert "158.350 ± 0.010 Hz" in view.facts.text()
     assert "SIMULATED" in view.facts.text()
     assert "Armed" in view.log.toPlainText()
