@@ -74,6 +74,7 @@ class Measured:
     peak_to_peak: Array
     peak_to_peak_errors: Array
     twice_fundamental: Array
+    fundamental_errors: Array
     phase: Array
     usable: NDArray[np.bool_]
 
@@ -135,6 +136,7 @@ def read_measured(path: Path) -> Measured:
                 columns["peak_to_peak"],
                 columns["peak_to_peak_errors"],
                 2 * columns["fundamental"],
+                columns["fundamental_errors"],
                 np.unwrap(columns["phase"]),
                 np.array([Quality(int(q)).usable for q in columns["quality"]], bool),
             )

@@ -9,6 +9,7 @@ from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QResizeEve
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
+from app.explore_fit import fit_runs
 from app.gui.bench_bar import BenchBar
 from app.gui.explore_page import ExplorePage
 from app.gui.link import Link
@@ -59,7 +60,7 @@ class MainWindow(QMainWindow):
         self.measure = MeasurePage(
             protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
         )
-        self.explore = ExplorePage(self.theme)
+        self.explore = ExplorePage(self.theme, fit_runs)
         self.runs = RunsPage(lambda: self._folder, self.overlay, self.theme)
         self.pages = Pages([self.measure, self.explore, self.runs])
         self._build(config.name)

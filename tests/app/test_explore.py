@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -10,11 +11,13 @@ import numpy as np
 import pytest
 
 from app.explore import GROUPS, SLIDERS, History, Setting, difference, presets, study_of
-from app.explore_answer import Answerer, Question, read_measured
+from app.explore_answer import Answerer, Measured, Question, read_measured
+from app.explore_fit import fit_runs
 from app.latest import Latest
 from app.main import main
 from app.model_inputs import changed, read_settings
 from model.quantity import ParameterError
+from model.response import amplifier_response
 from model.specimen import Specimen, variables
 from model.study import PRESETS
 from protocols.runreader import RunError
@@ -124,6 +127,30 @@ def test_measured_points_come_in_order_with_their_drive(tmp_path: Path) -> None:
     (tmp_path / "x.h5").write_text("nothing")
     with pytest.raises(RunError, match=r"x\.h5"):
         read_measured(tmp_path / "x.h5")
+
+
+@pytest.mark.parametrize(("truth", "begin"), [
+    (Setting({"m_add": 6.5e-3, "c0": 210.0, "mu": -1.1e-5}), Setting()),
+    (Setting({"delta": 0.01, "k_s": 9e3, "c_s": 420.0}, on_skin=True), Setting({"delta": 0.01}, on_skin=True)),
+])  # fmt: skip
+def test_a_fit_finds_the_parameters_the_points_were_made_with(truth: Setting, begin: Setting, tmp_path: Path) -> None:
+    specimen = truth.specimen
+    f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
+    made = amplifier_response(specimen.tactor, f, skin=specimen.skin)
+    size = np.abs(made.fundamental)
+    run = Measured(
+        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, 2 * size, 0 * f + 1e-7,
+        np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
+    )  # fmt: skip
+    found = fit_runs([run], begin)
+    for name, value in truth.values.items():
+        assert found.value(name) == pytest.approx(value, rel=2e-3), name
+
+
+def test_a_fit_without_a_usable_point_is_a_sentence(tmp_path: Path) -> None:
+    run = read_measured(finished_run(tmp_path))
+    with pytest.raises(ValueError, match="no usable point"):
+        fit_runs([replace(run, usable=np.zeros(2, bool))], Setting())
 
 
 def test_of_many_questions_the_newest_is_answered() -> None:

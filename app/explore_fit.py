@@ -1,0 +1,65 @@
+"""The button that fits: the joint fit of `model.identification`, from where the sliders stand to where the runs are met best."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.explore import Setting
+from model.amplifier import AmplifierMap
+from model.parameters import Membrane
+
+if TYPE_CHECKING:
+    from app.explore_answer import Measured
+
+FREE = ("m_add", "c0", "mu")
+"""What the response of a free tactor tells while its stiffness is known; the others stay where their sliders are."""
+
+SECONDS = 20.0
+
+
+def fit_runs(runs: Sequence["Measured"], setting: Setting) -> Setting:
+    """The setting that meets the runs best: added mass, damping and moment of a free tactor, or the skin under one.
+
+    Raises:
+        ValueError: a sentence why these cannot be fitted (`ParameterError`, `IdentificationError`).
+    """
+    from model.identification.joint import joint_fit
+    from model.identification.names import at
+    from model.identification.observations import Campaign, FrequencyResponse
+    from model.identification.setting import Setting as Asked
+
+    specimen = setting.specimen
+    elongation = specimen.delta * specimen.membrane.L_m if specimen.membrane is not None else None
+    names = {name: name for name in FREE}
+    if elongation is not None:
+        names = {at(letter, elongation): letter for letter in ("k_s", "c_s")}
+    observed = tuple(
+        FrequencyResponse.polar(
+            f"{number}: {run.label}",
+            run.frequency_hz,
+            run.twice_fundamental / 2,
+            run.phase,
+            run.fundamental_errors,
+            drive_amplitude_v=_within(run.peak_to_peak_v / 2),
+            elongation_m=elongation,
+            good=run.usable,
+            simulated=run.simulated,
+        )
+        for number, run in enumerate(runs, 1)
+    )
+    start = {name: setting.value(letter) for name, letter in names.items()}
+    asked = Asked(tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start)
+    fit = joint_fit(Campaign(observed), asked, seconds=SECONDS)
+    found = dict(zip(fit.names, fit.theta, strict=True))
+    for name, letter in names.items():
+        if not np.isfinite(found[name]):
+            raise ValueError(f"{letter} cannot be told from these runs; lay over one with points around the resonance")
+        setting = setting.moved(letter, float(f"{found[name]:.6g}"))
+    return setting
+
+
+def _within(amplitude_v: float) -> float:
+    """A full swing is read back with noise; what is a thousandth beyond the amplifier's range is at its end."""
+    most = AmplifierMap().rest_v
+    return most if most < amplitude_v < 1.001 * most else amplitude_v
