@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from app.model_inputs import changed
 from model.parameters import Membrane, Tactor
 from model.quantity import quantities
 from model.specimen import Specimen, variables
-from model.study import PRESETS, Study
+
+if TYPE_CHECKING:
+    from model.study import Study
 
 OF_TACTOR = frozenset(q.name for q in quantities(Tactor))
 FOLLOWING = ("k_s", "c_s", "contact_length")
@@ -158,24 +160,30 @@ class Preset:
     """What the kept curves differ in."""
 
 
-def presets() -> tuple[Preset, ...]:
-    """Table I free and on the membrane, and the paper's Figs. 10, 11 and 12."""
-    words = {"fig10": "Fig. 10: skin stiffness", "fig11": "Fig. 11: skin damping", "fig12": "Fig. 12: pre-stretch"}
-    table = (
-        Preset("Table I, free", Setting()),
-        Preset("Table I, on the membrane", Setting(on_skin=True)),
-    )
-    return (*table, *(_of_study(words[name], make()) for name, make in PRESETS.items()))
+TITLES = {
+    "free": "Table I, free",
+    "membrane": "Table I, on the membrane",
+    "fig10": "Fig. 10: skin stiffness",
+    "fig11": "Fig. 11: skin damping",
+    "fig12": "Fig. 12: pre-stretch",
+}
+"""Where one may begin."""
 
 
-def _of_study(title: str, study: Study) -> Preset:
+def preset(name: str) -> Preset:
+    """One of `TITLES`: Table I, or one of the paper's studies with its curves."""
+    if name in ("free", "membrane"):
+        return Preset(TITLES[name], Setting(on_skin=name == "membrane"))
+    from model.study import PRESETS  # loads the linear algebra, for which no window waits
+
+    study = PRESETS[name]()
     on = study.specimen
     values = {"delta": on.delta} if on.delta else {}
-    values |= {name: v for name in ("k_s", "c_s") if (v := getattr(on, name)) is not None}
+    values |= {letter: v for letter in ("k_s", "c_s") if (v := getattr(on, letter)) is not None}
     base = Setting(values, on_skin=True)
     ((variable, varied),) = study.vary.items()
     kept = tuple(Kept(kept_label(variable, v), base.moved(variable, v)) for v in varied)
-    return Preset(title, kept[len(kept) // 2].setting, kept, variable)
+    return Preset(TITLES[name], kept[len(kept) // 2].setting, kept, variable)
 
 
 def kept_label(name: str, value: float) -> str:
@@ -194,12 +202,14 @@ def difference(old: Setting, new: Setting) -> str:
     return ", ".join(words) or "Table I"
 
 
-def study_of(setting: Setting, kept: Sequence[Kept], variable: str, frequency_hz: Sequence[float]) -> Study:
+def study_of(setting: Setting, kept: Sequence[Kept], variable: str, frequency_hz: Sequence[float]) -> "Study":
     """A study of one variable: over the values in which the kept curves differ, else over its slider in nine steps.
 
     Raises:
         ParameterError: a value at which the specimen is not physical.
     """
+    from model.study import Study
+
     values = sorted({k.setting.value(variable) for k in kept})
     if len(values) < 2:
         slider = SLIDERS[variable]

@@ -1,6 +1,6 @@
 """The buttons around the Explore page: where to begin, what is drawn, which runs lie over it, and how numbers leave."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtWidgets import (
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.explore import History, Preset, Setting
+from app.explore import History, Setting
 from app.explore_answer import Measured
 from app.units import UnitError, to_number
 
@@ -25,19 +25,19 @@ SERIES = ("max − min", "2 × fundamental", "phase", "log")
 class ExploreBar(QObject):
     """Holds the buttons; the page lays its rows out where they belong."""
 
-    preset_chosen = Signal(object)
+    preset_chosen = Signal(str)
     skin_chosen = Signal(bool)
     frequency_chosen = Signal(float)
     range_chosen = Signal(float)
     series_changed = Signal()
     copy_chosen = Signal(str)
 
-    def __init__(self, presets: Sequence[Preset], fits: bool, parent: QObject | None = None) -> None:
+    def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.presets = QComboBox()
         self.presets.addItem("Begin from …")
-        for preset in presets:
-            self.presets.addItem(preset.title, preset)
+        for name, title in presets.items():
+            self.presets.addItem(title, name)
         self.presets.setAccessibleName("begin from")
         self.presets.activated.connect(self._preset)
         self.free, self.skin = _choice("Free", "The tactor vibrates freely"), _choice("On skin", "On the membrane")
@@ -134,9 +134,8 @@ class ExploreBar(QObject):
         return row
 
     def _preset(self, at: int) -> None:
-        preset = self.presets.itemData(at)
-        if preset is not None:
-            self.preset_chosen.emit(preset)
+        if name := self.presets.itemData(at):
+            self.preset_chosen.emit(name)
 
     def _frequency(self) -> None:
         try:

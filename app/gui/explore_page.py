@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt, QTimer, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFileDialog, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
 
-from app.explore import DRIVE, SLIDERS, History, Kept, Preset, Setting, difference, presets, study_of
+from app.explore import DRIVE, SLIDERS, TITLES, History, Kept, Setting, difference, preset, study_of
 from app.explore_answer import Answerer, Measured, Picture, Question, read_measured
 from app.gui.explore_bar import ExploreBar
 from app.gui.explore_plot import ExplorePlot
@@ -54,7 +54,7 @@ class ExplorePage(QSplitter):
         self._jobs = Jobs("explore", self)
         self._latest: Latest[Question, Picture] | None = None
         self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
-        self.bar = ExploreBar(presets(), fit is not None, self)
+        self.bar = ExploreBar(TITLES, fit is not None, self)
         self.said = QLabel()
         self.said.hide()
         self.said.setWordWrap(True)
@@ -142,13 +142,14 @@ class ExplorePage(QSplitter):
         self._say("")
         self._show_setting()
 
-    def choose(self, preset: Preset) -> None:
+    def choose(self, name: str) -> None:
         """Begin from a preset."""
-        self.kept, self._variable = preset.kept, preset.variable or self._variable
-        if preset.kept:
+        chosen = preset(name)
+        self.kept, self._variable = chosen.kept, chosen.variable or self._variable
+        if chosen.kept:
             self.bar.series[1].setChecked(True)  # the paper's theory is the fundamental
             self.bar.series[0].setChecked(False)
-        self.go(preset.setting)
+        self.go(chosen.setting)
         self._ask()
 
     def undo(self) -> None:

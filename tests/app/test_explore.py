@@ -1,6 +1,8 @@
 """What stands at which slider, how it is undone, and how it leaves the page."""
 
 import json
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,7 +12,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.explore import GROUPS, SLIDERS, History, Setting, difference, presets, study_of
+from app.explore import GROUPS, SLIDERS, TITLES, History, Setting, difference, preset, study_of
 from app.explore_answer import Answerer, Measured, Question, read_measured
 from app.explore_fit import fit_runs
 from app.latest import Latest
@@ -35,8 +37,9 @@ def test_every_variable_of_the_model_has_a_slider_that_holds_its_default() -> No
 
 
 def test_all_values_at_once_are_those_one_by_one() -> None:
-    for preset in presets():
-        assert preset.setting.everything == {n: preset.setting.value(n) for n in SLIDERS}
+    for name in TITLES:
+        setting = preset(name).setting
+        assert setting.everything == {n: setting.value(n) for n in SLIDERS}
 
 
 def test_a_skin_slider_puts_the_tactor_on_the_skin_and_what_follows_follows() -> None:
@@ -50,9 +53,9 @@ def test_a_skin_slider_puts_the_tactor_on_the_skin_and_what_follows_follows() ->
 
 
 @pytest.mark.parametrize("kind", ["json", "toml", "file"])
-@pytest.mark.parametrize("at", range(5))
-def test_copied_parameters_are_understood_by_set(kind: str, at: int, tmp_path: Path) -> None:
-    setting = presets()[at].setting.moved("m_add", 5e-3)
+@pytest.mark.parametrize("name", TITLES)
+def test_copied_parameters_are_understood_by_set(kind: str, name: str, tmp_path: Path) -> None:
+    setting = preset(name).setting.moved("m_add", 5e-3)
     text = setting.as_json() if kind == "json" else setting.as_toml()
     if kind == "file":
         (tmp_path / "tactor.toml").write_text(text, "utf-8")
@@ -75,9 +78,9 @@ def test_a_text_of_many_that_is_none_gets_a_sentence(text: str, capsys: pytest.C
 
 
 def test_presets_are_the_papers_studies() -> None:
-    for preset, make in zip(presets()[2:], PRESETS.values(), strict=True):
-        study = make()
-        question = Question(preset.setting, preset.kept, 250.0, 160.0)
+    for name, make in PRESETS.items():
+        study, begin = make(), preset(name)
+        question = Question(begin.setting, begin.kept, 250.0, 160.0)
         *_, picture = Answerer().pictures(question)
         assert picture.kept is not None
         for line, row in zip(picture.kept, study.run().values, strict=True):
@@ -107,8 +110,8 @@ def test_differences_in_words() -> None:
 
 
 def test_a_study_varies_what_the_kept_curves_do_else_the_slider() -> None:
-    preset = presets()[2]
-    assert study_of(preset.setting, preset.kept, "E_m", (100.0,)).vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
+    begin = preset("fig10")
+    assert study_of(begin.setting, begin.kept, "E_m", (100.0,)).vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
     alone = study_of(Setting(), (), "delta", (100.0, 200.0))
     assert alone.shape == (9,)
     assert alone.run().values.shape == (9, 2)
@@ -197,3 +200,9 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
     latest.close()
     assert isinstance(told[0], ZeroDivisionError)
     assert told[1] == 0.5
+
+
+def test_the_window_loads_without_the_linear_algebra() -> None:
+    code = "import app.gui.window, sys; print('scipy.linalg' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
