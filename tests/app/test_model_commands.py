@@ -234,7 +234,7 @@ def test_the_step_sheet_ends_at_the_final_value(tmp_path: Path) -> None:
         (["membrane", "--set", "delta=0.1"], "write --pre-stretch 0.0075"),
         (["static", "--elongation", "1 mm", "--set", "delta=0"], "given twice, by --elongation and --set delta"),
         (["static", "--csv", "/nowhere/x.csv"], "there is no folder /nowhere"),
-        (["static", "--picture", "x.cheese"], "a picture ends in .png, .pdf or .svg"),
+        (["static", "--picture", "x.cheese"], "a picture ends in .png, .pdf"),
         (["cheese"], "invalid choice: 'cheese'"),
         ([], "the following arguments are required: TOPIC"),
     ],
