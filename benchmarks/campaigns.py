@@ -118,9 +118,9 @@ def elements(tactor: Tactor, f: np.ndarray, on: Skin | None, clamp: float, load:
 def peak_hz(call: Callable[[np.ndarray], np.ndarray]) -> float:
     """Frequency of the largest response, by ever finer scans."""
     low, high = 20.0, 700.0
-    for _ in range(7):
-        f = np.linspace(low, high, 41)
-        top = int(np.clip(abs(call(f)).argmax(), 1, 39))
+    for _ in range(5):
+        f = np.linspace(low, high, 17)
+        top = int(np.clip(abs(call(f)).argmax(), 1, 15))
         low, high = f[top - 1], f[top + 1]
     a, b, c = abs(call(np.array([low, (low + high) / 2, high])))
     return (low + high) / 2 + (high - low) / 4 * (a - c) / (a - 2 * b + c)
@@ -196,6 +196,6 @@ def _dwell(world: World, noise: Noise, name: str, elongation, on: Skin | None, a
     errors = noise.dwell * abs(400 * a * world.response(world.tactor, FREQUENCIES_HZ, on)) + noise.floor_m
     label = name if elongation is None else f"membrane {1e3 * elongation:.3g} mm"
     return FrequencyResponse(
-        label, FREQUENCIES_HZ, F, errors, a, 2.5, elongation, harmonics_m=harmonics,
+        label, FREQUENCIES_HZ, F, errors, a, 2.5, elongation, harmonics_m=harmonics, harmonic_errors_m=0 * errors + noise.floor_m / 10,
         common=shared(SENSOR, AMPLIFIER, DELAY), simulated=True,
     )  # fmt: skip

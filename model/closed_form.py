@@ -25,16 +25,18 @@ def exact_response(
     x: ArrayLike | None = None,
     source: Source = "voltage",
     derivative: int = 0,
+    clamp: float | None = None,
 ) -> Complex:
     """Deflection (or its derivative to x, 0..3) per volt on the specimen or per newton at the centre.
 
     Arguments, shapes and errors are those of `model.response.frequency_response`; frequency 0 is the static solution.
+    `clamp` (N m per radian) lets the clamp turn: k1 w''(0) = clamp w'(0) in place of Eq. (3b); None is rigid.
     """
     f = check_frequency(frequency_hz)
     at = check_x(tactor, tactor.L if x is None else x)
     z = _fourth_powers(tactor, 2 * np.pi * f, skin or FREE)
     ends = np.array([0.0, tactor.L1, tactor.L2, tactor.L])
-    constants = _constants(tactor, z, np.diff(ends), source)
+    constants = _constants(tactor, z, np.diff(ends), source, clamp)
     where = np.clip(np.searchsorted(ends, np.atleast_1d(at), side="right") - 1, 0, 2)
     rows = []
     for position, i in zip(np.atleast_1d(at), where, strict=True):
@@ -75,7 +77,7 @@ def _functions(zeta: Complex, u: float) -> Complex:
     return np.where(small[:, None, None], polynomials, exponentials)
 
 
-def _constants(tactor: Tactor, z: list[Complex], lengths: Array, source: Source) -> Complex:
+def _constants(tactor: Tactor, z: list[Complex], lengths: Array, source: Source, clamp: float | None = None) -> Complex:
     """The four constants of each segment, (F, 3, 4), from conditions (3)-(6); moments and forces are divided by k2."""
     F = z[0].size
     scale = (tactor.L / lengths[:, None]) ** np.arange(4)
@@ -84,6 +86,8 @@ def _constants(tactor: Tactor, z: list[Complex], lengths: Array, source: Source)
     step = np.array([1.0, 1.0, tactor.k1 / tactor.k2, tactor.k1 / tactor.k2])[:, None]
     A, b = np.zeros((F, 12, 12), complex), np.zeros(12)
     A[:, 0:2, 0:4] = start[0][:, :2]
+    if clamp is not None:
+        A[:, 1, 0:4] -= tactor.k1 / (tactor.L * clamp) * start[0][:, 2]
     A[:, 2:6, 0:4], A[:, 2:6, 4:8] = step * end[0], -start[1]
     A[:, 6:10, 4:8], A[:, 6:10, 8:12] = end[1], -start[2]
     A[:, 10:12, 8:12] = end[2][:, [1, 3]]

@@ -38,8 +38,10 @@ def _measured(run: Observation, drawn: dict[str, float], rng: np.random.Generato
                     F = F + 1j * run.errors_m * rng.standard_normal(F.size)
                 F = F + run.errors_m * rng.standard_normal(F.size)
             h = run.harmonics_m
-            if h is not None and run.errors_m is not None:
-                h = np.abs(h * gain + run.errors_m[:, None] * rng.standard_normal(h.shape))
+            error = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
+            if h is not None and error is not None:
+                noise = rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape)
+                h = np.abs(h * gain + error[:, None] * noise)
             return replace(run, fundamental_m=F, peak_to_peak_m=width, harmonics_m=h)
     w = run.deflection_m * gain
     return replace(run, deflection_m=w + run.errors_m * rng.standard_normal(w.size))

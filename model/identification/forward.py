@@ -233,6 +233,11 @@ class Forward:
             k_s = point_stiffness(v["L_m"], v["b_m"], v["h_m"], v["E_m"], delta) / length
         return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
 
+    def plain(self, run: FrequencyResponse, v: Sets) -> tuple[Factors, float]:
+        """Factors (1, 6) of a run, and metres per volt and unit of `Dense.response`, for plain values of all parameters."""
+        factors = self._factors(self._beam(v, run.added_mass_kg), *self.skin(run, v), 1)
+        return factors, -float(v["mu"]) / float(v["L"])
+
     def _drive(self, run: FrequencyResponse) -> Complex:
         """Fundamental of the volts on the specimen per point, against the sine at the input."""
         pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]

@@ -181,7 +181,9 @@ class FrequencyResponse(_Run):
     peak_to_peak_m: Array | None = None
     peak_to_peak_errors_m: Array | None = None
     harmonics_m: Array | None = None
-    """(F, K): peak amplitudes of orders 1..K, NaN where unknown, each with the error of the fundamental."""
+    """(F, K): peak amplitudes of orders 1..K, NaN where unknown."""
+    harmonic_errors_m: Array | None = None
+    """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind tell drift."""
     good: Mask | None = None
@@ -196,8 +198,13 @@ class FrequencyResponse(_Run):
         if self.fundamental_m is None and self.peak_to_peak_m is None:
             raise ParameterError(f"{kind} {self.label!r}: give the fundamental, or max - min, with its errors")
         columns = ("frequency_hz", "fundamental_m", "errors_m", "drive_amplitude_v", "drive_offset_v")
-        more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m")
-        self._read(kind, (*columns, *more), ("errors_m", "peak_to_peak_errors_m", "frequency_hz"), "frequency_hz")
+        more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m")
+        self._read(
+            kind,
+            (*columns, *more),
+            ("errors_m", "peak_to_peak_errors_m", "harmonic_errors_m", "frequency_hz"),
+            "frequency_hz",
+        )
         if self.elongation_m is not None and not self.elongation_m >= 0:
             raise ParameterError(f"{kind} {self.label!r}: elongation is {self.elongation_m} m; it must be at least 0")
 

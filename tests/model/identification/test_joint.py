@@ -9,7 +9,7 @@ import pytest
 from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
 from model.identification.draws import redrawn
 from model.identification.forward import with_values
-from model.identification.joint import Problem, joint_fit
+from model.identification.joint import joint_fit
 from model.identification.observations import (
     Campaign,
     CommonError,
@@ -20,6 +20,7 @@ from model.identification.observations import (
     StaticLoading,
     VoltageSteps,
 )
+from model.identification.problem import Problem
 from model.identification.setting import FitCancelled, IdentificationError, Setting
 from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError

@@ -1,0 +1,106 @@
+"""How fast identification is, as ratios measured in one run: python benchmarks/bench_identification.py [--json]
+
+The joint fit of a full campaign, against the same fit with scipy's own finite differences and against the fit on the closed form's
+solve loop; a live re-fit per point; the tests of adequacy; a profile interval.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+from campaigns import SHARED, Noise, World, perfect
+from scipy.optimize import least_squares
+
+from model.closed_form import exact_response
+from model.identification.adequacy import adequacy
+from model.identification.chain import chain
+from model.identification.chain_errors import chain_errors
+from model.identification.chain_method import ChainMethod
+from model.identification.draws import redrawn
+from model.identification.joint import joint_fit
+from model.identification.live import LiveFit
+from model.identification.observations import FrequencyResponse
+from model.identification.profile import profile
+from model.parameters import Membrane, Tactor
+from model.response import amplifier_response
+from model.skin import skin
+
+
+def seconds(call: Callable[[], object], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        start = perf_counter()
+        call()
+        times.append(perf_counter() - start)
+    return median(times)
+
+
+def measure() -> dict[str, float]:
+    measured, _ = redrawn(perfect(World(), Noise(), SHARED), np.random.default_rng(1))
+    fit = joint_fit(measured)
+    problem, scale = fit.problem, fit.scale
+    bad = {n: 2.0 * v for n, v in zip(fit.names, fit.theta, strict=True) if n in fit.parameters}
+
+    def by_differences() -> object:
+        return least_squares(lambda u: problem.evaluate(u * scale)[0], problem.start / scale, method="trf", xtol=1e-10)
+
+    dwells = [r for r in measured.runs if isinstance(r, FrequencyResponse)]
+
+    def closed(u: np.ndarray) -> np.ndarray:
+        """The dwells alone, as somebody would write it: the exact response, one run after the other."""
+        t = Tactor(k2=u[0] * 7e-3, mu=-u[1] * 1.33e-5, m_add=u[2] * 7.73e-3, c0=u[3] * 159)
+        m = Membrane(E_m=u[4] * 6.95e6, c_s_0=u[5] * 165, c_s_delta=u[6] * 5.48e4)
+        rows = []
+        for r in dwells:
+            on = None if r.elongation_m is None else skin(m, r.elongation_m / m.L_m, tactor=t)
+            gap = (1000 * exact_response(t, r.frequency_hz, on) - r.fundamental_m) / r.errors_m
+            rows += [gap.real, gap.imag]
+        return np.concatenate(rows)
+
+    f = np.array([25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250.0])
+    F = amplifier_response(Tactor(m_add=8e-3), f).fundamental
+    LiveFit().add(f[0], F[0], 1e-6)
+    live = LiveFit()
+    points = [live.add(*point).seconds for point in zip(f, F, 1e-3 * abs(F), strict=True)]
+    joint = seconds(lambda: joint_fit(measured), 7)
+    return {
+        "joint fit of a full campaign [s]": joint,
+        "  from a start a factor of two off [s]": seconds(lambda: joint_fit(measured, fit.setting.__class__(start=bad)), 3),
+        "  evaluations": fit.evaluations,
+        "finite differences by scipy / joint fit": seconds(by_differences, 1) / joint,
+        "closed form, dwells alone, by differences / joint fit": seconds(lambda: least_squares(closed, np.ones(7)), 1) / joint,
+        "live re-fit per point, median [ms]": 1e3 * median(points),
+        "live re-fit per point, longest [ms]": 1e3 * max(points),
+        "adequacy / joint fit": seconds(lambda: adequacy(fit), 3) / joint,
+        "profile interval / joint fit": seconds(lambda: profile(fit, "c0"), 1) / joint,
+        "the paper's chain with errors / joint fit": seconds(
+            lambda: chain_errors(measured, ChainMethod(), chain(measured)), 1
+        ) / joint,
+    }  # fmt: skip
+
+
+GOALS = (
+    ("joint fit of a full campaign [s]", 1.0),
+    ("live re-fit per point, longest [ms]", 50.0),
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    as_json = parser.parse_args().json
+    numbers = measure()
+    if as_json:
+        print(json.dumps(numbers))
+        return
+    for name, value in numbers.items():
+        print(f"{name:56s} {value:10.4g}")
+    for name, goal in GOALS:
+        print(f"goal {name} < {goal:g}: {'met' if numbers[name] < goal else 'not met on this machine now'}")
+
+
+if __name__ == "__main__":
+    main()
