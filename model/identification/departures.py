@@ -20,7 +20,6 @@ from model.identification.observations import (
     FrequencyResponse,
     MassResonance,
     MembraneSag,
-    Observation,
     StaticLoading,
     VoltageSteps,
 )
@@ -70,6 +69,7 @@ Found = tuple[str, str, dict[str, Any]]
 
 
 def _of_one_run(fit: JointFit, y: dict[str, Any]) -> Iterator[Found]:
+    tuned = _tuned(fit)
     for run in fit.campaign.runs:
         p = y[run.label]
         match run:
@@ -89,7 +89,7 @@ def _of_one_run(fit: JointFit, y: dict[str, Any]) -> Iterator[Found]:
                 yield from _of_steps(run, p)
             case FrequencyResponse():
                 yield "gain", f"{run.label} vibrates {{}} % more than the other runs say", {run.label: p}
-                yield "tuning", f"{run.label} is tuned {{}} % higher than the model", {run.label: _tuned(fit, run)}
+                yield "tuning", f"{run.label} is tuned {{}} % higher than the model", {run.label: tuned[run.label]}
                 if np.iscomplexobj(p):
                     words = f"{run.label} lags {{}} % of a radian more than the model"
                     yield "lag", words, {run.label: -1j * p}
@@ -197,20 +197,19 @@ def _shift(t: Tactor, f: float, spring: float) -> float:
     return soft / rigid - 1
 
 
-def _tuned(fit: JointFit, run: FrequencyResponse) -> Any:
-    """Slope of the prediction to a stretch of the frequency axis: a resonance that is one hundred percent higher."""
+def _tuned(fit: JointFit) -> dict[str, Any]:
+    """Per dwell the slope of its prediction to a stretch of the frequency axis: a resonance a hundred percent higher."""
     step = 1e-4
+    dwells = fit.campaign.of(FrequencyResponse)
+    if not dwells:
+        return {}
     ends = []
     for factor in (1 - step, 1 + step):
-        moved = replace(run, frequency_hz=run.frequency_hz * factor, common=run.common)
-        ends.append(_alone(fit, moved))
-    return (ends[0] - ends[1]) / (2 * step)
-
-
-def _alone(fit: JointFit, run: Observation) -> Any:
-    problem = Problem(Campaign((run,)), replace(fit.setting, free=fit.parameters))
-    theta = np.array([fit.theta[fit.names.index(n)] for n in problem.names])
-    return problem.forward.predict(theta)[0].values
+        moved = Campaign(tuple(replace(run, frequency_hz=run.frequency_hz * factor) for run in dwells))
+        problem = Problem(moved, replace(fit.setting, free=fit.parameters))
+        theta = np.array([fit.theta[fit.names.index(n)] for n in problem.names])
+        ends.append([p.values for p in problem.forward.predict(theta)])
+    return {run.label: (low - high) / (2 * step) for run, low, high in zip(dwells, *ends, strict=True)}
 
 
 def _labels(campaign: Campaign) -> list[str]:

@@ -9,20 +9,20 @@ from model.identification.observations import Campaign, MassResonance
 from model.identification.setting import Setting
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
-CAMPAIGNS = 40
+CAMPAIGNS = 25
 
 
-def test_forty_campaigns_miss_the_truth_by_their_standard_errors() -> None:
-    """Mean within 3.3 of its own error (0.16), spread within 3.3 of its (0.11), four parameters in ten never all off."""
+def test_campaigns_miss_the_truth_by_their_standard_errors() -> None:
+    """Mean within 3.3 of its own error (0.2), spread within 3.3 of its (0.14)."""
     source = perfect(World(), Noise(), SHARED)
     source = Campaign(tuple(r for r in source.runs if not isinstance(r, MassResonance)))
     z = []
     for seed in range(CAMPAIGNS):
-        fit = joint_fit(redrawn(source, np.random.default_rng((7, seed)))[0], Setting(n=14))
+        fit = joint_fit(redrawn(source, np.random.default_rng((7, seed)))[0], Setting(n=10))
         z.append([(e.value - TRUE[e.name]) / e.standard_error for e in fit.estimates()])
         assert fit.stretch == 1
     table = np.array(z)
     assert table.shape == (CAMPAIGNS, len(TRUE))
-    assert np.abs(table.mean(0)).max() < 0.52
-    assert 0.63 < table.std(0).min() <= table.std(0).max() < 1.37
+    assert np.abs(table.mean(0)).max() < 0.66
+    assert 0.53 < table.std(0).min() <= table.std(0).max() < 1.47
     assert 0.90 < np.mean(np.abs(table) < 1.96) < 0.99
