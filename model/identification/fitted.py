@@ -92,7 +92,7 @@ class JointFit:
 
     @cached_property
     def scale(self) -> Array:
-        """What one hundred percent means, (P,): the value; ten standard errors of the prior for a shared error.
+        """What one hundred percent means, (P,): the value, at least its usual size; ten standard errors of the prior for a shared error.
 
         A shared error is bounded by its prior, so it is never what the runs cannot tell.
         """
@@ -101,7 +101,7 @@ class JointFit:
         for name, value in zip(self.names, self.theta, strict=True):
             error = self.campaign.common.get(name)
             if error is None:
-                out.append(max(abs(value), 1e-3 * known.scale(name, known.start_value(name, base))))
+                out.append(max(abs(value), known.scale(name, known.start_value(name, base))))
             else:
                 out.append(10 * error.standard_error)
         return np.array(out)

@@ -172,7 +172,7 @@ class _Watch:
         self.evaluations += 1
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
-        if monotonic() > self.deadline:
+        if self.evaluations > 1 and monotonic() > self.deadline:  # the first is always done: an answer, if a poor one
             raise _Stop
 
 

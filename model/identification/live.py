@@ -69,7 +69,7 @@ class LiveFit:
                 self._points.pop()
             return LiveEstimates((), (), base, str(error_said), perf_counter() - began)
         lost = ", ".join(c.words for c in fit.unidentified)
-        words = f"not identifiable yet: {lost}" if lost else fit.verdict
+        words = f"not identifiable yet: {lost}" if lost else fit.verdict if fit.converged else fit.message
         if not fit.unidentified:
             self._last = fit
         return LiveEstimates(fit.estimates(), fit.unidentified, fit.values, words, perf_counter() - began)
