@@ -14,7 +14,8 @@ from model.identification.chain import chain
 from model.identification.chain_errors import chain_errors
 from model.identification.chain_method import ChainMethod, Validation
 from model.identification.estimates import Estimate
-from model.identification.joint import JointFit, joint_fit
+from model.identification.fitted import JointFit
+from model.identification.joint import joint_fit
 from model.identification.names import defaults
 from model.identification.observations import Campaign
 from model.identification.setting import Loss, Setting
