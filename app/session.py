@@ -22,6 +22,7 @@ from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
 from protocols.runfile import Header, RunFile, StoreError
 from protocols.runner import Runner
+from protocols.steps import Prompt
 
 log = logging.getLogger(__name__)
 
@@ -80,6 +81,7 @@ class _Job:
     folder: Path
     specimen: str
     earlier: Earlier | None = None
+    prepare: tuple[Prompt, ...] = ()
 
 
 class Session:
@@ -112,13 +114,20 @@ class Session:
         """Begin to connect; returns at once."""
         self._thread.start()
 
-    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: Earlier | None = None) -> None:
-        """Queue a run, or one that goes on with an earlier one; returns at once."""
+    def run(
+        self,
+        protocol: Measurement,
+        folder: Path,
+        specimen: str,
+        earlier: Earlier | None = None,
+        prepare: Sequence[Prompt] = (),
+    ) -> None:
+        """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
         self._cancel.clear()
         self._pause.clear()
         self.outcome = None
         self.finished.clear()
-        self._jobs.put(_Job(protocol, folder, specimen, earlier))
+        self._jobs.put(_Job(protocol, folder, specimen, earlier, tuple(prepare)))
         if self.state in (State.NO_BENCH, State.CLOSED):
             self.finished.set()
 
@@ -187,6 +196,7 @@ class Session:
                 self._cancel,
                 self._pause,
                 continuation,
+                job.prepare,
             )
             self.outcome = runner.run()
         self.finished.set()

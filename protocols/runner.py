@@ -73,11 +73,13 @@ class Runner:
         cancel: threading.Event | None = None,
         pause: threading.Event | None = None,
         continuation: Continuation | None = None,
+        prepare: Sequence[Prompt] = (),
     ) -> None:
         self._protocol, self._bench, self._store = protocol, bench, store
         self._observers = tuple(observers)
         self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
         self._continuation = continuation or Continuation()
+        self._prepare = tuple(prepare)
         self._begin_s = bench.clock.now()
         self._armed: ArmedBench | None = None
         self._store_error: StoreError | None = None
@@ -152,6 +154,9 @@ class Runner:
         again = self._continuation.again
         self._todo = [i for i in range(len(self._plan)) if i not in self._measured or i in again]
         self._progress()
+        with self._hands(armed, any(prompt.hands_on for prompt in self._prepare)):
+            for prompt in self._prepare:
+                self._executor.ask(prompt)
         self._check_drift(armed)
         while self._todo:
             index = self._todo.pop(0)
@@ -211,9 +216,13 @@ class Runner:
         if setup is None or setup == self._setup:
             return
         self._setup = None
-        with armed.hands_on(self) if setup.hands_on and self._protocol.high_voltage else contextlib.nullcontext():
+        with self._hands(armed, setup.hands_on):
             self._executor.ask(setup)
         self._setup = setup
+
+    def _hands(self, armed: ArmedBench, on: bool) -> contextlib.AbstractContextManager[None]:
+        """High voltage off while hands are on the specimen, where it has high voltage at all."""
+        return armed.hands_on(self) if on and self._protocol.high_voltage else contextlib.nullcontext()
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.to_rest()

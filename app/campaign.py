@@ -1,0 +1,237 @@
+"""A campaign: the measurements of one specimen in their order, how each stands, and what comes next. No Qt, no terminal.
+
+How a measurement stands is computed from the run files whenever it is asked; a run that somebody made by hand counts like
+any other. Kept in one file beside the runs are only the plan and what each run was based on. So nothing can disagree with
+the files, and a program that was killed leaves nothing behind that has to be mended.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from app.campaign_plan import PAPER, Item, known
+from app.campaign_runs import Made, Shelf
+from app.campaign_standing import Listed, Next, basis_of, stand
+from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
+from protocols.values import Estimate
+
+SUFFIX = ".campaign.json"
+VERSION = 1
+
+
+class CampaignError(Exception):
+    """A campaign cannot be opened, changed or kept. The sentence says which, why and what to do."""
+
+
+class Campaign:
+    """One specimen's campaign in a folder of runs. Every change is on disk, whole, before the method returns."""
+
+    def __init__(self, path: Path, record: Mapping[str, Any]) -> None:
+        self.path = path
+        self.specimen = str(record["specimen"])
+        self.simulated = bool(record["simulated"])
+        self.created = str(record["created"])
+        self.items = tuple(Item.from_record(item) for item in record["items"])
+        self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
+        self._shelf = Shelf(path.parent)
+
+    @classmethod
+    def new(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[Item] = PAPER) -> Self:
+        """Begin a campaign with those items whose protocol is known.
+
+        Raises:
+            CampaignError: the specimen has one there already, or the folder cannot be written.
+        """
+        path = campaign_path(folder, specimen)
+        if path.exists():
+            raise CampaignError(f"there is a campaign of {specimen} already: {path}; go on with it, or take it away")
+        created = datetime.now(UTC).isoformat(timespec="milliseconds")
+        kept = [item.as_record() for item in known(items, PROTOCOLS)]
+        record = {"specimen": specimen, "simulated": simulated, "created": created, "items": kept, "based_on": {}}
+        campaign = cls(path, record)
+        campaign._save()
+        return campaign
+
+    @classmethod
+    def open(cls, folder: Path, specimen: str) -> Self:
+        """The specimen's campaign.
+
+        Raises:
+            CampaignError: there is none, or its file cannot be understood.
+        """
+        path = campaign_path(folder, specimen)
+        try:
+            record = json.loads(path.read_text("utf-8"))
+            if record["kind"] != "campaign" or record["version"] > VERSION:
+                raise CampaignError(f"{path} is of a newer version of this program; install that")
+            return cls(path, record)
+        except FileNotFoundError:
+            raise CampaignError(
+                f"there is no campaign of {specimen} in {folder}; begin one: tactor-bench campaign new --specimen {specimen}"
+            ) from None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise CampaignError(
+                f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); mend the file, or take it "
+                "away and begin anew. The runs themselves are untouched"
+            ) from None
+
+    # -- how it stands -------------------------------------------------------------------------------------------------
+
+    def listed(self) -> tuple[Listed, ...]:
+        """Every item in order, as the run files have it now."""
+        made = self._shelf.runs(self.created)
+        titles = {name: kind.title for name, kind in PROTOCOLS.items()}
+        return stand(self.items, titles, {item.name: self._of(item, made) for item in self.items}, self._based_on)
+
+    def next(self, hands_free: bool = False) -> Listed | None:
+        """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
+        for line in self.listed():
+            if line.next in (Next.RUN, Next.AGAIN, Next.RESUME) and not (hands_free and self.needs_hands(line.item)):
+                return line
+        return None
+
+    def line(self, name: str) -> Listed:
+        """One item as it stands. Raises CampaignError for an unknown name."""
+        self._item(name)
+        return next(line for line in self.listed() if line.item.name == name)
+
+    def protocol(self, item: Item) -> Protocol:
+        """The item's protocol with its settings.
+
+        Raises:
+            CampaignError: the protocol is not known here any more, or refuses the settings.
+        """
+        kind = PROTOCOLS.get(item.protocol)
+        if kind is None:
+            raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
+        try:
+            return kind(**item.settings)
+        except ValidationError as error:
+            fault = error.errors()[0]
+            raise CampaignError(
+                f"{item.name}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}; correct it in {self.path}"
+            ) from None
+
+    def needs_hands(self, item: Item) -> bool:
+        """Whether a person must do more than switch high voltage."""
+        plan = self.protocol(item).plan(2.5)
+        return bool(item.prepare) or any(entry.setup is not None or entry.prompts for entry in plan)
+
+    def carried(self, item: Item) -> dict[str, Estimate]:
+        """The accepted estimates of everything the item rests on, by name; of two the later item's counts."""
+        lines = {line.item.name: line for line in self.listed()}
+        wanted = self._below(item)
+        found: dict[str, Estimate] = {}
+        for name, line in lines.items():
+            if name in wanted:
+                found.update({estimate.name: estimate for estimate in line.estimates})
+        return found
+
+    # -- what a person changes -----------------------------------------------------------------------------------------
+
+    def began(self, name: str, run: Path) -> None:
+        """A run of an item has begun: keep what it is based on."""
+        item = self._item(name)
+        lines = {line.item.name: line for line in self.listed()}
+        self._based_on[run.name] = {need: basis_of(lines[need]) for need in item.needs if lines[need].run is not None}
+        self._save()
+
+    def skip(self, name: str, why: str = "skipped") -> None:
+        """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
+        self._change(name, skipped=why)
+
+    def repeat(self, name: str) -> None:
+        """Measure an item again: runs until now do not count."""
+        self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
+
+    def reject(self, name: str) -> None:
+        """Do not accept the run of an item; the one before it counts, or the item is missing."""
+        line = self.line(name)
+        if line.run is None:
+            raise CampaignError(f"{name} has no run that could be rejected")
+        self._change(name, rejected=(*line.item.rejected, line.run.name))
+
+    def move(self, name: str, before: str) -> None:
+        """Put an item before another one.
+
+        Raises:
+            CampaignError: something would come before what it needs.
+        """
+        moved, rest = self._item(name), [item for item in self.items if item.name != name]
+        place = next((i for i, item in enumerate(rest) if item.name == self._item(before).name), len(rest))
+        items = (*rest[:place], moved, *rest[place:])
+        for i, item in enumerate(items):
+            if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
+                raise CampaignError(f"{name} cannot stand before {before}: {item.name} needs {later[0]} before it")
+        self.items = items
+        self._save()
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _of(self, item: Item, runs: Sequence[Made]) -> list[Made]:
+        """The runs of an item, oldest first."""
+        settings = json.loads(json.dumps(self.protocol(item).model_dump(mode="json", include=set(item.settings))))
+        return [
+            run
+            for run in runs
+            if run.protocol == item.protocol
+            and run.specimen == self.specimen
+            and run.simulated == self.simulated
+            and run.start_time >= item.since
+            and run.name not in item.rejected
+            and all(run.parameters.get(name) == value for name, value in settings.items())
+        ]
+
+    def _below(self, item: Item) -> set[str]:
+        """Everything an item rests on."""
+        found: set[str] = set()
+        for need in item.needs:
+            found |= {need} | self._below(self._item(need))
+        return found
+
+    def _item(self, name: str) -> Item:
+        for item in self.items:
+            if item.name == name:
+                return item
+        raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
+
+    def _change(self, name: str, **values: Any) -> None:
+        changed = replace(self._item(name), **values)
+        self.items = tuple(changed if item.name == name else item for item in self.items)
+        self._save()
+
+    def _save(self) -> None:
+        record = {
+            "kind": "campaign",
+            "version": VERSION,
+            "specimen": self.specimen,
+            "simulated": self.simulated,
+            "created": self.created,
+            "items": [item.as_record() for item in self.items],
+            "based_on": self._based_on,
+        }
+        working = self.path.with_name(f"{self.path.name}.part")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with working.open("w", encoding="utf-8") as file:
+                json.dump(record, file, indent=2, ensure_ascii=False, allow_nan=False)
+                file.write("\n")
+                file.flush()
+                os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it
+            working.replace(self.path)
+        except OSError as error:
+            working.unlink(missing_ok=True)
+            raise CampaignError(f"the campaign {self.path} cannot be written: {error.strerror}") from None
+
+
+def campaign_path(folder: Path, specimen: str) -> Path:
+    """Where a specimen's campaign stands: beside its runs."""
+    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen) or "unnamed"
+    return folder / f"{safe}{SUFFIX}"

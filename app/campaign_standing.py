@@ -1,0 +1,155 @@
+"""How each measurement of a campaign stands: computed from its run files and from what each run was based on. Pure."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from app.campaign_plan import Item
+from app.campaign_runs import CRASHED, Made
+from protocols.events import Status
+from protocols.values import Estimate
+
+SAME = 1e-9
+"""Estimates that differ by less, relatively, are the same."""
+
+Basis = Mapping[str, Mapping[str, Any]]
+"""By name of an item that a run rested on: which run of it, and what came out of that."""
+
+
+class Standing(StrEnum):
+    """How an item stands."""
+
+    DONE = "done"
+    STALE = "stale"
+    """Done, but what it was based on has changed since."""
+    MISSING = "missing"
+    WAITING = "waiting"
+    """Missing, and what it needs is not done."""
+    UNFINISHED = "unfinished"
+    """Broken off with points that a resumed run keeps."""
+    FAILED = "failed"
+    RUNNING = "running"
+    SKIPPED = "skipped"
+
+
+class Next(StrEnum):
+    """What an item asks for."""
+
+    NOTHING = ""
+    RUN = "run"
+    RESUME = "resume"
+    AGAIN = "run again"
+    WAIT = "wait"
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """One line of a campaign: how an item stands, why, and what comes next. All a window needs to draw it."""
+
+    item: Item
+    title: str
+    standing: Standing
+    reason: str
+    next: Next
+    run: Path | None = None
+    """The run that counts, or the one to go on with."""
+    begun: str = ""
+    """When that run was begun, ISO, UTC."""
+    estimates: tuple[Estimate, ...] = ()
+    """Of the run that counts; what the items after it are based on."""
+
+
+def stand(
+    items: Sequence[Item],
+    titles: Mapping[str, str],
+    runs: Mapping[str, Sequence[Made]],
+    based_on: Mapping[str, Basis],
+) -> tuple[Listed, ...]:
+    """Every item, in order.
+
+    Args:
+        items: of the campaign; each comes after what it needs.
+        titles: of the protocols, by their names.
+        runs: of each item by its name, oldest first.
+        based_on: what each run was based on, by its file's name; nothing for a run that was made by hand.
+    """
+    found: dict[str, Listed] = {}
+    for item in items:
+        title = titles.get(item.protocol, item.protocol)
+        found[item.name] = _one(item, title, runs.get(item.name, ()), found, based_on)
+    return tuple(found.values())
+
+
+def _one(
+    item: Item, title: str, runs: Sequence[Made], before: Mapping[str, Listed], based_on: Mapping[str, Basis]
+) -> Listed:
+    if item.skipped:
+        return Listed(item, title, Standing.SKIPPED, item.skipped, Next.NOTHING)
+    last = runs[-1] if runs else None
+    if last is not None and last.running:
+        return Listed(item, title, Standing.RUNNING, f"{last.name} is being written", Next.WAIT, last.path)
+    waits = [need for need in item.needs if before[need].standing not in (Standing.DONE, Standing.SKIPPED)]
+    do = Next.WAIT if waits else Next.AGAIN
+    if done := next((run for run in reversed(runs) if run.completed), None):
+        why = _why_stale(item, done, before, based_on.get(done.name))
+        later = f"; a later run is {last.state}" if last is not None and last is not done else ""
+        standing, reason = (Standing.STALE, why) if why else (Standing.DONE, done.reason)
+        return Listed(
+            item,
+            title,
+            standing,
+            reason + later,
+            do if why else Next.NOTHING,
+            done.path,
+            done.start_time,
+            done.estimates,
+        )  # fmt: skip
+    if last is None:
+        if waits:
+            return Listed(item, title, Standing.WAITING, f"needs {', '.join(waits)}", Next.WAIT)
+        return Listed(item, title, Standing.MISSING, "not measured yet", Next.RUN)
+    if last.resumable:
+        reason = f"{last.state} with {last.points} points: {last.reason or 'its program is gone'}"
+        do = Next.WAIT if waits else Next.RESUME
+        return Listed(item, title, Standing.UNFINISHED, reason, do, last.path, last.start_time)
+    reason = f"did not pass: {', '.join(last.failing)}" if last.failing else f"{last.state}: {last.reason}"
+    standing = Standing.MISSING if last.state in (Status.STOPPED, CRASHED) else Standing.FAILED
+    return Listed(item, title, standing, reason, do, last.path, last.start_time)
+
+
+def _why_stale(item: Item, done: Made, before: Mapping[str, Listed], basis: Basis | None) -> str:
+    """Why a run does not hold any more, from what it was based on; empty where it does."""
+    for need in item.needs:
+        line = before[need]
+        if line.standing is Standing.SKIPPED:
+            continue
+        if line.standing is not Standing.DONE:
+            return f"{need} is {line.standing}"
+        if basis is None:  # made by hand: all that can be said is what came first
+            if line.begun > done.start_time:
+                return f"{need} was measured after it"
+        elif need in basis and (why := _changed(need, basis[need], basis_of(line))):
+            return why
+    return ""
+
+
+def basis_of(line: Listed) -> dict[str, Any]:
+    """What an item after this one rests on: which run, and what came out of it."""
+    estimates = {estimate.name: estimate.value for estimate in line.estimates if math.isfinite(estimate.value)}
+    return {"run": line.run.name if line.run else "", "estimates": estimates}
+
+
+def _changed(need: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """What has changed between two bases, in words; empty where nothing has."""
+    if was["run"] != now["run"]:
+        return f"{need} was measured again"
+    old, new = was["estimates"], now["estimates"]
+    for name in sorted(old.keys() | new.keys()):
+        if name not in old or name not in new:
+            return f"{name} of {need} {'is new' if name in new else 'is not there any more'}"
+        if abs(new[name] - old[name]) > SAME * abs(old[name]):
+            return f"{name} of {need} changed from {old[name]:.6g} to {new[name]:.6g}"
+    return ""
