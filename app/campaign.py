@@ -7,6 +7,7 @@ the files, and a program that was killed leaves nothing behind that has to be me
 
 import json
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -18,8 +19,10 @@ from pydantic import ValidationError
 from app.campaign_plan import PAPER, Item, known
 from app.campaign_runs import Made, Shelf
 from app.campaign_standing import Listed, Next, basis_of, stand
+from protocols.events import Status
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
+from protocols.runfile import NAME_BYTES
 from protocols.values import Estimate
 
 SUFFIX = ".campaign.json"
@@ -41,6 +44,9 @@ class Campaign:
         self.items = tuple(Item.from_record(item) for item in record["items"])
         self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
         self._shelf = Shelf(path.parent)
+        self._writing: tuple[str, Path] | None = None
+        """Item and file of the run that this program is making: no second hand may open that file."""
+        self._lock = threading.RLock()
 
     @classmethod
     def new(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[Item] = PAPER) -> Self:
@@ -86,9 +92,15 @@ class Campaign:
 
     def listed(self) -> tuple[Listed, ...]:
         """Every item in order, as the run files have it now."""
-        made = self._shelf.runs(self.created)
-        titles = {name: kind.title for name, kind in PROTOCOLS.items()}
-        return stand(self.items, titles, {item.name: self._of(item, made) for item in self.items}, self._based_on)
+        with self._lock:
+            name, file = self._writing or ("", None)
+            made = self._shelf.runs(self.created, leave=file)
+            runs = {item.name: self._of(item, made) for item in self.items}
+            if file is not None:
+                item = self._item(name)
+                runs[name].append(Made(file, self.specimen, item.protocol, {}, Status.RUNNING))
+            titles = {name: kind.title for name, kind in PROTOCOLS.items()}
+            return stand(self.items, titles, runs, self._based_on)
 
     def next(self, hands_free: bool = False) -> Listed | None:
         """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
@@ -137,11 +149,17 @@ class Campaign:
     # -- what a person changes -----------------------------------------------------------------------------------------
 
     def began(self, name: str, run: Path) -> None:
-        """A run of an item has begun: keep what it is based on."""
-        item = self._item(name)
-        lines = {line.item.name: line for line in self.listed()}
-        self._based_on[run.name] = {need: basis_of(lines[need]) for need in item.needs if lines[need].run is not None}
-        self._save()
+        """A run of an item has been begun by this program: keep what it is based on."""
+        with self._lock:
+            item, self._writing = self._item(name), (name, run)
+            lines = {line.item.name: line for line in self.listed()}
+            self._based_on[run.name] = {n: basis_of(lines[n]) for n in item.needs if lines[n].run is not None}
+            self._save()
+
+    def ended(self) -> None:
+        """The run that this program has begun is over, and its file closed."""
+        with self._lock:
+            self._writing = None
 
     def skip(self, name: str, why: str = "skipped") -> None:
         """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
@@ -203,9 +221,10 @@ class Campaign:
         raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
 
     def _change(self, name: str, **values: Any) -> None:
-        changed = replace(self._item(name), **values)
-        self.items = tuple(changed if item.name == name else item for item in self.items)
-        self._save()
+        with self._lock:
+            changed = replace(self._item(name), **values)
+            self.items = tuple(changed if item.name == name else item for item in self.items)
+            self._save()
 
     def _save(self) -> None:
         record = {
@@ -233,5 +252,6 @@ class Campaign:
 
 def campaign_path(folder: Path, specimen: str) -> Path:
     """Where a specimen's campaign stands: beside its runs."""
-    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen) or "unnamed"
+    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen)
+    safe = safe.encode()[:NAME_BYTES].decode(errors="ignore") or "unnamed"
     return folder / f"{safe}{SUFFIX}"

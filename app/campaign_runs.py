@@ -23,11 +23,11 @@ class Made:
     protocol: str
     parameters: Mapping[str, Any]
     state: str
-    reason: str
-    start_time: str
-    points: int
-    estimates: tuple[Estimate, ...]
-    simulated: bool
+    reason: str = ""
+    start_time: str = ""
+    points: int = 0
+    estimates: tuple[Estimate, ...] = ()
+    simulated: bool = False
     failing: tuple[str, ...] = ()
     """What its protocol's own verdicts (a wiring check's) say did not pass."""
 
@@ -56,10 +56,13 @@ class Shelf:
         self.folder = folder
         self._read: dict[Path, tuple[tuple[int, int], Made | None]] = {}
 
-    def runs(self, since: str) -> list[Made]:
-        """All runs begun since (ISO, UTC). A file that cannot be read is none: `tactor-bench runs` says why."""
+    def runs(self, since: str, leave: Path | None = None) -> list[Made]:
+        """All runs begun since (ISO, UTC) but `leave`, which this very program is writing.
+
+        A file that cannot be read is none: `tactor-bench runs` says why.
+        """
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
-        made = [run for path in self._files(stamp) if (run := self._made(path)) is not None]
+        made = [run for path in self._files(stamp) if path != leave and (run := self._made(path))]
         return sorted((run for run in made if run.start_time >= since), key=lambda run: (run.start_time, run.name))
 
     def _files(self, stamp: str) -> Iterator[Path]:

@@ -2,29 +2,23 @@
 
 import argparse
 import json
-import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from app.config import FASTEST, BenchConfig, ConfigError, faults, load_bench
-from app.exits import DONE, FAILED, UNSAFE, UsageError
+from app.exits import DONE, UsageError
 from app.units import UnitError, read_value
-from protocols.events import Status
 from protocols.plain import plain
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
-
-EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
 
 
 def version() -> str:
@@ -185,44 +179,12 @@ def run_headless(
     `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`;
     `before` is the run to go on with.
     """
-    if planned and not config.simulated:
-        raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
-    from app.build import connect
-    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver, Terminal
-    from app.fault_plan import FaultPlan, planned_fault
-    from app.session import Session
+    from app.headless import exit_code, headless
 
-    plan = FaultPlan([planned_fault(text) for text in planned])
-    observer = JsonObserver() if options.json else ConsoleObserver(Terminal())
-    with observer:
-        way = plan.around(lambda: connect(config, speed))
-        session = Session(way, [observer, plan, *listeners], ConsoleOperator())
-        with _stop_on_signal(session):
-            session.start()
-            session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", before)
-            # In slices, because a wait without end would keep Python from seeing the signal.
-            while not session.finished.wait(0.1):
-                pass
-            session.close()
-    if session.outcome is None:
-        return FAILED, None
-    return EXIT_CODES.get(session.outcome[0], FAILED), session.path
-
-
-@contextmanager
-def _stop_on_signal(session: Any) -> Iterator[None]:
-    """Ctrl-C and SIGTERM ask the run to go to rest; asking again changes nothing, because rest comes first."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        session.stop()
-
-    numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with headless(config, speed, options, listeners, planned) as front:
+        front.session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", before)
+        front.wait()
+    return exit_code(front.session), front.session.path if front.session.outcome else None
 
 
 def _open_window(

@@ -66,6 +66,7 @@ def entry() -> NoReturn:
 def _parser() -> argparse.ArgumentParser:
     from app import commands
     from app.bench_parser import add_bench_commands, add_fault_option
+    from app.campaign_parser import add_campaign_command
     from app.identify_parser import add_identify_commands
     from app.model_parser import add_model_commands
     from app.protocol_parser import add_protocol_commands
@@ -141,6 +142,7 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("--picture", type=path, metavar="PNG", help="also draw it into this PNG file")
     show.set_defaults(command=commands.show)
     add_bench_commands(known, _bench_options, _setting_option)
+    add_campaign_command(known, _bench_options)
     add_model_commands(known)
     add_run_commands(known)
     add_protocol_commands(known, _bench_options)

@@ -1,0 +1,178 @@
+"""What `tactor-bench campaign` does."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from app.campaign import Campaign, CampaignError
+from app.campaign_queue import CampaignRehearsal, Conductor, rehearse_campaign
+from app.campaign_standing import Listed, Next, Standing
+from app.commands import chosen_bench
+from app.exits import DONE, UsageError
+from app.headless import exit_code, headless
+from app.words import duration, size, uncertain
+from drivers.errors import BenchError
+from model.parameters import Tactor
+from protocols.plain import plain
+from protocols.runreader import RunError
+
+MARKS = {
+    Standing.DONE: "✓",
+    Standing.STALE: "↻",
+    Standing.FAILED: "✗",
+    Standing.UNFINISHED: "…",
+    Standing.RUNNING: "▶",
+    Standing.SKIPPED: "–",
+}
+
+
+def campaign(options: argparse.Namespace) -> int:
+    """`tactor-bench campaign VERB`."""
+    folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
+    try:
+        if options.verb == "new":
+            begun = Campaign.new(folder, specimen, chosen_bench(options)[0].simulated)
+            return _show(begun, options.json)
+        known = Campaign.open(folder, specimen)
+        match options.verb:
+            case "rehearse":
+                return _rehearse(known, options)
+            case "run" | "resume":
+                return _run(known, options)
+            case "skip":
+                known.skip(options.item, options.reason)
+            case "repeat":
+                known.repeat(options.item)
+            case "reject":
+                known.reject(options.item)
+            case "move":
+                known.move(options.item, options.before)
+        return _show(known, options.json)
+    except (CampaignError, RunError) as error:
+        raise UsageError(str(error)) from None
+
+
+def _run(known: Campaign, options: argparse.Namespace) -> int:
+    config, speed = chosen_bench(options)
+    if config.simulated != known.simulated:
+        kinds = ("a real bench", "a simulated bench")
+        raise UsageError(f"the campaign of {known.specimen} is of {kinds[known.simulated]}; give that with --bench")
+    line: Listed | None = _first(known, options)
+    conductor, on = Conductor(known), options.all or options.hands_free
+    with headless(config, speed, options, [conductor], options.faults) as front:
+        while line is not None:
+            if not options.json:
+                words = "go on with" if line.next is Next.RESUME else "measure"
+                sys.stderr.write(f"campaign of {known.specimen}: {words} {line.item.name} ({line.title})\n")
+            conductor.begin(front.session, line)
+            front.wait()
+            if exit_code(front.session) != DONE or front.stopped.is_set() or not on:
+                break
+            before, line = line, known.next(options.hands_free)
+            if line is not None and line.item.name == before.item.name:  # it does not pass, however often
+                break
+    if not options.json:
+        _show(known, as_json=False)
+    return exit_code(front.session)
+
+
+def _first(known: Campaign, options: argparse.Namespace) -> Listed:
+    """The item to begin with.
+
+    Raises:
+        UsageError: there is nothing to do, or not with this item.
+    """
+    if options.item:
+        line = known.line(options.item)
+        if line.next is Next.NOTHING:
+            raise UsageError(
+                f"{options.item} is {line.standing}: {line.reason}. To measure it again: tactor-bench campaign repeat "
+                f"{options.item} --specimen {known.specimen}"
+            )
+        if line.next is Next.WAIT:
+            raise UsageError(f"{options.item} has to wait: it is {line.standing}, {line.reason}")
+    elif options.verb == "resume":
+        broken = [line for line in known.listed() if line.next is Next.RESUME]
+        if not broken:
+            raise UsageError(
+                "nothing was broken off that could be gone on with; 'campaign run' measures what comes next"
+            )
+        line = broken[0]
+    elif (found := known.next(options.hands_free)) is not None:
+        line = found
+    else:
+        left = [line.item.name for line in known.listed() if line.next is not Next.NOTHING]
+        hands = f"without hands; left: {', '.join(left)}" if left else "any more"
+        raise UsageError(f"there is nothing to do {hands}")
+    if options.verb == "resume" and line.next is not Next.RESUME:
+        raise UsageError(f"{line.item.name} was not broken off (it is {line.standing}: {line.reason})")
+    return line
+
+
+def _rehearse(known: Campaign, options: argparse.Namespace) -> int:
+    from app.build import connect
+
+    config, speed = chosen_bench(options)
+    try:
+        with connect(config, None if config.simulated else speed) as lab:
+            told = rehearse_campaign(known, lab.bench, Tactor())
+    except BenchError as error:
+        raise UsageError(str(error)) from None
+    print(_rehearsal_record(told) if options.json else _rehearsal_text(told))  # noqa: T201 - the command line speaks here
+    return DONE
+
+
+def _rehearsal_record(told: CampaignRehearsal) -> str:
+    items = [{"item": item.name, **asdict(one)} for item, one in told.items]
+    return json.dumps(plain({**asdict(told), "items": items}), allow_nan=False)
+
+
+def _rehearsal_text(told: CampaignRehearsal) -> str:
+    lines = []
+    for item, one in told.items:
+        volts = f"{one.lowest_specimen_v:+.0f} ... {one.highest_specimen_v:+.0f} V"
+        lines.append(
+            f"{item.name:10} {duration(one.duration_s):>12}  {one.entries:4} points  {one.prompts:4} prompts  {volts:>18}  "
+            f"{size(one.file_bytes):>7}  closest to a limit: {one.worst}"
+        )
+    volts = f"{told.lowest_specimen_v:+.0f} ... {told.highest_specimen_v:+.0f} V on the specimen"
+    lines.append(f"together {duration(told.duration_s)}, {told.prompts} prompts, {volts}, {size(told.file_bytes)}")
+    return "\n".join([*lines, *(f"caution: {words}" for words in told.cautions)])
+
+
+def _show(known: Campaign, as_json: bool) -> int:
+    lines = known.listed()
+    if as_json:
+        record = {"specimen": known.specimen, "simulated": known.simulated, "path": str(known.path)}
+        print(json.dumps(plain({**record, "items": [_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
+        return DONE
+    print(f"campaign of {known.specimen}" + ("   SIMULATED" if known.simulated else "") + f"   {known.path}")  # noqa: T201
+    for line in lines:
+        print(_text(line))  # noqa: T201
+    return DONE
+
+
+def _record(line: Listed) -> dict[str, Any]:
+    estimates = {estimate.name: estimate for estimate in line.estimates}
+    return {
+        "item": line.item.name,
+        "protocol": line.item.protocol,
+        "needs": line.item.needs,
+        "state": line.standing,
+        "reason": line.reason,
+        "next": line.next,
+        "run": line.run and str(line.run),
+        "estimates": {name: asdict(estimate) for name, estimate in estimates.items()},
+    }
+
+
+def _text(line: Listed) -> str:
+    mark = MARKS.get(line.standing, " ")
+    words = [f"{mark} {line.item.name:10} {line.standing:10} {line.title:16} {line.reason}"]
+    if line.run is not None:
+        words.append(f"    {line.run.name}")
+    words += [f"    {e.name}: {uncertain(e.value, e.standard_error, e.unit)}" for e in line.estimates]
+    return "\n".join(words)

@@ -1,0 +1,85 @@
+"""A session with the terminal as its front end: progress, prompts, signals, exit codes."""
+
+import argparse
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import Any
+
+from app.config import BenchConfig
+from app.exits import DONE, FAILED, UNSAFE, UsageError
+from app.session import Session
+from protocols.events import Status
+
+EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
+
+
+@dataclass
+class Headless:
+    """A session that is open; `stopped` is set when somebody pressed Ctrl-C: then nothing new is begun."""
+
+    session: Session
+    stopped: threading.Event = field(default_factory=threading.Event)
+
+    def wait(self) -> None:
+        """Until the run that was asked for has ended, or there is no bench."""
+        # In slices, because a wait without end would keep Python from seeing the signal.
+        while not self.session.finished.wait(0.1):
+            pass
+
+
+def exit_code(session: Session) -> int:
+    """What the last run of a session tells the caller of the program."""
+    return FAILED if session.outcome is None else EXIT_CODES.get(session.outcome[0], FAILED)
+
+
+@contextmanager
+def headless(
+    config: BenchConfig,
+    speed: float | None,
+    options: argparse.Namespace,
+    listeners: Sequence[Callable[[Any], None]] = (),
+    planned: Sequence[str] = (),
+) -> Iterator[Headless]:
+    """A bench that is being opened; let go of at the end, at rest.
+
+    Raises:
+        UsageError: faults were planned for a real bench.
+    """
+    if planned and not config.simulated:
+        raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
+    from app.build import connect
+    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver, Terminal
+    from app.fault_plan import FaultPlan, planned_fault
+
+    plan = FaultPlan([planned_fault(text) for text in planned])
+    observer = JsonObserver() if options.json else ConsoleObserver(Terminal())
+    with observer:
+        way = plan.around(lambda: connect(config, speed))
+        front = Headless(Session(way, [observer, plan, *listeners], ConsoleOperator()))
+        with _stop_on_signal(front):
+            front.session.start()
+            try:
+                yield front
+            finally:
+                front.session.close()
+
+
+@contextmanager
+def _stop_on_signal(front: Headless) -> Iterator[None]:
+    """Ctrl-C and SIGTERM ask the run to go to rest; asking again changes nothing, because rest comes first."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        front.stopped.set()
+        front.session.stop()
+
+    numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,290 @@
+"""A campaign knows from the run files what is done, stale, missing and failed; it survives whatever ends the program."""
+
+import json
+import shutil
+import subprocess
+import sys
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.campaign import Campaign, CampaignError, campaign_path
+from app.campaign_plan import PAPER, Item, known
+from app.campaign_queue import Conductor, rehearse_campaign
+from app.campaign_runs import Made
+from app.campaign_standing import Next, Standing, stand
+from app.main import main
+from app.session import Session
+from protocols.events import Asked, Event, Noted
+from protocols.registry import PROTOCOLS
+from protocols.runreader import Run
+from protocols.steps import Prompt
+from protocols.values import Estimate
+from sim_hardware.contract.volts import volts_are_safe
+from tests.support import laboratory
+
+A, B, C = Item("a", "p"), Item("b", "q", needs=("a",)), Item("c", "r", needs=("b",))
+QUICK = (
+    Item("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
+    Item(
+        "steps",
+        "voltage-steps",
+        {"levels_v": (2.0, 4.0), "repeats": 2, "rest_s": 0.3, "read_s": 0.3, "hold_s": 0.5},
+        ("wiring",),
+        (Prompt("remove-membrane", "Take the membrane off.", hands_on=True),),
+    ),
+    Item("dwell", "sine-dwell", {"frequencies_hz": (120, 160)}, ("steps",)),
+)
+
+
+def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> Made:
+    found = tuple(Estimate(key, value, 0.1, "1", "") for key, value in estimates.items())
+    return Made(Path(f"{name}{at}.h5"), "T1", "p", {}, state, "why", f"2026-11-21T12:{at:02d}", points, found)
+
+
+def standings(runs: dict, based_on: dict | None = None, items: tuple[Item, ...] = (A, B, C)) -> list[tuple[str, str]]:
+    return [(line.standing, line.next) for line in stand(items, {}, runs, based_on or {})]
+
+
+def basis(need: str, run: str, **estimates: float) -> dict:
+    return {need: {"run": run, "estimates": estimates}}
+
+
+def test_nothing_measured_the_first_is_to_do_and_the_others_wait() -> None:
+    assert standings({}) == [("missing", "run"), ("waiting", "wait"), ("waiting", "wait")]
+
+
+@pytest.mark.parametrize(
+    ("state", "points", "expected"),
+    [
+        ("completed", 3, ("done", "")),
+        ("stopped", 3, ("unfinished", "resume")),
+        ("crashed", 3, ("unfinished", "resume")),
+        ("failed", 3, ("unfinished", "resume")),
+        ("crashed", 0, ("missing", "run again")),
+        ("failed", 0, ("failed", "run again")),
+        ("unsafe", 3, ("failed", "run again")),
+        ("running", 3, ("running", "wait")),
+    ],
+)
+def test_how_a_run_ended_says_how_an_item_stands(state: str, points: int, expected: tuple[str, str]) -> None:
+    assert standings({"a": [made("a", 1, state, points)]})[0] == expected
+
+
+def test_a_run_that_was_broken_off_later_does_not_undo_a_good_one() -> None:
+    (line, *_) = stand((A,), {}, {"a": [made("a", 1), made("a", 2, "stopped")]}, {})
+    assert line.standing is Standing.DONE
+    assert line.run == Path("a1.h5")
+    assert "a later run is stopped" in line.reason
+
+
+def test_what_its_own_verdicts_fail_is_not_done() -> None:
+    (line, *_) = stand((A,), {}, {"a": [replace(made("a", 1), failing=("polarity",))]}, {})
+    assert (line.standing, line.next, line.reason) == (Standing.FAILED, Next.AGAIN, "did not pass: polarity")
+
+
+def test_what_came_before_was_measured_again() -> None:
+    runs = {"a": [made("a", 1, k2=7.0), made("a", 5, k2=7.0)], "b": [made("b", 2)], "c": [made("c", 3)]}
+    based = {"b2.h5": basis("a", "a1.h5", k2=7.0), "c3.h5": basis("b", "b2.h5")}
+    lines = stand((A, B, C), {}, runs, based)
+    assert [(line.standing, line.reason) for line in lines] == [
+        (Standing.DONE, "why"),
+        (Standing.STALE, "a was measured again"),
+        (Standing.STALE, "b is stale"),
+    ]
+    assert [line.next for line in lines] == [Next.NOTHING, Next.AGAIN, Next.WAIT]
+
+
+def test_what_came_before_tells_another_number_now() -> None:
+    runs = {"a": [made("a", 1, k2=7.5)], "b": [made("b", 2)]}
+    line = stand((A, B), {}, runs, {"b2.h5": basis("a", "a1.h5", k2=7.0)})[1]
+    assert line.reason == "k2 of a changed from 7 to 7.5"
+    assert standings(runs, {"b2.h5": basis("a", "a1.h5", k2=7.5)}, (A, B))[1] == ("done", "")
+
+
+def test_a_run_made_by_hand_is_judged_by_the_time() -> None:
+    assert standings({"a": [made("a", 1)], "b": [made("b", 2)]}, items=(A, B))[1] == ("done", "")
+    assert standings({"a": [made("a", 3)], "b": [made("b", 2)]}, items=(A, B))[1] == ("stale", "run again")
+
+
+def test_what_is_skipped_is_not_waited_for() -> None:
+    skipped = replace(A, skipped="no weights")
+    assert standings({}, items=(skipped, B, C)) == [("skipped", ""), ("missing", "run"), ("waiting", "wait")]
+
+
+def test_the_paper_orders_k2_before_mu_before_c0_before_c_s() -> None:
+    by_name = {item.name: item for item in PAPER}
+    order = list(by_name)
+    assert all(order.index(need) < order.index(item.name) for item in PAPER for need in item.needs)
+
+    def below(name: str) -> set[str]:
+        return {n for need in by_name[name].needs for n in {need} | below(need)}
+
+    assert {"loading", "resonance"} <= below("steps") < below("dwell") < below("membrane")
+    left = known(PAPER, {"wiring-check", "sine-dwell", "membrane-series"})
+    assert [(item.name, item.needs) for item in left] == [
+        ("wiring", ()),
+        ("dwell", ("wiring",)),
+        ("membrane", ("dwell", "wiring")),
+    ]
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Event]]:
+    """A campaign from nothing to its end; its folder and what happened."""
+    folder, events = tmp_path_factory.mktemp("runs"), []
+    carry_out(Campaign.new(folder, "T1", True, QUICK), events)
+    return folder, events
+
+
+@pytest.fixture
+def measured(once: tuple[Path, list[Event]], tmp_path: Path) -> tuple[Campaign, list[Event]]:
+    """That campaign in a folder of one's own."""
+    shutil.copytree(once[0], tmp_path / "runs")
+    return Campaign.open(tmp_path / "runs", "T1"), list(once[1])
+
+
+def carry_out(campaign: Campaign, events: list[Event], most: int = 9) -> None:
+    with laboratory() as lab:
+        conductor = Conductor(campaign)
+        session = Session(lambda: nullcontext(lab), [conductor, events.append], lab.operator)
+        session.start()
+        try:
+            while most and (line := campaign.next()) is not None:
+                most -= 1
+                conductor.begin(session, line)
+                assert session.finished.wait(60)
+        finally:
+            assert session.close(10)
+        volts_are_safe(lab.control.report())
+
+
+def test_from_nothing_to_the_end(measured) -> None:
+    campaign, events = measured
+    lines = campaign.listed()
+    assert [line.standing for line in lines] == [Standing.DONE] * 3
+    assert campaign.next() is None
+    asked = [event.prompt.action for event in events if isinstance(event, Asked)]
+    at = asked.index("remove-membrane")
+    assert asked[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
+    carried = campaign.carried(campaign.items[2])
+    assert carried["deflection per volt above rest"].value == pytest.approx(1.427e-4, rel=0.01)
+    assert "latency" in carried  # of the wiring check, two items below
+    # Another program reads the same from the disk.
+    again = Campaign.open(campaign.path.parent, "T1")
+    assert [(line.standing, line.run, line.estimates) for line in again.listed()] == [
+        (line.standing, line.run, line.estimates) for line in lines
+    ]
+
+
+def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
+    campaign, events = measured
+    campaign.repeat("wiring")
+    assert [line.standing for line in campaign.listed()] == [Standing.MISSING, Standing.STALE, Standing.STALE]
+    assert campaign.next().item.name == "wiring"
+    carry_out(campaign, events, most=1)
+    lines = campaign.listed()
+    assert [line.standing for line in lines] == [Standing.DONE, Standing.STALE, Standing.STALE]
+    assert lines[1].reason == "wiring was measured again"
+    assert campaign.next(hands_free=True) is None  # the steps want hands, and the dwell waits for them
+
+
+def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(measured) -> None:
+    campaign, _ = measured
+    campaign.reject("steps")
+    assert campaign.line("steps").standing is Standing.MISSING
+    assert campaign.line("dwell").standing is Standing.STALE
+    campaign.skip("steps", "no time")
+    assert campaign.line("dwell").standing is Standing.DONE
+    campaign.skip("steps", "")
+    assert campaign.line("steps").standing is Standing.MISSING
+
+
+def test_a_run_that_somebody_made_by_hand_counts(tmp_path: Path) -> None:
+    Campaign.new(tmp_path, "T1", True, (Item("dwell", "sine-dwell", {"frequencies_hz": (120.0,)}),))
+    asked = ["--speed", "max", "--out", str(tmp_path), "--specimen"]
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T2"]) == 0
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=130", *asked, "T1"]) == 0
+    assert Campaign.open(tmp_path, "T1").line("dwell").standing is Standing.MISSING
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T1"]) == 0
+    assert Campaign.open(tmp_path, "T1").line("dwell").standing is Standing.DONE
+
+
+def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
+    campaign = Campaign.new(tmp_path, "T1", True, (*QUICK, Item("free", "sine-dwell")))
+    campaign.move("free", before="wiring")
+    assert [item.name for item in Campaign.open(tmp_path, "T1").items] == ["free", "wiring", "steps", "dwell"]
+    with pytest.raises(CampaignError, match="dwell cannot stand before steps: dwell needs steps before it"):
+        campaign.move("dwell", before="steps")
+    with pytest.raises(CampaignError, match="the campaign has no 'lunch'"):
+        campaign.move("dwell", before="lunch")
+
+
+def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    steps = replace(QUICK[1], settings={**QUICK[1].settings, "repeats": 8}, needs=())
+    Campaign.new(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))
+    asked = ["--specimen", "T1", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "app.main", "campaign", "run", "--all", "--json", "--speed", "max", *asked]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as program:
+        points = 0
+        for line in program.stdout:
+            points += json.loads(line)["event"] == "PointMeasured"
+            if points == 5:
+                program.kill()
+                break
+    line = Campaign.open(tmp_path, "T1").line("steps")
+    assert (line.standing, line.next) == (Standing.UNFINISHED, Next.RESUME)
+    assert main(["campaign", "resume", "--all", "--speed", "max", *asked]) == 0
+    lines = Campaign.open(tmp_path, "T1").listed()
+    assert [each.standing for each in lines] == [Standing.DONE, Standing.DONE]
+    with Run(lines[0].run) as run:
+        assert run.continues == line.run
+        assert {*map(int, run.points()["entry"])} == set(range(16))
+        assert any("points carried over" in e.fields["text"] for e in run.events() if e.kind == Noted.__name__)
+    assert "done" in capsys.readouterr().out
+
+
+def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["--specimen", "T1", "--out", str(tmp_path)]
+    assert main(["campaign", "status", *asked]) == 2
+    assert "begin one: tactor-bench campaign new --specimen T1" in capsys.readouterr().err
+    assert main(["campaign", "new", *asked]) == 0
+    assert main(["campaign", "new", *asked]) == 2
+    assert "there is a campaign of T1 already" in capsys.readouterr().err
+    assert main(["campaign", "run", "dwell", *asked]) == 2
+    assert "dwell has to wait" in capsys.readouterr().err
+    assert main(["campaign", "skip", "dwel", *asked]) == 2
+    assert "the campaign has no 'dwel'; it has: wiring" in capsys.readouterr().err
+    assert main(["campaign", "resume", *asked]) == 2
+    assert "nothing was broken off" in capsys.readouterr().err
+    assert main(["campaign", "move", "dwell", "--before", "steps", *asked]) == 2
+    assert "cannot stand before" in capsys.readouterr().err
+    assert main(["campaign", "status", "--json", *asked]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["items"][0]["item"] == "wiring"
+    assert [item["protocol"] for item in told["items"]] == [i.protocol for i in PAPER if i.protocol in PROTOCOLS]
+    assert main(["campaign", "rehearse", *asked]) == 0
+    assert "+1500 V on the specimen" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"kind": "campaign", "version": 1}', '{"kind": "campaign", "version": 9}']
+)
+def test_a_file_that_is_no_campaign_is_a_sentence(text: str, tmp_path: Path) -> None:
+    campaign_path(tmp_path, "T1").write_text(text)
+    with pytest.raises(CampaignError, match=r"cannot be understood .* mend the file|a newer version of this program"):
+        Campaign.open(tmp_path, "T1")
+
+
+def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
+    campaign = Campaign.new(tmp_path, "T1", True, QUICK)
+    with laboratory() as lab:
+        told = rehearse_campaign(campaign, lab.bench)
+        assert [item.name for item, _ in told.items] == ["wiring", "steps", "dwell"]
+        assert told.duration_s == sum(one.duration_s for _, one in told.items)
+        assert told.prompts == 3 * 2 + 3  # high voltage off and on; once more around the membrane
+        assert (told.lowest_specimen_v, told.highest_specimen_v) == (-500, 1500)
+        campaign.skip("dwell")
+        assert rehearse_campaign(campaign, lab.bench).highest_specimen_v == 900
