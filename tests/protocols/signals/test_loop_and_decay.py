@@ -80,36 +80,36 @@ def ringing(t: np.ndarray, f: float, zeta: float) -> np.ndarray:
     return np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2) * t + 0.3)
 
 
-@pytest.mark.parametrize(("f", "zeta"), [(158.3, 0.211), (300.0, 0.01)])
-def test_a_decay_reaches_the_bound_and_covers_it(f: float, zeta: float) -> None:
-    rng = np.random.default_rng(77)
-    t = np.arange(500) / RATE
-    sigma, seeds = 0.01, 200
-    found = [
-        fit_decay(3 + ringing(t, f, zeta) + sigma * rng.standard_normal(t.size), RATE, (60, 500)) for _ in range(seeds)
-    ]
-    step = 1e-6
-    columns = [
-        (ringing(t, f + f * step, zeta) - ringing(t, f - f * step, zeta)) / (2 * f * step),
-        (ringing(t, f, zeta + step) - ringing(t, f, zeta - step)) / (2 * step),
-        np.ones(t.size),
-        ringing(t, f, zeta),
-        np.exp(-zeta * 2 * np.pi * f * t) * np.sin(2 * np.pi * f * np.sqrt(1 - zeta**2) * t + 0.3),
-    ]
-    bound = sigma * np.sqrt(np.diag(np.linalg.inv(np.stack(columns) @ np.stack(columns).T)))
-    for k, (values, errors, truth) in enumerate(
-        (
-            (np.array([d.natural_hz for d in found]), np.array([d.natural_error_hz for d in found]), f),
-            (np.array([d.damping_ratio for d in found]), np.array([d.damping_error for d in found]), zeta),
+def test_decays_reach_the_bound_and_cover_it() -> None:
+    rng = np.random.default_rng(1)
+    t, sigma, seeds, step = np.arange(300) / RATE, 0.01, 250, 1e-6
+    inside = []
+    for f, zeta in ((158.3, 0.211), (300.0, 0.01)):
+        found = [
+            fit_decay(3 + ringing(t, f, zeta) + sigma * rng.standard_normal(t.size), RATE, (60, 500))
+            for _ in range(seeds)
+        ]
+        columns = np.stack(
+            [
+                (ringing(t, f + f * step, zeta) - ringing(t, f - f * step, zeta)) / (2 * f * step),
+                (ringing(t, f, zeta + step) - ringing(t, f, zeta - step)) / (2 * step),
+                np.ones(t.size),
+                ringing(t, f, zeta),
+                np.exp(-zeta * 2 * np.pi * f * t) * np.sin(2 * np.pi * f * np.sqrt(1 - zeta**2) * t + 0.3),
+            ]
         )
-    ):
-        assert abs(values.mean() - truth) < 4 * bound[k] / np.sqrt(seeds)
-        assert values.std(ddof=1) == pytest.approx(bound[k], rel=0.12)
-        assert errors.mean() == pytest.approx(bound[k], rel=0.05)
-        assert 0.91 < np.mean(np.abs(values - truth) <= coverage_factor(495) * errors) < 0.98
-    assert found[0].amplitude == pytest.approx(1, abs=5 * found[0].amplitude_error)
-    assert found[0].offset == pytest.approx(3, abs=5 * found[0].offset_error)
-    assert found[0].phase == pytest.approx(0.3, abs=0.05)
+        bounds = sigma * np.sqrt(np.diag(np.linalg.inv(columns @ columns.T)))
+        values = np.array([(d.natural_hz, d.damping_ratio) for d in found])
+        errors = np.array([(d.natural_error_hz, d.damping_error) for d in found])
+        for value, error, truth, bound in zip(values.T, errors.T, (f, zeta), bounds[:2], strict=True):
+            assert abs(value.mean() - truth) < 4 * bound / np.sqrt(seeds)
+            assert value.std(ddof=1) == pytest.approx(bound, rel=0.18)  # four standard errors of a scatter of 250
+            assert error.mean() == pytest.approx(bound, rel=0.05)
+            inside += (np.abs(value - truth) <= coverage_factor(295) * error).tolist()
+        assert found[0].amplitude == pytest.approx(1, abs=5 * found[0].amplitude_error)
+        assert found[0].offset == pytest.approx(3, abs=5 * found[0].offset_error)
+        assert found[0].phase == pytest.approx(0.3, abs=0.05)
+    assert 0.93 < np.mean(inside) < 0.97  # a thousand intervals
 
 
 def test_the_step_of_the_model_rings_at_its_pole() -> None:
