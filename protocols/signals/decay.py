@@ -75,14 +75,19 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     linear = np.linalg.lstsq(basis, x, rcond=None)[0]
     scale = float(np.hypot(linear[1], linear[2])) or 1.0
 
-    def curve(p: Array) -> Array:
-        return np.asarray(_basis(t, w * p[0], p[1]) @ p[2:])
-
     def misfit(p: Array) -> Array:
-        return curve(p) - x / scale
+        return np.asarray(_basis(t, w * p[0], p[1]) @ p[2:] - x / scale)
+
+    def slopes(p: Array) -> Array:
+        basis = _basis(t, w * p[0], p[1])
+        # a Re E + b Im E = Re (a - i b) E, and E = exp(s t) moves with s t E.
+        turned = (p[3] - 1j * p[4]) * (basis[:, 1] + 1j * basis[:, 2]) * w * t
+        root = np.sqrt(max(1 - p[1] ** 2, 1e-6))
+        of_frequency, of_damping = (turned * (-p[1] + 1j * root)).real, (turned * p[0] * (-1 - 1j * p[1] / root)).real
+        return np.column_stack((of_frequency, of_damping, basis))
 
     start = np.array([1.0, zeta, *linear / scale])
-    fit = least_squares(misfit, start, x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
+    fit = least_squares(misfit, start, slopes, method="lm", x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
     freedom = x.size - 5
     natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
     if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < LARGEST_DAMPING:
