@@ -39,18 +39,18 @@ class Program:
             found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=40)
         assert found, "\n".join(self.said)
 
-    def answer(self, words: str, act: object = None) -> None:
-        """Do what the prompt says, then press Enter."""
+    def answer(self, words: str, act: object = None, say: str = "") -> None:
+        """Do what the prompt says, then type what it asks for and press Enter."""
         self.wait_for(words)
         if callable(act):
             act()
         assert self.process.stdin is not None
-        self.process.stdin.write("\n")
+        self.process.stdin.write(say + "\n")
         self.process.stdin.flush()
 
     def arm(self) -> None:
         self.answer("high voltage OFF", self.bench.disable_hv)
-        self.answer("must be ON now", self.bench.enable_hv)
+        self.answer("must be ON now", self.bench.enable_hv, "on")
 
     def go_live(self) -> None:
         """Until a drive has been on the specimen for a while."""

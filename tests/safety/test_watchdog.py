@@ -262,7 +262,7 @@ def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_pa
         bench.die()
         wait(lambda: "could NOT be brought to rest" in log(tmp_path))
         assert "the program ended without a word while the bench was live" in log(tmp_path)
-        assert "no answer to 'VOLT?'" in log(tmp_path)
+        assert "33511B: no answer to '" in log(tmp_path)
         assert "Switch the high voltage OFF at the amplifier itself" in log(tmp_path)
         wait(bench.at_rest)  # the burst ends by itself all the same
 
