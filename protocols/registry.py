@@ -9,6 +9,7 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from protocols.hysteresis import Hysteresis
 from protocols.membrane_sag import MembraneSag
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
@@ -19,7 +20,8 @@ from protocols.wiring_check import WiringCheck
 GROUP = "tactor_bench.protocols"
 
 PROTOCOLS: dict[str, type[Protocol]] = {
-    protocol.name: protocol for protocol in (StaticLoading, VoltageSteps, SineDwell, MembraneSag, WiringCheck)
+    protocol.name: protocol
+    for protocol in (StaticLoading, VoltageSteps, Hysteresis, SineDwell, MembraneSag, WiringCheck)
 }
 
 

@@ -1,0 +1,120 @@
+"""Loops: the hysteresis that was put into the simulated tactor comes out, damping is told apart, and neither is invented."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from model.amplifier import AmplifierMap
+from model.parameters import Tactor
+from model.response import amplifier_response
+from model.statics import voltage_gain
+from protocols.events import Status
+from protocols.hysteresis import Hysteresis
+from protocols.quality import Quality
+from protocols.registry import PROTOCOLS
+from protocols.rehearsal import rehearse
+from protocols.runreader import Run
+from protocols.voltage_steps import VoltageSteps
+from tests.support import laboratory, run, simulated
+
+LOOPS = Hysteresis(frequencies_hz=(1.0, 2.0, 5.0), cycles=3)
+WIDTH, CREEP = 0.1, 0.02
+
+
+def truth_of_damping(frequency_hz: float) -> float:
+    """Width over stroke that the model's damping alone makes: falling minus rising where the drive passes rest."""
+    driven = amplifier_response(Tactor(), np.array([frequency_hz]), 2.5, 2.5, AmplifierMap())
+    theta = 2 * np.pi * np.arange(4000) / 4000
+    k = np.arange(driven.harmonics.shape[1])
+    w = (np.abs(driven.harmonics[0]) * np.sin(np.outer(theta, k) + np.angle(driven.harmonics[0]))).sum(1)
+    return float((w[2000] - w[0]) / (w[1000] - w[3000]))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory):
+    with laboratory(simulated(seed=2)) as lab:
+        yield run(LOOPS, tmp_path_factory.mktemp("runs"), lab)
+
+
+@pytest.fixture(scope="module")
+def looped(tmp_path_factory: pytest.TempPathFactory):
+    with laboratory(simulated(seed=3, beyond={"hysteresis_width": WIDTH})) as lab:
+        yield run(LOOPS, tmp_path_factory.mktemp("runs"), lab)
+
+
+def found(ran) -> dict:
+    with Run(ran.path) as file:
+        return {e.name: e for e in file.estimates()}
+
+
+def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> None:
+    assert plain.status is Status.COMPLETED
+    for p in plain.points:
+        assert Quality(p.quality) is Quality.SIMULATED
+        assert p.frequency == pytest.approx(round(p.frequency), rel=1e-4)
+        # Errors of three cycles have two degrees of freedom: 9.9 of them hold 99 %. Folding costs a little of the stroke.
+        assert abs(p.share - truth_of_damping(p.frequency)) < 9.9 * p.share_errors + 2e-4, p
+    hysteresis = found(plain)["hysteresis"]
+    assert abs(hysteresis.value) < max(4 * hysteresis.standard_error, 5e-4)
+
+
+def test_the_hysteresis_that_was_put_in_comes_out(looped) -> None:
+    # A play of 250 V either way: full width from the middle of the stroke on, and 2000 - 500 x 4 WIDTH volts of stroke.
+    width_m = WIDTH * 2000 * voltage_gain(Tactor())
+    stroke_m = (2000 - 2000 * WIDTH) * voltage_gain(Tactor())
+    slowest = looped.points[0]
+    assert slowest.width == pytest.approx(width_m, rel=0.06)  # damping at 1 Hz adds a few percent of it
+    assert slowest.stroke == pytest.approx(stroke_m, rel=5e-3)
+    hysteresis = found(looped)["hysteresis"]
+    assert hysteresis.value == pytest.approx(width_m / stroke_m, rel=0.03)
+    # The play opens only above the lowest 500 V, so most of the area lies above the middle of the drive.
+    assert slowest.asymmetry > 0.2
+
+
+def test_what_is_damping_is_told_apart_from_hysteresis(plain, looped) -> None:
+    without, with_it = (found(ran)["loop width per frequency"].value for ran in (plain, looped))
+    assert without == pytest.approx((truth_of_damping(5.0) - truth_of_damping(1.0)) / 4, rel=0.05)
+    assert with_it == pytest.approx(without, rel=0.3)
+
+
+def test_the_file_gives_the_numbers_of_the_live_run(looped) -> None:
+    plan = LOOPS.plan(2.5)
+    with Run(looped.path) as file:
+        again = [LOOPS.point(plan[r.entry].key, [r], file.simulated) for r in file.recordings()]
+    assert again == looped.points
+
+
+def test_voltage_steps_find_the_creep_and_the_loop_that_were_put_in(tmp_path: Path) -> None:
+    steps = VoltageSteps(levels_v=(3.5, 4.5), repeats=2, order="up", rest_s=10.0, hold_s=10.0, read_s=1.0)
+    with laboratory(simulated(seed=4, beyond={"creep_per_decade": CREEP})) as lab:
+        ran = run(steps, tmp_path, lab)
+    creep = found(ran)["creep per decade"]
+    # The plant's creep is a share of the step; relative to what is read after a second it is a little less.
+    assert creep.value == pytest.approx(CREEP / (1 + CREEP), rel=0.2)
+    assert creep.standard_error < 0.2 * creep.value
+
+
+def test_it_is_one_of_the_protocols_and_the_rehearsal_tells_how_long_it_takes(tmp_path: Path) -> None:
+    assert PROTOCOLS["hysteresis"] is Hysteresis
+    short = Hysteresis(frequencies_hz=(1.0,), cycles=2)
+    with laboratory() as lab:
+        told = rehearse(short, lab.bench.amplifier)
+        begin_s = lab.bench.clock.now()
+        ran = run(short, tmp_path, lab)
+        assert told.duration_s == pytest.approx(lab.bench.clock.now() - begin_s, rel=0.3)
+    assert ran.points[0].cycles == 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"frequencies_hz": (20.0,)}, "too low for loops at 20 Hz; at least 5632 Hz is needed"),
+        ({"cycles": 1}, "greater than or equal to 2"),
+        ({"dropped": 0}, "greater than or equal to 1"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(settings: dict, says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        Hysteresis(**settings)
