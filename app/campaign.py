@@ -16,9 +16,10 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from app.campaign_plan import PAPER, Item, known
+from app.campaign_plan import CARRIED, PAPER, Item, known
 from app.campaign_runs import Made, Shelf
-from app.campaign_standing import Listed, Next, basis_of, stand
+from app.campaign_standing import Listed, Next, Standing, basis_of, stand
+from model.amplifier import AmplifierMap
 from protocols.events import Status
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
@@ -115,16 +116,21 @@ class Campaign:
         return next(line for line in self.listed() if line.item.name == name)
 
     def protocol(self, item: Item) -> Protocol:
-        """The item's protocol with its settings.
+        """The item's protocol with its settings, and with what is carried on from the items it rests on.
 
         Raises:
             CampaignError: the protocol is not known here any more, or refuses the settings.
         """
+        carried = self.carried(item)
+        return self._made_of(item, {name: carried[of].value for name, of in CARRIED.items() if of in carried})
+
+    def _made_of(self, item: Item, carried: Mapping[str, float]) -> Protocol:
         kind = PROTOCOLS.get(item.protocol)
         if kind is None:
             raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
+        fits = {name: value for name, value in carried.items() if name in kind.model_fields}
         try:
-            return kind(**item.settings)
+            return kind(**{**fits, **item.settings})
         except ValidationError as error:
             fault = error.errors()[0]
             raise CampaignError(
@@ -133,7 +139,7 @@ class Campaign:
 
     def needs_hands(self, item: Item) -> bool:
         """Whether a person must do more than switch high voltage."""
-        plan = self.protocol(item).plan(2.5)
+        plan = self._made_of(item, {}).plan(AmplifierMap().rest_v)
         return bool(item.prepare) or any(entry.setup is not None or entry.prompts for entry in plan)
 
     def carried(self, item: Item) -> dict[str, Estimate]:
@@ -145,6 +151,11 @@ class Campaign:
             if name in wanted:
                 found.update({estimate.name: estimate for estimate in line.estimates})
         return found
+
+    def counting(self) -> list[Path]:
+        """The runs that count, in the order of their items."""
+        good = (Standing.DONE, Standing.STALE)
+        return [line.run for line in self.listed() if line.standing in good and line.run is not None]
 
     # -- what a person changes -----------------------------------------------------------------------------------------
 
@@ -195,7 +206,7 @@ class Campaign:
 
     def _of(self, item: Item, runs: Sequence[Made]) -> list[Made]:
         """The runs of an item, oldest first."""
-        settings = json.loads(json.dumps(self.protocol(item).model_dump(mode="json", include=set(item.settings))))
+        settings = json.loads(json.dumps(self._made_of(item, {}).model_dump(mode="json", include=set(item.settings))))
         return [
             run
             for run in runs

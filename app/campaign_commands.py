@@ -15,7 +15,6 @@ from app.exits import DONE, UsageError
 from app.headless import exit_code, headless
 from app.words import duration, size, uncertain
 from drivers.errors import BenchError
-from model.parameters import Tactor
 from protocols.plain import plain
 from protocols.runreader import RunError
 
@@ -114,11 +113,12 @@ def _first(known: Campaign, options: argparse.Namespace) -> Listed:
 
 def _rehearse(known: Campaign, options: argparse.Namespace) -> int:
     from app.build import connect
+    from app.campaign_estimates import believed
 
     config, speed = chosen_bench(options)
     try:
         with connect(config, None if config.simulated else speed) as lab:
-            told = rehearse_campaign(known, lab.bench, Tactor())
+            told = rehearse_campaign(known, lab.bench, believed(known, lab.bench.amplifier.map))
     except BenchError as error:
         raise UsageError(str(error)) from None
     print(_rehearsal_record(told) if options.json else _rehearsal_text(told))  # noqa: T201 - the command line speaks here
@@ -144,14 +144,23 @@ def _rehearsal_text(told: CampaignRehearsal) -> str:
 
 
 def _show(known: Campaign, as_json: bool) -> int:
-    lines = known.listed()
+    from app.campaign_estimates import identified
+
+    lines, found = known.listed(), identified(known)
+    estimates = () if isinstance(found, str) else found.estimates
     if as_json:
         record = {"specimen": known.specimen, "simulated": known.simulated, "path": str(known.path)}
+        record["identified"] = [asdict(estimate) for estimate in estimates]
         print(json.dumps(plain({**record, "items": [_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
         return DONE
     print(f"campaign of {known.specimen}" + ("   SIMULATED" if known.simulated else "") + f"   {known.path}")  # noqa: T201
     for line in lines:
         print(_text(line))  # noqa: T201
+    if estimates:
+        print("identified so far, by the paper's chain ('tactor-bench identify' for more):")  # noqa: T201
+    for estimate in estimates:
+        value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
+        print(f"    {estimate.name}: {value}")  # noqa: T201
     return DONE
 
 

@@ -61,6 +61,10 @@ PAPER: tuple[Item, ...] = (
 """The paper's campaign: k2 (loading, resonance) before mu (steps) before c0 (dwell) before c_s (membrane, with E_m of sag)."""
 
 
+CARRIED: Mapping[str, str] = {"decay_s": "decay time"}
+"""Parameters that take their value from an accepted estimate of what the item rests on, unless its settings say another."""
+
+
 def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ...]:
     """Those items whose protocol is known; what needed one that is not needs what that one needed."""
     lost = {item.name: item.needs for item in items if item.protocol not in protocols}

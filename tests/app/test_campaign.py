@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 
 from app.campaign import Campaign, CampaignError, campaign_path
+from app.campaign_estimates import believed, identified
 from app.campaign_plan import PAPER, Item, known
 from app.campaign_queue import Conductor, rehearse_campaign
 from app.campaign_runs import Made
 from app.campaign_standing import Next, Standing, stand
 from app.main import main
 from app.session import Session
+from model.parameters import Tactor
 from protocols.events import Asked, Event, Noted
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run
@@ -177,6 +179,23 @@ def test_from_nothing_to_the_end(measured) -> None:
     assert [(line.standing, line.run, line.estimates) for line in again.listed()] == [
         (line.standing, line.run, line.estimates) for line in lines
     ]
+
+
+def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(measured, monkeypatch) -> None:
+    campaign, _ = measured
+    monkeypatch.setattr("app.campaign.CARRIED", {"settle_limit_s": "latency"})
+    dwell = campaign.items[2]
+    with pytest.raises(CampaignError, match=r"dwell: settle_limit_s: .* greater than or equal to 0.5"):
+        campaign.protocol(dwell)  # the wiring check's 0.4 ms did arrive
+    monkeypatch.setattr("app.campaign.CARRIED", {"decay_s": "latency"})
+    found = {e.name: e.value for e in campaign.line("wiring").estimates}
+    assert campaign.protocol(dwell).decay_s == found["latency"]
+    # The dwell of two points has no peak between others, which must not take mu away.
+    # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels tell it to a percent.
+    assert believed(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
+    assert {e.name for e in identified(campaign).estimates} == {"mu"}
+    campaign.reject("steps")
+    assert believed(campaign).mu == Tactor().mu
 
 
 def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
