@@ -15,7 +15,7 @@ samples is refused with a sentence (ValueError).
     decay      fit_decay                              frequency and damping of a free decay
     multisine  Multisine                              a periodic excitation with a small crest factor
 
-Only numpy is imported here; what needs scipy is imported from its module, by name.
+`samples`, `lines` and `recorded_sweep` are what several of them share. Only numpy is imported here; what needs scipy is imported from its module, by name.
 """
 
 from protocols.signals.settling import SettlingDetector

@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from protocols.signals.lines import OVERLAP_CORRELATION, Blocks, bins_of, blocks_for, padded
+from protocols.signals.recorded_sweep import driven, rises, stands_out
 from protocols.signals.samples import check_positive, check_samples, coverage_factor
 
 Array = NDArray[np.float64]
@@ -34,8 +35,6 @@ GATES = np.arange(3, 11)
 
 HARMONIC_GATES = -np.arange(2, 9)
 """Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
-
-SEARCHED = 1 << 14
 
 POOLED_LINES = 5
 """Neighbouring lines whose noise is taken together."""
@@ -112,7 +111,7 @@ def sweep_response(
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
     x, y = _both(drive, displacement, 4 * LEAST_BINS, rate_hz)
-    swept = _driven(x)
+    swept = driven(x)
     duration = swept.stop - swept.start
     if duration < 4 * LEAST_BINS:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
@@ -135,6 +134,7 @@ def sweep_response(
         )
     X, Y = bins_of(x[swept], n, blocks, faded), bins_of(y[swept], n, blocks, faded)
     cross, power = Y * X.conj(), X.real**2 + X.imag**2
+    stands_out(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
     S_xx = np.asarray(blocks.of(power) @ blocks.window)
     # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.
     strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
@@ -142,7 +142,7 @@ def sweep_response(
     used[strong[0] + 2 : strong[-1] - 1] = True
     with np.errstate(divide="ignore", invalid="ignore"):
         H = np.where(used, np.asarray(blocks.of(cross) @ blocks.window) / S_xx, 0)
-    variance = _noise(cross, power, H, blocks, _rises(X)) / np.where(used, S_xx, np.inf) ** 2
+    variance = _noise(cross, power, H, blocks, rises(X)) / np.where(used, S_xx, np.inf) ** 2
     S_nn = variance * S_xx / np.sum(blocks.window**2)
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
@@ -227,7 +227,7 @@ def periodic_response(
     )
 
 
-def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: Blocks, rises: bool) -> Array:
+def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: Blocks, rising: bool) -> Array:
     """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
     # Straight lines between the lines, which stand half a block apart; beyond the outermost the response is taken as it is there.
     hop = blocks.length // 2
@@ -237,8 +237,7 @@ def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex,
     within = slice(0, straight.size)
     left = cross[within] - straight * power[within]
     # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
-    side = 1 if rises else -1
-
+    side = 1 if rising else -1
     gates = np.concatenate((GATES, HARMONIC_GATES))
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
     seen = blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
@@ -250,32 +249,6 @@ def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex,
     noise, pool = at_gates.mean(1), np.ones(POOLED_LINES)
     pooled = np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same")
     return np.asarray(pooled + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
-
-
-def _driven(drive: Array) -> slice:
-    """From where to where the drive is away from the middle of its range."""
-    low, high = float(drive.min()), float(drive.max())
-    if not high > low:
-        raise ValueError(f"the drive stands at {low:g}: check the drive channel's cable")
-    middle, least = 0.5 * (low + high), 0.05 * (high - low)
-
-    def first(samples: Array) -> int:
-        """The first sample that is away; looked for piece by piece, since it is mostly near the end."""
-        for start in range(0, samples.size, SEARCHED):
-            away = np.abs(samples[start : start + SEARCHED] - middle) > least
-            if away.any():
-                return start + int(away.argmax())
-        return samples.size
-
-    return slice(first(drive), drive.size - first(drive[::-1]))
-
-
-def _rises(X: NDArray[np.complex64]) -> bool:
-    """Whether the sweep goes up: whether its upper half of bins arrives later than its lower half (group delay)."""
-    few = slice(None, None, 16)
-    delay = np.mod(-np.angle(X[1:][few] * X[:-1][few].conj()), 2 * np.pi)
-    half = delay.size // 2
-    return bool(np.median(delay[half:]) >= np.median(delay[:half]))
 
 
 def _both(drive: ArrayLike, displacement: ArrayLike, least: int, rate_hz: float) -> tuple[Array, Array]:
