@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.campaigns import Noise, World, perfect
+from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.chain import chain
 from model.identification.chain_errors import chain_errors, drawn_errors
 from model.identification.chain_method import ChainError, ChainMethod
@@ -89,7 +89,7 @@ def test_both_sides_are_averaged_load_by_load() -> None:
 
 def test_errors_by_derivatives_are_those_of_repeated_campaigns() -> None:
     kinds = (StaticLoading, VoltageSteps, FrequencyResponse, MembraneSag)
-    shared = perfect(World(), Noise(), tuple(e for r in perfect(World(), Noise(), ()).runs for e in r.common))
+    shared = perfect(World(), Noise(), SHARED)
     data = Campaign(tuple(r for r in shared.runs if isinstance(r, kinds) and r.label not in SKIP))
     found = chain(data)
     by_slopes, S = chain_errors(data, ChainMethod(), found)
@@ -100,6 +100,8 @@ def test_errors_by_derivatives_are_those_of_repeated_campaigns() -> None:
             a.name
         )  # 40 draws: 11 % each, and the worst of 12
     assert np.sqrt(np.diag(S)) == pytest.approx([e.standard_error for e in by_slopes])
+    mu = next(e for e in by_slopes if e.name == "mu")
+    assert mu.standard_error > 0.005 * abs(mu.value), "the amplifier's gain alone is 0.5 %"
 
 
 def test_what_a_step_cannot_do_is_told() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
+from model.amplifier import AmplifierMap
 from model.identification.draws import redrawn
 from model.identification.forward import with_values
 from model.identification.joint import joint_fit
@@ -26,7 +27,7 @@ from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError
 from model.response import amplifier_response
 from model.skin import skin
-from model.statics import load_compliance
+from model.statics import load_compliance, voltage_gain
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), SHARED)
@@ -161,6 +162,30 @@ def test_fewer_points_than_parameters_is_told() -> None:
     fit = joint_fit(Campaign((run,)), Setting(free=("k2", "mu", "c0", "m_add")))
     assert len(fit.unidentified) == 2
     assert not fit.estimates()
+
+
+VOLTS = AmplifierMap().specimen_v(np.array([0.5, 1.5, 3.5, 4.5]))
+LEVELS = VoltageSteps(
+    "levels", np.array([0.5, 1.5, 3.5, 4.5]), voltage_gain(Tactor()) * VOLTS, np.array([1e-6, 2e-6, 1e-6, 3e-6])
+)
+
+
+def test_a_linear_fit_has_the_standard_error_of_the_textbook() -> None:
+    per = voltage_gain(Tactor(mu=1.0)) * VOLTS / LEVELS.errors_m
+    plain = joint_fit(Campaign((LEVELS,))).estimates()[0].standard_error
+    assert plain == pytest.approx((per @ per) ** -0.5, rel=1e-6)
+    gain = CommonError("gain", "displacement", 0.01)
+    shared = joint_fit(Campaign((replace(LEVELS, common=(gain,)),))).estimates()[0].standard_error
+    assert shared == pytest.approx(np.hypot(plain, 0.01 * 1.33e-5), rel=1e-4)
+
+
+def test_a_robust_fit_does_not_count_what_it_let_go() -> None:
+    w = np.array(LEVELS.deflection_m)
+    w[0] += 1e-3
+    without = replace(LEVELS, good=np.array([False, True, True, True]))
+    robust = joint_fit(Campaign((replace(LEVELS, deflection_m=w),)), Setting(loss="cauchy"))
+    honest = joint_fit(Campaign((without,)))
+    assert np.sqrt(robust.covariance[0, 0]) == pytest.approx(np.sqrt(honest.covariance[0, 0]), rel=1e-3)
 
 
 def test_a_robust_loss_lets_go_of_an_outlier_and_names_it() -> None:

@@ -88,6 +88,19 @@ def test_the_profile_of_one_nonlinear_parameter_is_known() -> None:
     assert got.high - 7e-3 > 1.2 * (7e-3 - got.low)
 
 
+def test_what_is_known_beforehand_counts_in_a_profile() -> None:
+    """Data and a caliper of equal weight: half the variance."""
+    w = load_compliance(Tactor())
+    run = StaticLoading("one", np.ones(1), np.array([w]), np.array([1e-3 * w]))
+    alone = joint_fit(Campaign((run,)), Setting(free=("k2", "c0"), known={"c0": (159.0, 1.0)}))
+    error = alone.estimates()[0].standard_error
+    both = joint_fit(Campaign((run,)), Setting(free=("k2", "c0"), known={"c0": (159.0, 1.0), "k2": (7e-3, error)}))
+    got = profile(both, "k2")
+    assert got.low is not None
+    assert got.high is not None
+    assert got.high - got.low == pytest.approx(2 * 1.96 * error / np.sqrt(2), rel=0.02)
+
+
 def test_an_open_side_is_none() -> None:
     """A load that deflects by no more than its error: any stiffer would do."""
     run = StaticLoading("stiff", np.ones(1), np.array([1e-6]), np.array([5e-5]))
