@@ -70,6 +70,28 @@ def add_identify_commands(known: Any) -> None:
         each.set_defaults(command=_calibration, what=what)
 
 
+def add_report_command(known: Any) -> None:
+    """Register `report` with the subparsers of the command."""
+    report = known.add_parser(
+        "report",
+        help="the report of a specimen: PDF and HTML",
+        description="One page to sign, and an appendix with every run: parameters with errors beside the paper's, the response "
+        "with its band and residuals, margin over the skin's threshold, instruments, hashes of the run files. The same files "
+        "give the same bytes.",
+        epilog="example: tactor-bench report T7 --out reports",
+    )
+    report.add_argument("specimen")
+    report.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
+    report.add_argument("--out", type=path, default=Path(), metavar="FOLDER", help="where it goes (default: here)")
+    report.set_defaults(command=_report)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from app.report_command import report
+
+    return report(options)
+
+
 def _identify(options: argparse.Namespace) -> int:
     from app.identify_commands import identify_runs
 

@@ -127,26 +127,25 @@ def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator
 
 def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
     """One response for each elongation; a free reference before and after is one each."""
-    parts = columns["part"] if "part" in columns else columns["elongation"]
-    for part in dict.fromkeys(parts.tolist()):
-        at = parts == part
+    for turn in dict.fromkeys(columns["turn"].tolist()):
+        at = columns["turn"] == turn
         elongation = float(columns["elongation"][at][0])
-        free = not np.isfinite(elongation) or elongation < 0
-        words = f"free, part {part:g}" if free else f"{1e3 * elongation:g} mm"
+        free = np.isnan(elongation)
+        words = f"{turn:.0f} free" if free else f"{turn:.0f} at {1e3 * elongation:g} mm"
         mine = {name: column[at] for name, column in columns.items()}
         if good[at].any():
             yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
 
 
 def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    errors = columns["frequency_errors"]
+    errors = columns["peak_errors"]
     yield MassResonance(
         run.path.stem,
         columns["mass"],
-        columns["frequency"],
+        columns["peak"],
         errors,
         meaning="peak",
-        good=good & (errors > 0),
+        good=good & (errors > 0) & np.isfinite(columns["peak"]),
         simulated=run.simulated,
     )
 

@@ -27,11 +27,12 @@ def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
         OSError: the picture cannot be written.
     """
     with intact(run.path):
-        figure = _drawn(run, tactor or Tactor())
+        figure = figure_of(run, tactor or Tactor())
     figure.savefig(path)
 
 
-def _drawn(run: Run, tactor: Tactor) -> Any:
+def figure_of(run: Run, tactor: Tactor) -> Any:
+    """The picture of a run as a matplotlib figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
