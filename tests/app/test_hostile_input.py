@@ -222,5 +222,5 @@ def test_any_protocol_is_shown_and_drawn(here: Path, capsys: Any) -> None:
     (file,) = (here / "runs").glob("*.h5")
     capsys.readouterr()
     assert main(["show", str(file), "--picture", "x.png"]) == 0
-    assert "commanded 2.6 V" in capsys.readouterr().out
+    assert "2.600 V: drive reads back" in capsys.readouterr().out
     assert (here / "x.png").stat().st_size > 10_000

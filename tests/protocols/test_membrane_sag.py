@@ -26,7 +26,7 @@ def estimates_of(path: Path) -> dict[str, tuple[float, float]]:
 
 @pytest.mark.parametrize(("E_m", "reference_m"), [(6.95e6, 3.5e-3), (3e6, 4.6e-3)])
 def test_the_modulus_of_the_simulated_rubber_comes_out(E_m: float, reference_m: float, tmp_path: Path) -> None:
-    with laboratory(simulated(plant_rate_hz=5e3, membrane={"E_m": E_m})) as lab:
+    with laboratory(simulated(plant_rate_hz=10e3, membrane={"E_m": E_m})) as lab:
         ran = run(SHORT.model_copy(update={"reference_m": reference_m}), tmp_path, lab)
         assert not lab.control.history.live
     assert ran.status == Status.COMPLETED
@@ -38,14 +38,14 @@ def test_the_modulus_of_the_simulated_rubber_comes_out(E_m: float, reference_m: 
 
 
 def test_a_reference_that_lies_deeper_than_it_says_is_within_the_error(tmp_path: Path) -> None:
-    with laboratory(simulated(plant_rate_hz=5e3, hands={"reference_m": 20e-6})) as lab:
+    with laboratory(simulated(plant_rate_hz=10e3, hands={"reference_m": 20e-6})) as lab:
         ran = run(SHORT, tmp_path, lab)
     value, error = estimates_of(ran.path)["Young modulus"]
     assert 1e-3 * error < abs(value - 6.95e6) < error
 
 
 def test_a_sag_beyond_the_sensor_is_asked_about_flagged_and_gives_no_modulus(tmp_path: Path) -> None:
-    with laboratory(simulated(plant_rate_hz=5e3)) as lab:
+    with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         ran = run(MembraneSag(repeats=1, reference_m=1e-3, sample_rate_hz=1000), tmp_path, lab)
     assert ran.status == Status.COMPLETED
     questions = [e.prompt for e in ran.events if isinstance(e, Asked) and e.prompt.action == "out-of-range"]
@@ -76,7 +76,7 @@ class Stops:
 @pytest.mark.parametrize("action", ["place-reference", "hang-membrane"])
 def test_stop_at_any_prompt_keeps_what_was_measured(action: str, tmp_path: Path) -> None:
     cancel = threading.Event()
-    with laboratory(simulated(plant_rate_hz=5e3)) as lab:
+    with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         ran = run(SHORT, tmp_path, lab, operator=Stops(lab, action, cancel), cancel=cancel)
     assert ran.status == Status.STOPPED
     with Run(ran.path) as file:

@@ -249,7 +249,7 @@ def test_a_prompt_may_be_ignored_for_an_hour(tmp_path: Path) -> None:
             return Prompt("sleep", "")
         return None
 
-    with laboratory(simulated(plant_rate_hz=2e3)) as lab:
+    with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         lab.bench.block_s = 4.0
         operator = Asleep(lab, sleeps)
         ran = run(SHORT.model_copy(update={"sample_rate_hz": 500.0}), tmp_path, lab, operator=operator)
