@@ -116,7 +116,7 @@ class StaticLoading(Protocol):
         float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is asked about"
     ] = 3e-6
     settle_s: Annotated[
-        float, Unit("s"), Interval(ge=0, le=600), "after a weight landed or left, before it is read"
+        float, Unit("s"), Interval(ge=0, le=600), "after hands did something, before a level is read"
     ] = 1.0
     record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"] = 0.5
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
@@ -133,7 +133,7 @@ class StaticLoading(Protocol):
         return self
 
     def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        each_s = 3 * self.record_s + 2 * (self.settle_s + HANDS_S)
+        each_s = 3 * (self.settle_s + self.record_s) + 2 * HANDS_S
         return tuple(
             Planned(
                 f"{SIDES[side]}, {grams(mass_kg)}, repeat {repeat}",
@@ -154,7 +154,8 @@ class StaticLoading(Protocol):
         can_go_back = self._follows_one(entry, rest_v)
         while True:
             attempt += 1
-            zero: Recording = yield Record(self.record_s)
+            # Whatever hands did before, or the key they pressed, has come to rest by the end of it.
+            zero: Recording = yield Record(self.settle_s + self.record_s)
             _rest_is_seen(zero, rest_v)
             placed = yield Await(_place(side, mass_kg, can_go_back), Landed(zero, self._least_m, self.record_s))
             if placed.words == PREVIOUS:
