@@ -114,7 +114,15 @@ class Executor:
             else:
                 self._bench.clock.sleep(0.05)
         self._publish(Answered(ask_id, words))
+        if self._armed is not None:
+            self._catch_up(self._armed)
         return words
+
+    def _catch_up(self, armed: ArmedBench) -> None:
+        """Pass over what the card saw before this moment: it may still be on its way to us, and shows what was before."""
+        now = self._scan_now(armed, 0.0)
+        while self.skip(armed).stop < now:
+            self._interrupted()
 
     def skip(self, armed: ArmedBench) -> Block:
         """Take a block that is not kept, and let whoever watches see it."""
@@ -138,6 +146,7 @@ class Executor:
                 self._publish(Answered(ask_id, "seen by the laser"))
                 return Awaited(True, None)
         self._publish(Answered(ask_id, words))
+        self._catch_up(armed)
         return Awaited(False, words)
 
     def _settle(self, armed: ArmedBench, step: Settle) -> Settled:

@@ -343,6 +343,32 @@ def test_a_wait_ends_by_what_the_laser_sees_or_by_the_operator(
     assert words in [e.words for e in ran.events if isinstance(e, Answered) and e.ask_id == asked]
 
 
+@pytest.mark.parametrize("step", [Ask(Prompt("bump", "Go")), Await(Prompt("bump", "Go"), Landing(10**9))])
+def test_what_the_card_saw_before_the_answer_is_not_in_the_recording_after_it(step: Step, tmp_path: Path) -> None:
+    class Late(Handy):
+        """The program is two seconds behind the card when the answer comes."""
+
+        def answer(self, ask_id: int) -> str | None:
+            words = super().answer(ask_id)
+            if words and self.asked[-1].action == "bump":
+                lab.control.clock.sleep(2.0)
+                lab.control.hands("bump-sensor", {"by_m": 1e-4})
+            return words
+
+    class Bumped(Levels):
+        name: ClassVar[str] = "bumped"
+
+        def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+            yield step
+            lowest.append(float((yield Record(0.2)).displacement_m.min()))
+            return None
+
+    lowest: list[float] = []
+    with laboratory() as lab:
+        run(Bumped(levels_v=(2.0,)), tmp_path, lab, operator=Late(lab.operator))
+    assert lowest[0] > 9e-5
+
+
 def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
