@@ -1,14 +1,18 @@
 """A picture of a finished run: the response on the model's curve, the last recording, what was identified."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app.config import AmplifierTable
-from app.words import quantity
+from app.words import quantity, shown_unit
+from model.amplifier import AmplifierMap
 from model.parameters import Tactor
-from model.response import amplifier_response
+from model.response import amplifier_response, frequency_response
+from protocols.layout import ENTRY
 from protocols.quality import Quality
 from protocols.runreader import Run, intact
 
@@ -36,15 +40,34 @@ def figure_of(run: Run, tactor: Tactor) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 7), dpi=110, layout="constrained")
+    panels = _panels(run)
+    figure = Figure(figsize=(10, 4.2 + 2.8 * sum(height for _, height in panels) / 3), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    response, trace = figure.subplots(2, 1, height_ratios=[3, 1])
-    (_draw_response if run.points().keys() >= RESPONSE else _draw_points)(response, run, tactor)
-    _draw_trace(trace, run)
+    every = figure.subplots(len(panels) + 1, 1, height_ratios=[*(height for _, height in panels), 1])
+    for axes, (draw, _) in zip(every, panels, strict=False):
+        draw(axes, run, tactor)
+    _draw_trace(every[-1], run)
     figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11)
     if run.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
     return figure
+
+
+def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
+    """What is drawn above the last recording, and how high."""
+    points = run.points()
+    if points.keys() >= RESPONSE | {"elongation"}:
+        return [(_draw_series, 3)]
+    if points.keys() >= RESPONSE:
+        return [(_draw_response, 3)]
+    panels: list[tuple[Callable[[Any, Run, Tactor], None], float]] = []
+    if curves := run.curves():
+        panels.append((_draw_curves, 3))
+        if all("coherence" in curve.columns for curve in curves):
+            panels.append((_draw_coherence, 0.8))
+    if not curves or len(points[run.axes[0]]) > 1:
+        panels.append((_draw_points, 2))
+    return panels
 
 
 def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
@@ -53,7 +76,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
-    amplifier = AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map  # as it was then
+    amplifier = _amplifier(run)
     curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
@@ -78,13 +101,106 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
 
 
-def _draw_points(axes: Any, run: Run, _tactor: Tactor) -> None:
-    """The points of any protocol over the axis it names, SI."""
+def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
+    """Dwells at several elongations, each in its colour on the model's curve for it."""
+    from model.parameters import Membrane
+    from model.skin import skin
+
+    points = run.points()
+    good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+    amplifier, amplitude_v = _amplifier(run), float(run.parameters["peak_to_peak_v"]) / 2
+    parts = np.unique(points["part"])
+    curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
+    for colour, part in zip(_colours(len(parts)), parts, strict=True):
+        of_part = points["part"] == part
+        elongation = float(points["elongation"][of_part][0])
+        free = np.isnan(elongation)
+        pressed = None if free else skin(Membrane(), elongation / Membrane().L_m, tactor=tactor)
+        model = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier, skin=pressed)
+        axes.plot(curve_f, 1e6 * model.peak_to_peak, "--", color=colour, lw=0.9)
+        words = "free" if free else f"{1e3 * elongation:.2f} mm"
+        for shown, face in ((of_part & good, colour), (of_part & ~good, "none")):
+            if shown.any():
+                f, moved = points["frequency"][shown], points["peak_to_peak"][shown]
+                axes.errorbar(
+                    f, 1e6 * moved, 1e6 * points["peak_to_peak_errors"][shown], fmt="o", ms=5, color=colour, mfc=face,
+                    label=words,
+                )  # fmt: skip
+    axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
+    axes.set(xlabel="frequency (Hz)", ylabel="max - min of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
+    axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
+
+
+def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
+    """The curves of the entries; a frequency response with the model's beneath it."""
+    curves, points = run.curves(), run.points()
+    amplifier, amplitude_v = _amplifier(run), float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
+    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+        x, y = curve.columns[curve.x], curve.columns[curve.y]
+        factor, unit = shown_unit(y.unit)
+        axes.plot(x.values, factor * y.values, "-", color=colour, lw=1.2, label=curve.label or "measured")
+        if (errors := curve.columns.get(f"{curve.y}_errors")) is not None:
+            low, high = y.values - 2 * errors.values, y.values + 2 * errors.values
+            axes.fill_between(x.values, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
+        if y.unit == "m/V":
+            mass = points["mass"][points[ENTRY] == curve.entry] if "mass" in points else np.empty(0)
+            loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
+            f = x.values[:: max(len(x.values) // 300, 1)]
+            driven = amplifier_response(loaded, f, amplitude_v, amplifier.rest_v, amplifier)
+            axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
+        axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
+    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    axes.legend(title="\n".join([*found, "dashed: model"]), fontsize=8, title_fontsize=9)
+    axes.set_ylim(0, None)
+
+
+def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
+    curves = run.curves()
+    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+        axes.plot(curve.columns[curve.x].values, curve.columns["coherence"].values, color=colour, lw=0.8)
+    axes.set(xlabel=f"{curves[0].x} ({curves[0].columns[curves[0].x].unit})", ylabel="coherence", ylim=(None, 1.0))
+    axes.ticklabel_format(useOffset=False)
+
+
+def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
+    """The points of any protocol over the axes it names, in units people think in; hollow where no fit may use them."""
     points, units, (x, y) = run.points(), run.units(), run.axes
-    errors = points.get(f"{y}_errors")
-    axes.errorbar(points[x], points[y], errors, fmt="o", color="tab:red", label="measured")
-    axes.set(xlabel=f"{x} ({units[x]})", ylabel=f"{y} ({units[y]})")
+    (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
+    good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+    errors = points.get(f"{y}_errors", np.zeros(len(good)))
+    for shown, face, words in ((good, "tab:red", "measured"), (~good, "none", "measured, flagged")):
+        if shown.any():
+            axes.errorbar(
+                over * points[x][shown], factor * points[y][shown], factor * errors[shown], fmt="o", color="tab:red",
+                mfc=face, label=words,
+            )  # fmt: skip
+    if (x, y) == ("mass", "frequency"):
+        _draw_peaks(axes, points["mass"], tactor)
+    axes.set(xlabel=_label(x, over_unit), ylabel=_label(y, unit))
     axes.legend(fontsize=9)
+
+
+def _draw_peaks(axes: Any, masses: Any, tactor: Tactor) -> None:
+    """Where the model's response is largest, for every mass."""
+    grid, f = np.linspace(min(masses), max(masses), 30), np.linspace(60.0, 600.0, 2161)
+    peaks = [f[np.abs(frequency_response(replace(tactor, m_add=float(m)), f)).argmax()] for m in grid]
+    axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")
+
+
+def _colours(count: int) -> Any:
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](np.linspace(0.0, 0.85, count))
+
+
+def _label(column: str, unit: str) -> str:
+    words = column.replace("_", " ")
+    return f"{words} ({unit})" if unit else words
+
+
+def _amplifier(run: Run) -> AmplifierMap:
+    """The amplifier's map as it was then."""
+    return AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

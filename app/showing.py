@@ -47,11 +47,16 @@ def run_text(run: Run) -> str:
     if not len(next(iter(points.values()), ())):
         lines.append("no points")
     elif points.keys() >= {"peak_to_peak", "fundamental", "phase", "thd"}:
-        lines.append(f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>13} {'±':>7} {'phase/°':>8} {'THD/%':>6}  quality")
+        stretched = points.get("elongation")
+        lines.append(
+            (f"{'mm':>6} " if stretched is not None else "")
+            + f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>13} {'±':>7} {'phase/°':>8} {'THD/%':>6}  quality"
+        )
         lines += [
-            f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
+            ("" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free"))
+            + f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
             f"{Quality(int(q)).words}"
-            for f, p, a, u, phase, thd, q in zip(
+            for row, (f, p, a, u, phase, thd, q) in enumerate(zip(
                 *(
                     points[name]
                     for name in (
@@ -59,19 +64,36 @@ def run_text(run: Run) -> str:
                     )
                 ),
                 strict=True,
-            )
+            ))
         ]  # fmt: skip
     elif (kind := PROTOCOLS.get(run.protocol)) is not None and hasattr(kind.point_type, "words"):
         lines += [point_line(point) for _, point in points_of(run, kind.point_type)]
     else:
         units = run.units()
-        shown = [name for name, column in points.items() if column.ndim == 1 and name not in ("entry", "quality")]
+        shown = [
+            name
+            for name, column in points.items()
+            if column.ndim == 1 and name not in ("entry", "quality") and not name.endswith("_errors")
+        ]
         for row, quality in enumerate(points["quality"]):
             told = [
-                f"{n} {points[n][row]:.5g} {units[n]}".removesuffix(" 1") for n in shown if np.isfinite(points[n][row])
+                f"{name.replace('_', ' ')} {quantity(points[name][row], _error(points, name, row), units[name])}"
+                for name in shown
+                if np.isfinite(points[name][row])
             ]
             lines.append(f"{row + 1}: {', '.join(told)}; {Quality(int(quality)).words}")
+    for curve in run.curves():
+        x = curve.columns[curve.x]
+        title = f"{curve.name} {curve.label}".strip()
+        if len(x.values):
+            lines.append(f"{title}: {len(x.values)} lines, {x.values[0]:g} to {x.values[-1]:g} {x.unit}")
     for estimate in run.estimates():
         value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
+
+
+def _error(points: dict[str, Any], name: str, row: int) -> float:
+    """The standard error that stands beside a column, 0 where there is none."""
+    column = points.get(f"{name}_errors")
+    return float(column[row]) if column is not None else 0.0

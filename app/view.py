@@ -8,7 +8,7 @@ from typing import Any
 
 from app.sentences import Message
 from app.session import SessionEvent
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from model.amplifier import AmplifierMap
 from protocols.events import Asked, AtRest, RunEnded, Status
 from protocols.quality import Quality
@@ -232,7 +232,7 @@ def pace(drive: Drive) -> str:
     match drive:
         case Sine(frequency_hz=f):
             return f"{f:g} Hz"
-        case LinearSweep(start_hz=a, stop_hz=b):
+        case LinearSweep(start_hz=a, stop_hz=b) | PeriodicSweep(start_hz=a, stop_hz=b):
             return f"{a:g} … {b:g} Hz"
         case Hold():
             return "held"

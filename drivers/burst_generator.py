@@ -17,9 +17,9 @@ from functools import partial
 
 from drivers.burst_dialect import BurstDialect
 from drivers.descent import Descent
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.waveform import SINE, Points, rendered
+from drivers.waveform import SINE, Points, cannot_hold, rendered
 
 LEVEL_TOLERANCE_V = 1e-3
 SMALLEST_VPP = 0.01
@@ -75,6 +75,8 @@ class BurstGenerator(BurstDialect):
         self._ends_s = self._clock.now()
 
     def play(self, drive: Drive) -> None:
+        if why := self.cannot(drive):
+            raise InstrumentError(why)
         match drive:
             case Hold(level_v, _):
                 self._idle_must_be(level_v)
@@ -84,9 +86,30 @@ class BurstGenerator(BurstDialect):
             case Sine(frequency_hz, amplitude_v, offset_v, cycles):
                 self._begin(SINE, amplitude_v, frequency_hz, cycles, offset_v)
             case LinearSweep() | Steps():
-                jump_v = max(self._step_v, SMOOTHED * (drive.high_v - drive.low_v)) if self.SMOOTHS else self._step_v
-                points, full_v = rendered(drive, self._most_points(), jump_v, self._scpi.instrument)
+                points, full_v = rendered(drive, self._most_points(), self._jump_v(drive))
                 self._begin(points, full_v, 1 / drive.duration_s, 1, drive.ends_v[0])
+            case PeriodicSweep():
+                points, full_v = rendered(drive, self._most_points(), self._jump_v(drive))
+                self._begin(points, full_v, 1 / drive.period_s, drive.periods, drive.offset_v)
+
+    def cannot(self, drive: Drive) -> str:
+        name = self._scpi.instrument
+        if isinstance(drive, LinearSweep | PeriodicSweep | Steps) and (
+            why := cannot_hold(drive, self._most_points(), self._jump_v(drive))
+        ):
+            return f"{name}: {why}"
+        cycles = drive.cycles if isinstance(drive, Sine) else drive.periods if isinstance(drive, PeriodicSweep) else 1
+        if cycles > self.MOST_CYCLES:
+            return f"{name} plays {self.MOST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
+        if not self.HOLDS_RANGE and not isinstance(drive, Hold | Ramp) and drive.duration_s > LONGEST_WAIT_S:
+            return (
+                f"{name} cannot hold its range, so that a drive can only be stopped by waiting for its end; this one "
+                f"lasts {drive.duration_s:.3g} s (limit {LONGEST_WAIT_S:g} s). Shorten it. Nothing was sent"
+            )
+        return ""
+
+    def _jump_v(self, drive: Drive) -> float:
+        return max(self._step_v, SMOOTHED * (drive.high_v - drive.low_v)) if self.SMOOTHS else self._step_v
 
     def stop(self) -> None:
         if not self.HOLDS_RANGE:
@@ -177,16 +200,7 @@ class BurstGenerator(BurstDialect):
         """Play the waveform so many times, its whole period `rate_hz` times a second, a full point being `full_v`."""
         name, seconds = self._scpi.instrument, cycles / rate_hz
         self._idle_must_be(idle_v)
-        if cycles > self.MOST_CYCLES:
-            raise InstrumentError(
-                f"{name} plays {self.MOST_CYCLES} cycles at most, not {cycles}; shorten the drive. Nothing was sent"
-            )
         if not self.HOLDS_RANGE:
-            if seconds > LONGEST_WAIT_S:
-                raise InstrumentError(
-                    f"{name} cannot hold its range, so that a drive can only be stopped by waiting for its end; this one "
-                    f"lasts {seconds:.3g} s (limit {LONGEST_WAIT_S:g} s). Shorten it. Nothing was sent"
-                )
             most_v = self._amplitude() / 2
             if full_v > most_v + LEVEL_TOLERANCE_V:
                 raise InstrumentError(

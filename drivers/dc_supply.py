@@ -13,7 +13,7 @@ from functools import partial
 
 from drivers.clock import Clock
 from drivers.descent import Descent
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.scpi import Link
 from drivers.supply_stairs import Stairs
@@ -103,11 +103,11 @@ class DcSupply:
             case Ramp() | Steps():
                 self._must_begin_here(drive)
                 self._stairs = Stairs(self, drive, self._clock)
-            case Sine() | LinearSweep():
+            case Sine() | LinearSweep() | PeriodicSweep():
                 raise InstrumentError(self.cannot(drive))
 
     def cannot(self, drive: Drive) -> str:
-        if not isinstance(drive, Sine | LinearSweep):
+        if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
             return ""
         return (
             f"{self._name} can hold and step, but not play a {type(drive).__name__}: its output falls "

@@ -176,11 +176,76 @@ class LinearSweep:
         fraction = self.cycles - round(self.cycles)
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
 
+    @classmethod
+    def whole(
+        cls, start_hz: float, stop_hz: float, about_s: float, amplitude_v: float, offset_v: float
+    ) -> "LinearSweep":
+        """The sweep nearest to `about_s` that ends at the offset: a whole number of cycles."""
+        mean_hz = 0.5 * (start_hz + stop_hz)
+        duration_s = max(round(mean_hz * about_s), 1) / mean_hz
+        return cls(start_hz, stop_hz, duration_s, amplitude_v, offset_v)
+
     def volts(self, t: ArrayLike) -> Array:
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         rate = (self.stop_hz - self.start_hz) / self.duration_s
         phase = 2 * np.pi * (self.start_hz * time + 0.5 * rate * time**2)
         return np.asarray(self.offset_v + self.amplitude_v * np.sin(phase))
+
+
+@dataclass(frozen=True, slots=True)
+class PeriodicSweep:
+    """A linear sweep of `sweep_s` and the same upside down, `periods` times without a pause.
+
+    Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
+    offset - falls on other lines of the spectrum than the response does: the sweep excites the odd ones, that the even ones.
+    It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the guard asks for.
+    """
+
+    start_hz: float
+    stop_hz: float
+    sweep_s: float
+    periods: int
+    amplitude_v: float
+    offset_v: float
+
+    def __post_init__(self) -> None:
+        _finite(self)
+        _positive(self, "start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
+
+    @property
+    def sweep(self) -> LinearSweep:
+        """The sweep, the right way up."""
+        return LinearSweep(self.start_hz, self.stop_hz, self.sweep_s, self.amplitude_v, self.offset_v)
+
+    @property
+    def period_s(self) -> float:
+        return 2 * self.sweep_s
+
+    @property
+    def duration_s(self) -> float:
+        return self.periods * self.period_s
+
+    @property
+    def low_v(self) -> float:
+        return self.offset_v - self.amplitude_v
+
+    @property
+    def high_v(self) -> float:
+        return self.offset_v + self.amplitude_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return self.sweep.slew_v_per_s
+
+    @property
+    def ends_v(self) -> tuple[float, float]:
+        return self.sweep.ends_v
+
+    def volts(self, t: ArrayLike) -> Array:
+        time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
+        turn = np.floor(time / self.sweep_s)
+        away = self.sweep.volts(time - turn * self.sweep_s) - self.offset_v
+        return np.asarray(self.offset_v + np.where(turn % 2 == 0, away, -away))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +295,7 @@ class Steps:
         return np.asarray(np.interp(np.asarray(t, float), knots, levels))
 
 
-Drive = Hold | Ramp | Sine | LinearSweep | Steps
+Drive = Hold | Ramp | Sine | LinearSweep | PeriodicSweep | Steps
 
 
 def as_record(drive: Drive) -> dict[str, Any]:
@@ -244,7 +309,7 @@ def from_record(record: dict[str, Any]) -> Drive:
     Raises:
         ValueError: the record names no known drive.
     """
-    kinds: dict[str, Any] = {kind.__name__: kind for kind in (Hold, Ramp, Sine, LinearSweep, Steps)}
+    kinds: dict[str, Any] = {kind.__name__: kind for kind in (Hold, Ramp, Sine, LinearSweep, PeriodicSweep, Steps)}
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k != "kind"}
     try:
         drive: Drive = kinds[record["kind"]](**values)

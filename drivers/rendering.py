@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, LinearSweep, Sine
+from drivers.drive import Drive, LinearSweep, PeriodicSweep, Sine
 
 RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
 """Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
@@ -26,7 +26,7 @@ def rate_for(drive: Drive) -> float:
     fine = drive.slew_v_per_s / STEP_V
     if isinstance(drive, Sine):
         fine = max(fine, SAMPLES_PER_CYCLE * drive.frequency_hz)
-    if isinstance(drive, LinearSweep):
+    if isinstance(drive, LinearSweep | PeriodicSweep):
         fine = max(fine, SAMPLES_PER_CYCLE * max(drive.start_hz, drive.stop_hz))
     return next((rate for rate in RATES_HZ if rate >= fine), RATES_HZ[-1])
 
@@ -45,7 +45,7 @@ def rendered(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
 def resting_v(drive: Drive, rate_hz: float, first: int) -> float:
     """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
     last = count_of(drive, rate_hz) - 1
-    if isinstance(drive, Sine | LinearSweep) and first <= last:
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
         return drive.offset_v
     return float(rendered(drive, rate_hz, min(first, last), 1)[0])
 
@@ -56,6 +56,6 @@ def dying(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
     fade = min(math.ceil(FADE_S * rate_hz), left)
     level_v = resting_v(drive, rate_hz, first)
     wave = np.full(fade, level_v)
-    if isinstance(drive, Sine | LinearSweep):
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
         wave += np.linspace(1.0, 0.0, fade) * (rendered(drive, rate_hz, first, fade) - level_v)
     return np.concatenate((wave, np.full(min(math.ceil(STILL_S * rate_hz), left - fade), level_v))), fade

@@ -5,45 +5,60 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import LinearSweep, Steps
-from drivers.errors import InstrumentError
+from drivers.drive import LinearSweep, PeriodicSweep, Steps
 
 Points = NDArray[np.float64]
 """Values between -1 and 1; 0 is the level where the source idles, and the first value."""
+
+Shaped = LinearSweep | PeriodicSweep | Steps
+"""Drives that no generator has built in."""
 
 FEWEST = 256
 PLENTY = 16_384
 """As fine as that a waveform is made without need, where there is room."""
 
+ROUNDED = 0.98
+"""Share of a jump that points may take: the box's converter, 12 bits at least, rounds either of two points."""
+
 SINE: Points = np.sin(2 * np.pi * np.arange(4096) / 4096)
 """One cycle; from point to point it moves by less than a thousandth of its span."""
 
 
-def rendered(drive: LinearSweep | Steps, most: int, jump_v: float, instrument: str) -> tuple[Points, float]:
-    """The drive as points, and the volts of a full point.
+def cannot_hold(drive: Shaped, most: int, jump_v: float) -> str:
+    """Why a waveform memory of `most` points is too small for a drive, in half a sentence; empty where it is not."""
+    needed = points_needed(drive, jump_v)
+    if needed <= most:
+        return ""
+    return (
+        f"this {type(drive).__name__} needs {needed} points to move by no more than {jump_v:g} V at a time, and the "
+        f"instrument holds {most}; shorten it, lower its amplitude or its top frequency, lengthen its rise, or raise "
+        "amplifier.step_v in the bench file. Nothing was sent"
+    )
+
+
+def points_needed(drive: Shaped, jump_v: float) -> int:
+    """Points without which one is further than `jump_v` from the next."""
+    return max(math.ceil(_length_s(drive) * drive.slew_v_per_s / (ROUNDED * jump_v)) + 1, FEWEST)
+
+
+def rendered(drive: Shaped, most: int, jump_v: float) -> tuple[Points, float]:
+    """The drive as points (of a periodic one, one period), and the volts of a full point.
 
     Args:
-        drive: what shall be played.
+        drive: what shall be played; one that the instrument can hold.
         most: how many points the instrument holds.
         jump_v: largest change from one point to the next that may reach the amplifier.
-        instrument: who plays it, for the sentence.
-
-    Raises:
-        InstrumentError: that drive would need more points.
     """
-    needed = max(math.ceil(drive.duration_s * drive.slew_v_per_s / jump_v) + 1, FEWEST)
-    if needed > most:
-        name = type(drive).__name__
-        raise InstrumentError(
-            f"{instrument}: this {name} needs {needed} points to move by no more than {jump_v:g} V at a time, and the "
-            f"instrument holds {most}; shorten it, lower its amplitude or its top frequency, lengthen its rise, or raise "
-            "amplifier.step_v in the bench file. Nothing was sent"
-        )
+    needed = points_needed(drive, jump_v)
     size = min(most, max(needed, min(4 * needed, PLENTY)))
     idle_v = drive.ends_v[0]
-    away = drive.volts(np.arange(size) * (drive.duration_s / size)) - idle_v
+    away = drive.volts(np.arange(size) * (_length_s(drive) / size)) - idle_v
     full_v = float(np.abs(away).max()) or 1.0
     return away / full_v, full_v
+
+
+def _length_s(drive: Shaped) -> float:
+    return drive.period_s if isinstance(drive, PeriodicSweep) else drive.duration_s
 
 
 def block(data: bytes) -> str:

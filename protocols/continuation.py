@@ -7,7 +7,7 @@ goes on, the last good entry is measured again: what changed meanwhile - tempera
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run, RunError
 from protocols.steps import Prompt
+from protocols.values import Curve, Planned, Recording
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
 """A change counts as drift if it is larger than both: than errors explain, and than would matter."""
@@ -34,6 +35,8 @@ class Continuation:
     check: int | None = None
     again: frozenset[int] = frozenset()
     words: str = ""
+    curves: tuple[Curve, ...] = ()
+    """What the carried points' entries gave beside them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,9 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
         if stale:
             words += f", {len(stale)} left behind: the plan has other entries in their place now"
         check = max(points) if points and not again else None
-        continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words)
+        curves = run.curves() or _found_again(run, protocol, plan)
+        kept = tuple(curve for curve in curves if curve.entry in points)
+        continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words, kept)
         return Earlier(path, protocol, run.specimen, continuation)
 
 
@@ -145,6 +150,23 @@ def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str,
         return words, None
     question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
     return words, Prompt("drifted", question, choices=("go on", "stop"))
+
+
+def _found_again(run: Run, protocol: Protocol, plan: Sequence[Planned]) -> tuple[Curve, ...]:
+    """The curves of a run that never came to write them, from its raw data."""
+    if type(protocol).curves is Protocol.curves:
+        return ()
+    latest: dict[int, list[Recording]] = {}
+    for recording in run.recordings():
+        of_entry = latest.setdefault(recording.entry, [])
+        if of_entry and of_entry[-1].index + 1 != recording.index:
+            of_entry.clear()  # the entry was measured again later
+        of_entry.append(recording)
+    found: list[Curve] = []
+    for entry, recordings in sorted(latest.items()):
+        with contextlib.suppress(ValueError):
+            found += [replace(curve, entry=entry) for curve in protocol.curves(plan[entry].key, recordings)]
+    return tuple(found)
 
 
 def points_of(run: Run, kind: type) -> Sequence[tuple[int, Any]]:

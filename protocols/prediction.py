@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import amplifier_response, period_points, poles
@@ -42,7 +42,7 @@ def predicted(drives: Sequence[tuple[Planned, Drive]], tactor: Tactor, amplifier
         match drive:
             case Sine(f, a, offset_v, _):
                 sines.setdefault((loaded.m_add, a, offset_v), []).append((entry.label, f))
-            case LinearSweep(start, stop, _, a, offset_v):
+            case LinearSweep(start, stop, _, a, offset_v) | PeriodicSweep(start, stop, _, _, a, offset_v):
                 swept = np.linspace(start, stop, SWEPT).tolist()
                 sines.setdefault((loaded.m_add, a, offset_v), []).extend((entry.label, f) for f in swept)
             case Hold(level_v, _):  # the guard ramps there, too slowly to ring

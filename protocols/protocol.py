@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from pydantic import BaseModel, ConfigDict
 
 from protocols.steps import Redo, Step
-from protocols.values import Estimate, Planned, Recording
+from protocols.values import Curve, Estimate, Planned, Recording
 
 
 class Protocol(BaseModel, ABC):
@@ -55,6 +55,18 @@ class Protocol(BaseModel, ABC):
         Raises:
             ValueError: these recordings give none; the sentence says why.
         """
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        """What one entry gives beside its point, kept in the file: a frequency response. As pure as `point`.
+
+        Raises:
+            ValueError: these recordings give none; the sentence says why.
+        """
+        return ()
+
+    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+        """What the points so far say that somebody at the bench should hear now, in sentences; each is told once."""
+        return ()
 
     @abstractmethod
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:

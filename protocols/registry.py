@@ -9,11 +9,15 @@ import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from protocols.free_decay import FreeDecay
 from protocols.hysteresis import Hysteresis
+from protocols.mass_resonance import MassResonance
 from protocols.membrane_sag import MembraneSag
+from protocols.membrane_series import MembraneSeries
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
 from protocols.static_loading import StaticLoading
+from protocols.sweep import Sweep
 from protocols.voltage_steps import VoltageSteps
 from protocols.wiring_check import WiringCheck
 
@@ -21,7 +25,18 @@ GROUP = "tactor_bench.protocols"
 
 PROTOCOLS: dict[str, type[Protocol]] = {
     protocol.name: protocol
-    for protocol in (StaticLoading, VoltageSteps, Hysteresis, SineDwell, MembraneSag, WiringCheck)
+    for protocol in (
+        StaticLoading,
+        MassResonance,
+        VoltageSteps,
+        Hysteresis,
+        SineDwell,
+        MembraneSeries,
+        MembraneSag,
+        Sweep,
+        FreeDecay,
+        WiringCheck,
+    )
 }
 
 

@@ -42,7 +42,7 @@ from protocols.layout import (
 )
 from protocols.plain import plain
 from protocols.quality import Quality
-from protocols.values import Estimate
+from protocols.values import Curve, Estimate
 
 RAW_CHUNK = 16_384
 TABLE_CHUNK = 64
@@ -200,11 +200,13 @@ class RunFile:
                 quality[row] = int(quality[row]) | Quality.SUPERSEDED
                 quality.flush()
 
-    def finish(self, status: Status, reason: str, estimates: Sequence[Estimate] = ()) -> str:
-        """Say how the run ended and append what was identified. The file is closed whatever happens.
+    def finish(
+        self, status: Status, reason: str, estimates: Sequence[Estimate] = (), curves: Sequence[Curve] = ()
+    ) -> str:
+        """Say how the run ended and append curves and what was identified. The file is closed whatever happens.
 
-        Returns the reason as it stands in the file. Everything measured is in it by then; where the estimates, which can be
-        identified again, cannot be appended, the status stands and the reason says so.
+        Returns the reason as it stands in the file. Everything measured is in it by then; where curves and estimates, which
+        can be found again, cannot be appended, the status stands and the reason says so.
         """
         if self._closed:
             return reason
@@ -218,6 +220,7 @@ class RunFile:
         finally:
             self._close()
         try:
+            append_curves(self.path, curves, locking=False)
             append_estimates(self.path, estimates, locking=False)  # a reader of ours or not must not stand in the way
         except StoreError as error:
             reason += f"; what was identified could not be stored: {error}"
@@ -343,6 +346,26 @@ def unclosable() -> bool:
     The library then crashes when the interpreter tears it down; a program in that state leaves without tearing down.
     """
     return bool(h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_ALL))
+
+
+def append_curves(path: Path, curves: Sequence[Curve], locking: bool = True) -> None:
+    """Append curves to a finished run, each a group that a NeXus viewer draws; raw data is not touched.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    if not curves:
+        return
+    with _Storing(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+        every = _group(file["entry"], "curves", "NXcollection")
+        for curve in curves:
+            group = _group(every, f"{curve.name}_{len(every):03d}", "NXdata", signal=curve.y, axes=[curve.x])
+            group["title"] = f"{curve.name} {curve.label}".strip()
+            group.attrs.update({"name": curve.name, "label": curve.label, "entry": curve.entry})
+            for name, column in curve.columns.items():
+                group.create_dataset(name, data=column.values).attrs.update(
+                    {"units": column.unit, "long_name": f"{column.words} ({column.unit})"}
+                )
 
 
 def append_estimates(path: Path, estimates: Sequence[Estimate], locking: bool = True) -> None:

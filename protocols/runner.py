@@ -4,6 +4,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -35,7 +36,7 @@ from protocols.protocol import Protocol, extended
 from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile, StoreError
 from protocols.steps import Prompt, Redo
-from protocols.values import Estimate, Planned, Recording
+from protocols.values import Curve, Estimate, Planned, Recording
 
 log = logging.getLogger(__name__)
 
@@ -86,6 +87,8 @@ class Runner:
         self._plan: list[Planned] = []
         self._measured: dict[int, tuple[int, Any]] = {}
         """Row in the file and point, by entry."""
+        self._curves: dict[int, tuple[Curve, ...]] = {}
+        self._remarked: set[str] = set()
         self._without: list[str] = []
         """Entries that gave no point."""
         self._todo: list[int] = []
@@ -148,6 +151,8 @@ class Runner:
                 self._publish(Noted(words))
         for entry, point in self._continuation.points:
             self._keep(entry, point)
+        for curve in self._continuation.curves:
+            self._curves[curve.entry] = (*self._curves.get(curve.entry, ()), curve)
 
     def _carry_out(self, armed: ArmedBench) -> None:
         self._extend()
@@ -202,6 +207,19 @@ class Runner:
             self._publish(Noted(f"{entry.label} gives no point: {error}"))
         else:
             self._keep(index, point)
+            self._curves[index] = self._curves_of(index, entry, recordings)
+            for words in self._protocol.remarks([self._measured[i][1] for i in sorted(self._measured)]):
+                if words not in self._remarked:
+                    self._remarked.add(words)
+                    self._publish(Noted(words))
+
+    def _curves_of(self, index: int, entry: Planned, recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        try:
+            with self._bench.watchdog.allow(THINKING_S):
+                return tuple(replace(curve, entry=index) for curve in self._protocol.curves(entry.key, recordings))
+        except ValueError as error:
+            self._publish(Noted(f"{entry.label} gives no curve: {error}"))
+            return ()
 
     def _keep(self, entry: int, point: Any) -> None:
         row = self._store.point(point, entry)
@@ -312,7 +330,8 @@ class Runner:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
         try:
-            reason = self._store.finish(status, reason, estimates)
+            curves = [curve for index in sorted(self._curves) for curve in self._curves[index]]
+            reason = self._store.finish(status, reason, estimates, curves)
         except StoreError as error:
             if status in (Status.COMPLETED, Status.STOPPED):
                 status, reason = Status.FAILED, str(error)

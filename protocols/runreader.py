@@ -21,7 +21,7 @@ from protocols.events import Status
 from protocols.layout import CHANNELS, ENTRY, FORMAT, FORMAT_VERSION
 from protocols.quality import Quality
 from protocols.runopen import NewerRunError, NoRunError, RunError, intact, opened
-from protocols.values import Estimate, Recording
+from protocols.values import Column, Curve, Estimate, Recording
 
 __all__ = ["Happened", "NewerRunError", "NoRunError", "Run", "RunError", "intact"]
 
@@ -262,6 +262,28 @@ class Run:
             if event.kind == "EntryBegan":
                 found[event.fields["index"]] = Begun(event.fields["label"], tuple(event.fields["key"]))
         return found
+
+    def curves(self) -> tuple[Curve, ...]:
+        """What entries gave beside their points; none in a run that was never finished."""
+        return tuple(
+            Curve(
+                name=str(group.attrs["name"]),
+                label=str(group.attrs["label"]),
+                x=str(group.attrs["axes"][0]),
+                y=str(group.attrs["signal"]),
+                columns={
+                    name: Column(
+                        np.asarray(data[:], float),
+                        str(data.attrs["units"]),
+                        str(data.attrs["long_name"]).rpartition(" (")[0],
+                    )
+                    for name, data in group.items()
+                    if name != "title"
+                },
+                entry=int(group.attrs["entry"]),
+            )
+            for group in self._entry.get("curves", {}).values()
+        )
 
     def estimates(self) -> tuple[Estimate, ...]:
         group = self._entry.get("estimates", {})

@@ -1,5 +1,6 @@
 """The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,34 @@ class Estimate:
     standard_error: float
     unit: str
     source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a curve: (N,) values in `unit`, and what they are."""
+
+    values: Array
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What an entry gives beside its point: a frequency response, a decay.
+
+    Attributes:
+        label: what tells it from the run's other curves; with `name` it names the group in the file.
+        x, y: the columns that are drawn; the error of y is the column `<y>_errors`.
+        columns: by name, all of the same length.
+        entry: the entry of the plan it belongs to.
+    """
+
+    name: str
+    label: str
+    x: str
+    y: str
+    columns: Mapping[str, Column]
+    entry: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ H1 is the right one of the two here: the noise is the laser's; the recorded driv
 the harmonics for response.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -259,3 +260,21 @@ def _both(drive: ArrayLike, displacement: ArrayLike, least: int, rate_hz: float)
             f"the drive has {x.size} samples and the displacement {y.size}: they must be of the same scans"
         )
     return x, y
+
+
+def joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+    """Responses of one resolution over bands that follow each other, as one."""
+    if len(parts) == 1:
+        return parts[0]
+
+    def every(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return replace(
+        parts[0],
+        frequency_hz=every("frequency_hz"),
+        response=every("response"),
+        standard_error=every("standard_error"),
+        coherence=every("coherence"),
+        resolution_hz=max(part.resolution_hz for part in parts),
+    )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import Clock
-from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.ports import Source
 from sim_hardware.bench import VirtualBench
@@ -69,10 +69,11 @@ def strayed(bench: VirtualBench, drive: Drive, begin_s: float, end_s: float) -> 
     "drive",
     [
         LinearSweep(10.0, 30.0, 1.0, 0.5, 2.5),
+        PeriodicSweep(10.0, 30.0, 0.5, 2, 0.5, 2.5),
         Steps((2.5, 3.0, 2.0, 2.5), 0.1, 0.05),
         Steps((2.5, 3.2, 2.5), 0.1, 0.05),
     ],
-    ids=["sweep", "steps", "steps to one side"],
+    ids=["sweep", "periodic sweep", "steps", "steps to one side"],
 )
 def test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves(drive: Drive, made: Made) -> None:
     source, bench, clock = live(made)

@@ -1,0 +1,47 @@
+"""The free decay on a simulated bench: it rings as the plant's first pole says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model.parameters import Tactor
+from protocols.free_decay import FreeDecay
+from protocols.quality import Quality
+from protocols.runreader import Run
+from tests.protocols.test_sweeps import first_pole
+from tests.support import laboratory, run, simulated
+
+
+@pytest.mark.parametrize("c0", [159.0, 20.0])
+def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
+    natural, damping = first_pole(Tactor(c0=c0))
+    with laboratory(simulated(tactor={"c0": c0})) as lab:
+        ran = run(FreeDecay(edges=6, dwell_s=0.3), tmp_path, lab)
+    assert ran.status == "completed", ran.reason
+    assert [p.edge for p in ran.points] == [1, 2, 3, 4, 5, 6]
+    pulls = np.array([(p.resonance - natural) / p.resonance_errors for p in ran.points])
+    assert np.abs(pulls).max() < 4
+    pulls = np.array([(p.damping - damping) / p.damping_errors for p in ran.points])
+    assert np.abs(pulls).max() < 4
+    with Run(ran.path) as file:
+        found = {e.name: e for e in file.estimates()}
+        assert len(file.curves()) == 6
+    assert abs(found["resonance frequency"].value - natural) < 4 * found["resonance frequency"].standard_error < 2
+    assert abs(found["damping ratio"].value - damping) < 4 * found["damping ratio"].standard_error < 0.01
+
+
+def test_a_specimen_that_does_not_move_rings_nowhere(tmp_path: Path) -> None:
+    with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
+        ran = run(FreeDecay(edges=2), tmp_path, lab)
+    assert ran.points == []
+    assert "none from edge 1, edge 2" in ran.reason
+
+
+def test_a_step_that_is_too_small_is_flagged(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(FreeDecay(edges=2), tmp_path, lab)
+    with Run(ran.path) as file:
+        recording = next(file.recordings())
+    point = FreeDecay(step_v=0.6, edges=2).point((1.0,), [recording], True)
+    assert Quality.DRIVE_OFF in Quality(point.quality)

@@ -1,0 +1,81 @@
+"""The protocol of docs/how-to-write-a-protocol.md, taken from the page: form, command line, rehearsal, file, live plot."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import pytest
+
+from app.exits import DONE
+from app.gui.fields import check, fields_of
+from app.main import main
+from protocols import registry
+from protocols.protocol import Protocol
+from protocols.rehearsal import rehearse
+from tests.support import laboratory, run
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to-write-a-protocol.md"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """The page's code block as a file."""
+    (code,) = re.findall(r"```python\n(# holds\.py\n.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    path = tmp_path / "holds.py"
+    path.write_text(code, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def kind(file: Path) -> Iterator[type[Protocol]]:
+    before = dict(registry.PROTOCOLS)
+    yield registry.load_file(file)
+    registry.PROTOCOLS.clear()
+    registry.PROTOCOLS.update(before)
+
+
+def test_it_is_short(file: Path) -> None:
+    assert sum(bool(line.strip()) for line in file.read_text().splitlines()) < 60
+
+
+def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
+    fields = {field.name: field for field in fields_of(kind)}
+    assert set(fields) == {"levels_v", "wait_s", "sample_rate_hz"}
+    assert (fields["levels_v"].unit, fields["levels_v"].many, fields["levels_v"].limits) == ("V", True, "0 to 5 V")
+    assert check(kind, {"levels_v": "3 V, 6 V"}).faults.keys() == {"levels_v"}
+    assert check(kind, {"levels_v": "3000 mV, 4"}).protocol == kind(levels_v=(3.0, 4.0))  # type: ignore[call-arg]
+
+
+def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path: Path) -> None:
+    with laboratory() as lab:
+        told = rehearse(kind(), lab.bench.amplifier)  # type: ignore[call-arg]
+        ran = run(kind(), tmp_path, lab)  # type: ignore[call-arg]
+    assert (told.entries, told.highest_specimen_v) == (2, 900.0)
+    assert ran.status == "completed"
+    assert [round(p.level, 2) for p in ran.points] == [3.0, 4.0]
+    assert ran.points[0].displacement == pytest.approx(300 * 2.37886e-7, rel=2e-3)  # Eq. (8): 300 V on the specimen
+    with h5py.File(ran.path) as plain:
+        points = plain["entry/points"]
+        assert (points.attrs["signal"], list(points.attrs["axes"])) == ("displacement", ["level"])
+        assert points["displacement"].attrs["units"] == "m"
+        assert plain["entry/estimates/displacement_per_volt/value"][()] == pytest.approx(600 * 2.37886e-7, rel=2e-3)
+
+
+def test_every_command_of_the_page_does_what_it_says(
+    file: Path,
+    kind: type[Protocol],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["protocols", "./holds.py"]) == DONE
+    assert "levels_v = 3, 4 V" in capsys.readouterr().out
+    assert main(["run", "./holds.py", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == DONE
+    assert "3.500 V: +142." in capsys.readouterr().err
+    (first,) = (tmp_path / "runs").glob("*_holds.h5")
+    assert main(["show", str(first), "--picture", "holds.png"]) == DONE
+    assert "displacement per volt: 142." in capsys.readouterr().out
+    assert (tmp_path / "holds.png").stat().st_size > 10_000
+    assert main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--speed", "max"]) == DONE

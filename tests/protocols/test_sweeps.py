@@ -1,0 +1,202 @@
+"""Sweep and mass resonance on a simulated bench whose truth is known: resonance, damping and response are the plant's."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from drivers.drive import PeriodicSweep
+from drivers.errors import DriveRefused
+from model.parameters import Tactor
+from model.response import modal
+from protocols.continuation import earlier
+from protocols.events import Asked, Noted, PointMeasured
+from protocols.mass_resonance import MassResonance
+from protocols.quality import Quality
+from protocols.rehearsal import rehearse
+from protocols.runreader import Run
+from protocols.sweep import Sweep
+from tests.protocols.test_entries import resumed
+from tests.support import Trigger, laboratory, run, simulated
+
+GAIN = 400.0
+"""Volts on the specimen for a volt at the input: the mean of the amplifier's two slopes, which is what a fundamental sees."""
+
+
+def first_pole(tactor: Tactor) -> tuple[float, float]:
+    poles = modal(tactor, None, 7).poles
+    first = min(poles[poles.imag > 0], key=abs)
+    return abs(first) / (2 * np.pi), -first.real / abs(first)
+
+
+def truth(tactor: Tactor, frequency_hz: np.ndarray) -> np.ndarray:
+    """Displacement per volt at the input, from the model's own poles."""
+    form = modal(tactor, None, 7)
+    return GAIN * np.sum(form.residues[:, None] / (2j * np.pi * frequency_hz - form.poles[:, None]), axis=0)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory):
+    with laboratory(simulated(seed=3)) as lab:
+        yield run(Sweep(), tmp_path_factory.mktemp("runs"), lab)
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory):
+    protocol = MassResonance(masses_kg=(2.75e-3, 9.75e-3), sweep_s=20, piece_s=10)
+    with laboratory(simulated(seed=4)) as lab:
+        yield run(protocol, tmp_path_factory.mktemp("runs"), lab)
+
+
+def test_a_sweep_finds_resonance_and_damping_of_the_first_pole(swept) -> None:
+    (point,) = swept.points
+    natural, damping = first_pole(Tactor())
+    assert abs(point.resonance - natural) < 4 * point.resonance_errors < 0.1
+    assert abs(point.damping - damping) < 4 * point.damping_errors < 1e-3
+    assert point.coherence > 0.9999
+    assert Quality(point.quality) is Quality.SIMULATED
+    with Run(swept.path) as file:
+        found = {e.name: e for e in file.estimates()}
+    assert found["Q"].value == pytest.approx(0.5 / damping, rel=2e-3)
+    assert found["decay time"].value == pytest.approx(1 / (2 * np.pi * natural * damping), rel=2e-3)
+
+
+def test_every_line_of_a_sweep_is_the_models_within_its_error_bar(swept) -> None:
+    """Also where the amplifier's second harmonic, a fifth of the fundamental, sweeps through: it falls between the lines."""
+    with Run(swept.path) as file:
+        (curve,) = file.curves()
+    columns = {name: column.values for name, column in curve.columns.items()}
+    expected = truth(Tactor(), columns["frequency"])
+    z = (columns["response"] - np.abs(expected)) / columns["response_errors"]
+    inside = (columns["frequency"] > 30) & (columns["frequency"] < 500)
+    assert inside.sum() > 200
+    assert 0.5 < np.sqrt(np.mean(z[inside] ** 2)) < 2.0
+    turned = np.angle(np.exp(1j * (columns["phase"] - np.angle(expected))))
+    assert np.abs(turned[inside]).max() < 0.01
+
+
+def test_a_viewer_finds_the_curve_with_its_axes_and_units(swept) -> None:
+    with h5py.File(swept.path) as plain:
+        (group,) = plain["entry/curves"].values()
+        assert group.attrs["NX_class"] == "NXdata"
+        assert group[group.attrs["signal"]].attrs["units"] == "m/V"
+        assert group[group.attrs["axes"][0]].attrs["units"] == "Hz"
+        assert f"{group.attrs['signal']}_errors" in group
+
+
+def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -> None:
+    fine = np.linspace(100, 400, 300_001)
+    for point, mass in zip(loaded.points, (2.75e-3, 9.75e-3), strict=True):
+        tactor = replace(Tactor(), m_add=mass)
+        peak = fine[np.abs(truth(tactor, fine)).argmax()]
+        natural, damping = first_pole(tactor)
+        assert abs(point.frequency - peak) < 5 * point.frequency_errors < 0.2, mass
+        assert abs(point.resonance - natural) < 5 * point.resonance_errors < 0.3, mass
+        assert abs(point.damping - damping) < 5 * point.damping_errors < 0.002, mass
+        assert point.coherence > 0.99
+
+
+def test_masses_are_asked_for_by_hand_and_a_peak_near_the_bands_edge_gets_a_sentence(loaded) -> None:
+    asked = [e.prompt for e in loaded.events if isinstance(e, Asked) and e.prompt.action == "fix-mass"]
+    assert [prompt.values for prompt in asked] == [{"mass_kg": 2.75e-3}, {"mass_kg": 9.75e-3}]
+    assert all(prompt.hands_on for prompt in asked)
+    said = [e.text for e in loaded.events if isinstance(e, Noted) and "edge of the band" in e.text]
+    assert len(said) == 1
+    assert said[0].startswith("9.75 g: the peak at 136.")
+
+
+def test_the_file_gives_the_numbers_and_curves_of_the_live_run(loaded) -> None:
+    protocol = MassResonance(masses_kg=(2.75e-3, 9.75e-3), sweep_s=20, piece_s=10)
+    with Run(loaded.path) as file:
+        recordings = [[r for r in file.recordings() if r.entry == i] for i in (0, 1)]
+        kept = file.curves()
+    again = [protocol.point((m,), r, True) for m, r in zip((2.75e-3, 9.75e-3), recordings, strict=True)]
+    assert str(again) == str(loaded.points)  # NaN is not equal to itself
+    assert [curve.entry for curve in kept] == [0, 1]
+    (found,) = protocol.curves((9.75e-3,), recordings[1])
+    assert np.array_equal(found.columns["response"].values, kept[1].columns["response"].values)
+
+
+def test_one_long_sweep_also_gives_the_papers_peak_of_the_spectrum(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(MassResonance(masses_kg=(7.73e-3,), sweep_s=20, piece_s=20), tmp_path, lab)
+    (point,) = ran.points
+    assert abs(point.spectrum_peak - point.frequency) < 4 * point.spectrum_peak_errors < 2.0
+
+
+def test_a_sweep_without_a_response_is_no_resonance(tmp_path: Path) -> None:
+    with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
+        ran = run(Sweep(), tmp_path, lab)
+    assert ran.status == "completed"
+    assert ran.points == []
+    assert "none from sweep 1" in ran.reason
+    assert any("no response" in e.text for e in ran.events if isinstance(e, Noted))
+
+
+def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cancel = threading.Event()
+    protocol = Sweep(repeats=2, periods=2)
+    with laboratory() as lab:
+        stop = Trigger(lambda e: isinstance(e, PointMeasured), cancel.set)
+        first = run(protocol, tmp_path, lab, stop, cancel=cancel)
+        whole = earlier(first.path).continuation.curves
+        with h5py.File(first.path, "r+") as file:
+            del file["entry/curves"]  # as a killed program leaves it
+        found = earlier(first.path).continuation.curves
+        assert [c.entry for c in found] == [c.entry for c in whole] == [0]
+        assert np.array_equal(found[0].columns["response"].values, whole[0].columns["response"].values)
+        second = resumed(first.path, tmp_path, lab)
+    with Run(second.path) as file:
+        assert [curve.entry for curve in file.curves()] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("model", "fits"), [("33511B", True), ("33220A", False), ("DG812", False), ("SDG2042X", False), ("AFG1022", False)]
+)
+def test_a_long_sweep_is_refused_before_anything_is_armed_where_the_box_cannot_hold_it(model: str, fits: bool) -> None:
+    with laboratory(simulated(generator={"model": model})) as lab:
+        if fits:
+            assert rehearse(MassResonance(), lab.bench.amplifier).duration_s > 9 * 300
+        else:
+            with pytest.raises(DriveRefused, match=r"holds \d+|limit 9 s"):
+                rehearse(MassResonance(), lab.bench.amplifier)
+
+
+@pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG2042X", "AFG3022C"])
+def test_a_quick_sweep_is_played_by_boxes_of_every_make(model: str, tmp_path: Path) -> None:
+    protocol = Sweep(sweep_s=0.15, periods=3)
+    with laboratory(simulated(generator={"model": model})) as lab:
+        ran = run(protocol, tmp_path, lab)
+    assert ran.status == "completed", ran.reason
+    assert ran.points[0].resonance == pytest.approx(158.31, abs=0.2)
+
+
+def test_a_periodic_sweep_is_continuous_and_its_halves_are_opposite() -> None:
+    drive = PeriodicSweep(25.0, 527.0, 0.5, 3, 2.5, 2.5)
+    t = np.linspace(0, drive.duration_s, 600_001)
+    volts = drive.volts(t)
+    assert np.abs(np.diff(volts)).max() / (t[1] - t[0]) <= drive.slew_v_per_s * 1.001
+    inner = np.linspace(0.01, 0.49, 1000)
+    assert np.allclose(drive.volts(inner) + drive.volts(inner + 0.5), 5.0, atol=1e-9)
+    assert drive.ends_v == (2.5, pytest.approx(2.5, abs=1e-9))
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "says"),
+    [
+        (Sweep, {"stop_hz": 30}, "at least five lines, 10 Hz, above start_hz"),
+        (Sweep, {"sweep_s": 0.50005}, "it must be a whole number"),
+        (Sweep, {"sample_rate_hz": 1000}, "at least four times stop_hz"),
+        (MassResonance, {"low_hz": 20}, "must rise and lie within the sweep"),
+        (MassResonance, {"masses_kg": (1e-3, 1e-3)}, "names a mass twice"),
+        (MassResonance, {"sweep_s": 30, "piece_s": 2}, "too coarse for a peak at 125 Hz"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused(kind: Any, settings: dict, says: str) -> None:
+    with pytest.raises(ValidationError, match=says):
+        kind(**settings)
