@@ -154,10 +154,9 @@ class _Walk:
             found, high = vertex(f, amplitudes(t, f, volts, n=self.method.n))
             return np.array([found / at_hz - 1, np.log(high / height)])
 
-        for c0 in (None, 100.0, 30.0, 300.0):
-            if c0 is None and "c0" not in self.steps:
-                continue
-            start = (self.tactor.m_add, self.tactor.c0) if c0 is None else (self._mass_for(1.03 * at_hz), c0)
+        starts = [(self.tactor.m_add, self.tactor.c0)] if "c0" in self.steps else []
+        masses = [self._mass_for(up * at_hz) for up in (1.03, 1.0, 1.06)] if not starts else [self.tactor.m_add]
+        for start in (*starts, *((m, c0) for c0 in (150.0, 75.0, 30.0, 300.0) for m in masses)):
             x = np.log(start)
             for _ in range(40):
                 r = off(x)

@@ -75,5 +75,5 @@ def vertex(x: Array, y: Array) -> tuple[float, float]:
     a, b, c = np.linalg.solve(np.stack((u * u, u, np.ones(3)), axis=-1), y)
     if not a < 0:
         return float(x[1]), float(y[1])
-    shift = float(np.clip(-b / (2 * a), u[0], u[2]))
+    shift = float(-b / (2 * a))
     return float(x[1] + shift), float(c + b * shift + a * shift * shift)

@@ -129,3 +129,11 @@ def test_noise_moves_the_chain_by_about_its_errors() -> None:
     errors, _ = chain_errors(data, ChainMethod(n=20), chain(data, ChainMethod(n=20)))
     z = [(found.values[e.name] - TRUE[e.name]) / e.standard_error for e in errors if e.name in TRUE]
     assert 0.2 < np.sqrt(np.mean(np.square(z))) < 2
+
+
+@pytest.mark.parametrize("seed", [1, 21, 36])
+def test_a_peak_between_two_points_is_no_dead_end(seed: int) -> None:
+    """Noise puts the highest points at 125, 150 and 155 Hz: a lopsided parabola that a start from the other side must find."""
+    source = perfect(World(), Noise(), SHARED)
+    found = chain(redrawn(source, np.random.default_rng((20261121, seed)))[0])
+    assert found.values["m_add"] == pytest.approx(7.73e-3, rel=0.05)
