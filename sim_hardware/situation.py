@@ -20,7 +20,7 @@ SPECIMEN: Mapping[str, tuple[str, ...]] = {
 }
 """What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
 
-`turn-side` may name `offset_kg`, the weight that is to lie there then, and `shorted`.
+All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
 """
 
 SENSOR: Mapping[str, tuple[str, ...]] = {
@@ -82,9 +82,7 @@ def altered(now: Situation, action: str, values: Mapping[str, float], truth: Ben
             side = values["side"]
             if side not in (1, -1):
                 raise ValueError(f"turn-side: side is {side:g}; it is +1 (MFC up) or -1 (aluminium up)")
-            weights_kg = now.weights_kg if side == now.side else ()
-            if "offset_kg" in values:  # what is to lie there afterwards
-                weights_kg = (_positive(action, values, "offset_kg"),) if values["offset_kg"] else ()
+            weights_kg = (_positive(action, values, "offset_kg"),) if values.get("offset_kg") else ()
             shorted = bool(values.get("shorted", now.shorted))
             return replace(now, side=int(side), weights_kg=weights_kg, shorted=shorted)
         case "short-electrodes" | "connect-electrodes":

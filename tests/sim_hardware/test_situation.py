@@ -58,6 +58,17 @@ def test_weights_deflect_the_centre_as_eq_7_says_on_either_side(side: int) -> No
         assert level(bench) == pytest.approx(0.01 * GRAVITY * COMPLIANCE, rel=1e-6)
 
 
+def test_turning_takes_every_weight_off_but_the_offset_that_is_asked_for() -> None:
+    bench = bench_of()
+    for side in (1, 1, -1):
+        bench.hands("place-weight", {"mass_kg": 0.2})
+        bench.hands("turn-side", {"side": side})
+        assert level(bench) == pytest.approx(0.0, abs=1e-12)
+    bench.hands("turn-side", {"side": 1, "offset_kg": 0.01, "shorted": 1})
+    assert level(bench) == pytest.approx(0.01 * GRAVITY * COMPLIANCE, rel=1e-6)
+    assert bench.plant.situation.shorted
+
+
 def test_a_weight_lands_after_a_moment_and_swings_with_the_modes_of_what_lies_there() -> None:
     bench = bench_of(hands=HandsTruth(reach_s=1.0, release_s=0.2))
     bench.hands("place-weight", {"mass_kg": 0.5})
