@@ -1,0 +1,122 @@
+"""Writes docs/reference from the code: protocols, commands, the run file. `python docs/make_reference.py`.
+
+tests/docs/test_documentation.py fails where these pages are not what this script writes.
+"""
+
+import argparse
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+import h5py  # noqa: E402
+
+from app.gui.fields import fields_of, text_of  # noqa: E402
+from app.main import _parser  # noqa: E402
+from protocols.layout import columns  # noqa: E402
+from protocols.protocol import Protocol  # noqa: E402
+from protocols.registry import PROTOCOLS  # noqa: E402
+
+REFERENCE = HERE / "reference"
+MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
+
+
+def main() -> int:
+    REFERENCE.mkdir(exist_ok=True)
+    for name, text in pages():
+        (REFERENCE / name).write_text(text, "utf-8")
+        print(REFERENCE / name)
+    return 0
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """Every page by its file name."""
+    yield "protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
+    yield "commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
+    yield "run-file.md", MADE + run_file()
+
+
+def protocol(kind: type[Protocol]) -> str:
+    """One protocol: what it does, its parameters, its points."""
+    defaults = kind.model_validate({})
+    lines = [f"## {kind.title}: `{kind.name}`", "", cell(kind.__doc__ or ""), ""]
+    high = "The specimen gets high voltage." if kind.high_voltage else "High voltage stays off."
+    lines += [high, "", "| parameter | default | range | meaning |", "|---|---|---|---|"]
+    for field in fields_of(kind):
+        default = cell(text_of(getattr(defaults, field.name)) + (f" {field.unit}" if field.unit else ""))
+        limits = field.limits or (", ".join(field.choices) if field.choices else "")
+        lines.append(f"| `{field.name}` | {default} | {cell(limits)} | {cell(field.words)} |")
+    lines += ["", "| column of a point | unit | meaning |", "|---|---|---|"]
+    for name, (unit, words, width) in columns(kind.point_type).items():
+        several = f" ({width} values)" if width else ""
+        lines.append(f"| `{name}` | {unit} | {cell(words)}{several} |")
+    return "\n".join([*lines, ""])
+
+
+def commands() -> Iterator[str]:
+    """The help of every command, as the program prints it."""
+    os.environ["COLUMNS"] = "100"
+    for name, parser in every_parser("tactor-bench", _parser()):
+        yield f"## `{name}`\n\n```text\n{parser.format_help().rstrip()}\n```\n"
+
+
+def every_parser(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    yield name, parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word, child in action.choices.items():
+                yield from every_parser(f"{name} {word}", child)
+
+
+def run_file() -> str:
+    """What stands in a run file, taken from one."""
+    from protocols.sine_dwell import SineDwell
+    from tests.support import laboratory, run
+
+    lines = [
+        "# The run file",
+        "",
+        "One HDF5 file a run, NeXus at heart: a NeXus viewer opens it to a plot. Below is everything that stands in the file",
+        "of a sine dwell; other protocols have other columns under `points`.",
+        "",
+        "Raw samples are integers as the card gave them. `displacement_scaling_factor` and `displacement_offset` beside them",
+        "turn them into metres by NeXus' rule; the card's own polynomial is in `..._scaling_coefficients` (volts).",
+        "`status` is `running` until the run ends: a file that still says so, without its program, tells of a crash. Nothing raw",
+        "is ever rewritten; what is identified later is appended under `estimates`.",
+        "",
+        "| path | type | unit | meaning |",
+        "|---|---|---|---|",
+    ]
+
+    def tell(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Group):
+            kind, unit, words = str(item.attrs.get("NX_class", "group")), "", ""
+        else:
+            size = " x ".join("n" if most is None else str(most) for most in item.maxshape) if item.shape else ""
+            kind = "text" if item.dtype.kind in "OS" else str(item.dtype) if item.dtype.names is None else "table"
+            kind = f"{kind} [{size}]" if size else kind
+            unit, words = str(item.attrs.get("units", "")), str(item.attrs.get("long_name", ""))
+            if item.dtype.names:
+                words = "columns " + ", ".join(item.dtype.names)
+        lines.append(f"| `/{name}` | {kind} | {unit} | {cell(re.sub(r' [(][^)]*[)]$', '', words))} |")
+
+    with tempfile.TemporaryDirectory() as folder, laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100, 150, 160, 170, 200)), Path(folder), lab)
+        with h5py.File(ran.path) as file:
+            file.visititems(tell)
+    return "\n".join([*lines, ""])
+
+
+def cell(text: str) -> str:
+    """Words that stand in one cell of a table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""The documentation says what is so: the reference is what the code gives, links lead somewhere, commands run."""
+
+import glob
+import importlib.util
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+FENCE = re.compile(r"^```(console|python run)( exit=\w+)?\n(.*?)^```", re.M | re.S)
+COMMANDED = [page for page in PAGES if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))]
+
+
+def reference() -> Any:
+    spec = importlib.util.spec_from_file_location("make_reference", ROOT / "docs" / "make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_reference_is_what_the_code_gives() -> None:
+    for name, text in reference().pages():
+        page = ROOT / "docs" / "reference" / name
+        assert page.read_text("utf-8") == text, f"run 'python docs/make_reference.py': {name} is out of date"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.S)
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+        if not target.startswith(("http", "mailto:")):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
+
+
+def blocks(page: Path) -> Iterator[tuple[str, str, str]]:
+    for kind, wanted, text in FENCE.findall(page.read_text("utf-8")):
+        yield kind, wanted.removeprefix(" exit="), text
+
+
+@pytest.mark.parametrize("page", COMMANDED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_does_what_the_page_says(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for kind, wanted, text in blocks(page):
+        if kind == "python run":
+            exec(compile(text, str(page), "exec"), {})
+            continue
+        for line in text.replace("\\\n", " ").splitlines():
+            words = [match for word in shlex.split(line, comments=True) for match in glob.glob(word) or [word]]
+            if not words:
+                continue
+            assert words[0] == "tactor-bench", f"{page.name}: {line}"
+            code = main(words[1:])
+            told = capfd.readouterr()
+            if wanted != "any":
+                assert code == int(wanted or 0), f"{page.name}: {line}\n{told.err}"
+            assert code != 2, f"{page.name}: {line}\n{told.err}"
