@@ -1,0 +1,117 @@
+"""The paper's whole campaign on the virtual clock, nothing skipped; and memory over the length of a sweep.
+
+    python benchmarks/bench_campaign.py [--items wiring,steps] [--memory]
+
+Told per item: bench time, wall time, their ratio, and how the item stands. At the end what the paper's chain identified,
+against the truth of the simulated tactor, and the largest memory. `--memory` runs one mass of the mass resonance in 30 s and
+in 300 s, each in a process of its own, and tells by how much the longer one needs more.
+"""
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+from app.build import connect
+from app.campaign import Campaign
+from app.campaign_estimates import identified
+from app.campaign_plan import PAPER, known
+from app.campaign_queue import Conductor
+from app.config import load_bench
+from app.session import Session
+from protocols.registry import PROTOCOLS
+
+GOAL_S = 90.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--items", default="", help="only these, separated by commas")
+    parser.add_argument("--memory", action="store_true")
+    parser.add_argument("--sweep", type=float, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.sweep:
+        sweep(asked.sweep)
+    elif asked.memory:
+        memory()
+    else:
+        campaign([name for name in asked.items.split(",") if name])
+
+
+def campaign(only: list[str]) -> None:
+    items = known([item for item in PAPER if not only or item.name in only], PROTOCOLS)
+    items = tuple(item for item in items)
+    missing = [item.protocol for item in PAPER if item.protocol not in PROTOCOLS]
+    if missing:
+        print(f"not known here, and left out: {', '.join(missing)}")
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None) as lab:
+        told = Campaign.new(Path(folder), "bench", True, items)
+        conductor = Conductor(told)
+        session = Session(lambda: nullcontext(lab), [conductor], lab.operator)
+        session.start()
+        print(f"{'item':12} {'bench time':>11} {'wall time':>10} {'ratio':>6}  how it stands")
+        while (line := told.next()) is not None:
+            bench_s, wall_s = lab.bench.clock.now(), time.monotonic()
+            conductor.begin(session, line)
+            session.finished.wait()
+            bench_s, wall_s = lab.bench.clock.now() - bench_s, time.monotonic() - wall_s
+            stands = told.line(line.item.name)
+            print(
+                f"{line.item.name:12} {bench_s:>9.0f} s {wall_s:>8.1f} s {bench_s / wall_s:>6.0f}  "
+                f"{stands.standing}: {stands.reason}",
+                flush=True,
+            )
+            if session.outcome is None or session.outcome[0] != "completed":
+                break
+        session.close()
+        print(
+            f"together {lab.bench.clock.now():.0f} s of bench time in {time.monotonic() - began:.1f} s (goal {GOAL_S:g} s)"
+        )
+        found = identified(told)
+        if isinstance(found, str):
+            print(found)
+        else:
+            truth = {**load_bench("sim").truth.as_record()["tactor"], **load_bench("sim").truth.as_record()["membrane"]}
+            for estimate in found.estimates:
+                beside = truth.get(estimate.name)
+                away = "" if beside is None else f", truth {beside:.5g}, {100 * (estimate.value / beside - 1):+.2f} %"
+                print(
+                    f"  {estimate.name:12} {estimate.value:12.6g} +- {estimate.standard_error:8.2g} {estimate.unit}{away}"
+                )
+    print(f"largest memory {peak_mb():.0f} MB")
+
+
+def memory() -> None:
+    peaks = []
+    for seconds in (30, 300):
+        done = subprocess.run(
+            [sys.executable, __file__, "--sweep", str(seconds)], capture_output=True, text=True, check=True
+        )
+        peaks.append(float(done.stdout.split()[-1]))
+        print(f"a sweep of {seconds} s: largest memory {peaks[-1]:.0f} MB", flush=True)
+    print(f"ten times as long needs {peaks[1] - peaks[0]:+.0f} MB, {100 * (peaks[1] / peaks[0] - 1):+.1f} %")
+
+
+def sweep(seconds: float) -> None:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None) as lab:
+        session = Session(lambda: nullcontext(lab), [], lab.operator)
+        session.start()
+        session.run(PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds), Path(folder), "bench")
+        session.finished.wait()
+        session.close()
+        assert session.outcome is not None, session.outcome
+        assert session.outcome[0] == "completed", session.outcome
+    print(peak_mb())
+
+
+def peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+if __name__ == "__main__":
+    main()
