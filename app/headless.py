@@ -51,14 +51,14 @@ def headless(
     """
     if planned and not config.simulated:
         raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
-    from app.build import connect
+    from app.build import HASTY_BLOCK_S, connect
     from app.console import ConsoleObserver, ConsoleOperator, JsonObserver, Terminal
     from app.fault_plan import FaultPlan, planned_fault
 
     plan = FaultPlan([planned_fault(text) for text in planned])
     observer = JsonObserver() if options.json else ConsoleObserver(Terminal())
     with observer:
-        way = plan.around(lambda: connect(config, speed))
+        way = plan.around(lambda: connect(config, speed, HASTY_BLOCK_S))
         front = Headless(Session(way, [observer, plan, *listeners], ConsoleOperator()))
         with _stop_on_signal(front):
             front.session.start()

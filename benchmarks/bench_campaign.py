@@ -8,6 +8,7 @@ in 300 s, each in a process of its own, and tells by how much the longer one nee
 """
 
 import argparse
+import os
 import resource
 import subprocess
 import sys
@@ -16,7 +17,9 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 
-from app.build import connect
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is there
+
+from app.build import HASTY_BLOCK_S, connect
 from app.campaign import Campaign
 from app.campaign_estimates import identified
 from app.campaign_plan import PAPER, known
@@ -49,7 +52,7 @@ def campaign(only: list[str]) -> None:
     if missing:
         print(f"not known here, and left out: {', '.join(missing)}")
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
         told = Campaign.new(Path(folder), "bench", True, items)
         conductor = Conductor(told)
         session = Session(lambda: nullcontext(lab), [conductor], lab.operator)
@@ -98,7 +101,7 @@ def memory() -> None:
 
 
 def sweep(seconds: float) -> None:
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
         session.run(PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds), Path(folder), "bench")
