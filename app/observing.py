@@ -127,25 +127,25 @@ def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator
 
 def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
     """One response for each elongation; a free reference before and after is one each."""
-    for turn in dict.fromkeys(columns["turn"].tolist()):
-        at = columns["turn"] == turn
+    for part in dict.fromkeys(columns["part"].tolist()):
+        at = columns["part"] == part
         elongation = float(columns["elongation"][at][0])
         free = np.isnan(elongation)
-        words = f"{turn:.0f} free" if free else f"{turn:.0f} at {1e3 * elongation:g} mm"
+        words = f"{part:.0f} free" if free else f"{part:.0f} at {1e3 * elongation:g} mm"
         mine = {name: column[at] for name, column in columns.items()}
         if good[at].any():
             yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
 
 
 def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    errors = columns["peak_errors"]
+    errors = columns["frequency_errors"]
     yield MassResonance(
         run.path.stem,
         columns["mass"],
-        columns["peak"],
+        columns["frequency"],
         errors,
         meaning="peak",
-        good=good & (errors > 0) & np.isfinite(columns["peak"]),
+        good=good & (errors > 0) & np.isfinite(columns["frequency"]),
         simulated=run.simulated,
     )
 

@@ -1,0 +1,84 @@
+"""The paper's seven measurements, shortened, from nothing to the end: what is identified is the truth of the simulated tactor."""
+
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.build import HASTY_BLOCK_S, connect
+from app.campaign import Campaign
+from app.campaign_estimates import identified
+from app.campaign_plan import PAPER
+from app.campaign_queue import Conductor
+from app.campaign_standing import Standing
+from app.config import load_bench
+from app.session import Session
+from sim_hardware.contract.volts import volts_are_safe
+
+SHORT = {
+    "wiring": {"record_s": 0.5, "wait_s": 0.2},
+    "loading": {"weights_kg": (0.05, 0.2), "repeats": 1, "settle_s": 0.5},
+    "resonance": {"masses_kg": (2.75e-3, 7.75e-3), "sweep_s": 20.0},
+    "steps": {"levels_v": (1.0, 2.0, 3.5, 4.5), "repeats": 1, "rest_s": 0.3, "read_s": 0.3, "hold_s": 0.5},
+    "dwell": {"frequencies_hz": (120, 140, 150, 155, 160, 170, 190), "record_s": 0.2},
+    "sag": {},
+    "membrane": {"elongations_m": (0.0, 6.35e-3), "reference": 0, "frequencies_hz": (100, 120, 140, 160, 200, 250)},
+}
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[str]]:
+    """The campaign at its end, and every prompt in order."""
+    items = tuple(replace(item, settings=SHORT[item.name]) for item in PAPER)
+    asked: list[str] = []
+    with connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
+        campaign = Campaign.new(tmp_path_factory.mktemp("runs"), "T1", True, items)
+        conductor = Conductor(campaign)
+
+        def listen(event: object) -> None:
+            if prompt := getattr(event, "prompt", None):
+                asked.append(prompt.action)
+
+        session = Session(lambda: nullcontext(lab), [conductor, listen], lab.operator)
+        session.start()
+        try:
+            for _ in items:
+                line = campaign.next()
+                assert line is not None
+                conductor.begin(session, line)
+                assert session.finished.wait(100)
+        finally:
+            assert session.close(10)
+        volts_are_safe(lab.control.report())
+    return campaign, asked
+
+
+def test_all_seven_are_done_in_the_papers_order(measured) -> None:
+    campaign, asked = measured
+    assert [line.standing for line in campaign.listed()] == [Standing.DONE] * 7
+    begun = [line.begun for line in campaign.listed()]
+    by_name = {line.item.name: line.begun for line in campaign.listed()}
+    assert by_name["loading"] < by_name["steps"] < by_name["dwell"] < by_name["membrane"]
+    assert len(set(begun)) == 7
+    # The mass resonance leaves another mass on, the loading another side up: both are put right before the dwell.
+    assert {"turn-side", "fix-mass", "remove-membrane", "stretch-membrane", "place-weight"} <= set(asked)
+
+
+def test_what_is_identified_is_what_is_there(measured) -> None:
+    campaign, _ = measured
+    found = identified(campaign)
+    assert not isinstance(found, str), found
+    truth = load_bench("sim").truth
+    tactor, membrane = truth.tactor, truth.membrane
+    by_name = {estimate.name: estimate for estimate in found.estimates}
+    for name, value in (("k2", tactor.k2), ("mu", tactor.mu), ("m_add", tactor.m_add), ("c0", tactor.c0)):
+        assert by_name[name].value == pytest.approx(value, rel=0.02), name
+    assert by_name["E_m"].value == pytest.approx(membrane.E_m, rel=0.03)
+    assert by_name["c_s_delta"].value == pytest.approx(membrane.c_s_delta, rel=0.05)
+
+
+def test_the_runs_are_read_from_the_disk_alone(measured, tmp_path: Path) -> None:
+    campaign, _ = measured
+    again = Campaign.open(campaign.path.parent, "T1")
+    assert [line.run for line in again.listed()] == [line.run for line in campaign.listed()]
