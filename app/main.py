@@ -8,18 +8,39 @@ import functools
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from app.arguments import path, seed, shortened, specimen
 from app.exits import DONE, FAILED, USAGE, UsageError
 
 PROGRAM = "tactor-bench"
+PROTOCOL = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}. '{self.prog} --help' shows what is understood")
+
+
+class _Version(argparse.Action):
+    """Prints the version; asking the installed packages for it takes a while, so only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from app.commands import version
+
+        parser.exit(message=f"{PROGRAM} {version()}\n")
+
+
+def _later(name: str) -> Callable[[argparse.Namespace], int]:
+    """A function of `app.commands`, imported when it runs: a help text or the model need none of its half second."""
+
+    def command(options: argparse.Namespace) -> int:
+        from app import commands
+
+        return int(getattr(commands, name)(options))
+
+    return command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,7 +87,6 @@ def entry() -> NoReturn:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from app import commands
     from app.bench_parser import add_bench_commands, add_fault_option
     from app.campaign_parser import add_campaign_command
     from app.identify_parser import add_identify_commands, add_report_command
@@ -80,10 +100,10 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Without a command the window opens. Exit codes: 0 done, 1 the run failed, 2 asked wrongly, "
         "3 UNSAFE: rest could not be confirmed.",
     )
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {commands.version()}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="the program's version")
     _bench_options(parser)
     parser.set_defaults(
-        command=commands.window,
+        command=_later("window"),
         protocol="sine-dwell",
         settings=[],
         autostart=False,
@@ -101,12 +121,12 @@ def _parser() -> argparse.ArgumentParser:
         description="Run a protocol: progress on the terminal, one HDF5 file as result.",
         epilog="example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
     )
-    run.add_argument("protocol", help=f"one of: {commands.protocol_names()}; or a lab's own file: ./my_protocol.py")
+    run.add_argument("protocol", help=f"{PROTOCOL}, or a lab's own file: ./my_protocol.py")
     _bench_options(run)
     _setting_option(run)
     run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
     add_fault_option(run)
-    run.set_defaults(command=commands.run)
+    run.set_defaults(command=_later("run"))
 
     window = known.add_parser(
         "window",
@@ -114,13 +134,13 @@ def _parser() -> argparse.ArgumentParser:
         description="Open the window, with a protocol's form filled in and, if asked, started.",
         epilog="example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
     )
-    window.add_argument("protocol", nargs="?", default="sine-dwell", help=f"one of: {commands.protocol_names()}")
+    window.add_argument("protocol", nargs="?", default="sine-dwell", help=PROTOCOL)
     _bench_options(window)
     _setting_option(window)
     window.add_argument(
         "--start", dest="autostart", action="store_true", help="start the run as soon as the bench is there"
     )
-    window.set_defaults(command=commands.window)
+    window.set_defaults(command=_later("window"))
 
     demo = known.add_parser(
         "demo",
@@ -131,7 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     _bench_options(demo)
     demo.add_argument("--no-window", action="store_true", help="do without the window even where there is a screen")
-    demo.set_defaults(command=commands.demo)
+    demo.set_defaults(command=_later("demo"))
 
     show = known.add_parser(
         "show",
@@ -142,7 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     show.add_argument("run", type=path, help="a run file")
     show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
     show.add_argument("--picture", type=path, metavar="PNG", help="also draw it into this PNG file")
-    show.set_defaults(command=commands.show)
+    show.set_defaults(command=_later("show"))
     add_bench_commands(known, _bench_options, _setting_option)
     add_campaign_command(known, _bench_options)
     add_model_commands(known)

@@ -1,8 +1,9 @@
 """The parsers of `tactor-bench protocols` and `resume`. What they run is imported when it runs."""
 
 import argparse
-from pathlib import Path
 from typing import Any
+
+from app.arguments import path
 
 
 def add_protocol_commands(known: Any, bench_options: Any) -> None:
@@ -24,7 +25,7 @@ def add_protocol_commands(known: Any, bench_options: Any) -> None:
         "points once more. The result is a new file that carries the old points over and links to their raw data.",
         epilog="example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
     )
-    resume.add_argument("run", type=Path, metavar="RUN", help="a run file")
+    resume.add_argument("run", type=path, metavar="RUN", help="a run file")
     resume.add_argument(
         "--again",
         default="",

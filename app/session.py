@@ -11,18 +11,19 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from drivers.bench import Bench
 from drivers.errors import BenchError
 from drivers.watchdog_log import untold
-from protocols.continuation import Earlier
 from protocols.events import Event, Noted, RunEnded, Status
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
-from protocols.runfile import Header, RunFile, StoreError
-from protocols.runner import Runner
 from protocols.steps import Prompt
+
+if TYPE_CHECKING:
+    from protocols.continuation import Earlier
+    from protocols.runfile import Header
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +81,7 @@ class _Job:
     protocol: Measurement
     folder: Path
     specimen: str
-    earlier: Earlier | None = None
+    earlier: "Earlier | None" = None
     prepare: tuple[Prompt, ...] = ()
 
 
@@ -119,7 +120,7 @@ class Session:
         protocol: Measurement,
         folder: Path,
         specimen: str,
-        earlier: Earlier | None = None,
+        earlier: "Earlier | None" = None,
         prepare: Sequence[Prompt] = (),
     ) -> None:
         """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
@@ -172,6 +173,10 @@ class Session:
             self.finished.set()
 
     def _run(self, connected: Connected, job: _Job) -> None:
+        # HDF5 and what comes with it: not before the window is painted, and not in its thread.
+        from protocols.runfile import RunFile, StoreError
+        from protocols.runner import Runner
+
         self._become(State.RUNNING)
         for note in watchdog_notes(job.folder):
             self._tell(note)
@@ -226,8 +231,10 @@ def watchdog_notes(folder: Path) -> list[Noted]:
     return [Noted(f"Since the last start the watchdog wrote: {line}") for line in untold(folder)]
 
 
-def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> Header:
+def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "Header":
     """What the run file says about a run before it begins."""
+    from protocols.runfile import Header
+
     return Header(
         protocol=protocol.name,
         title=protocol.title,

@@ -2,10 +2,12 @@
 
 import re
 from functools import cache
-from typing import Any, get_origin
+from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Unit
-from pydantic import BaseModel
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
@@ -24,10 +26,14 @@ def to_number(text: str, unit: str) -> float:
     Raises:
         UnitError: no number, an unknown unit, or a unit of another dimension.
     """
-    try:
-        return float(text)
-    except ValueError:
-        pass
+    for number in (
+        text,
+        text.removesuffix(unit) if unit.isalpha() and len(text) <= LONGEST else "",
+    ):  # in the unit itself: no library is needed
+        try:
+            return float(number)
+        except ValueError:
+            continue
     if len(text) > LONGEST or TOWER.search(text):
         raise UnitError(f"'{text[:LONGEST]}' is no number; write for example '1 {unit}' or '1'")
     import pint  # takes half a second, so only where somebody writes a unit
@@ -41,17 +47,17 @@ def to_number(text: str, unit: str) -> float:
         raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
 
 
-def unit_of(model: type[BaseModel], name: str) -> str | None:
+def unit_of(model: "type[BaseModel]", name: str) -> str | None:
     """The unit of a field, None where it has none (a text, a switch)."""
     return next((m.unit for m in model.model_fields[name].metadata if isinstance(m, Unit)), None)
 
 
-def words_of(model: type[BaseModel], name: str) -> str:
+def words_of(model: "type[BaseModel]", name: str) -> str:
     """What a field means, in words."""
     return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
 
 
-def read_value(model: type[BaseModel], name: str, value: Any) -> Any:
+def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
     """A field's value with texts replaced by numbers where it has a unit; a list is separated by commas or spaces.
 
     Raises:

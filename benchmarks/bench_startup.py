@@ -26,10 +26,10 @@ import os; os._exit(0)
 
 OURS = """
 import os
-from PySide6.QtCore import QSettings, QTimer
-from app.commands import make_protocol
+from app.commands import make_protocol  # in the order of the program: PySide6 looks through every module imported after it
 from app.config import load_bench
 from app.build import connect
+from PySide6.QtCore import QSettings, QTimer
 from app.gui import application, window
 
 shown = window.MainWindow.showEvent

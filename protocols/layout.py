@@ -27,6 +27,9 @@ RECORDING = np.dtype(
 ENTRY = "entry"
 """Column of the points beside those of their type: the entry of the plan each belongs to."""
 
+RESERVE_BYTES = 32_000_000
+"""A disk with less than this left counts as full: HDF5 cannot recover from a failed write, so none may fail."""
+
 CHANNELS = ("drive", "displacement")
 LARGEST_POLYNOMIAL = 4
 """Scaling coefficients kept per channel."""

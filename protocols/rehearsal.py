@@ -14,8 +14,8 @@ from drivers.errors import BenchError, DriveRefused
 from drivers.ports import Meter
 from drivers.sensor import LaserSensor
 from model.parameters import Tactor
+from protocols.layout import RESERVE_BYTES
 from protocols.protocol import Protocol
-from protocols.runfile import RESERVE_BYTES
 from protocols.values import MOST_SCANS, Planned, too_long
 
 BYTES_A_SAMPLE = 2

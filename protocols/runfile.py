@@ -37,6 +37,7 @@ from protocols.layout import (
     FORMAT_VERSION,
     LARGEST_POLYNOMIAL,
     RECORDING,
+    RESERVE_BYTES,
     TEXT_BYTES,
     columns,
 )
@@ -49,9 +50,6 @@ TABLE_CHUNK = 64
 
 NAME_BYTES = 100
 """Longest part of a run file's name that tells the specimen: a file's name ends at 255 bytes, the specimen is in the file."""
-
-RESERVE_BYTES = 32_000_000
-"""A disk with less than this left counts as full: HDF5 cannot recover from a failed write, so none may fail."""
 
 
 class StoreError(Exception):

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.study import Axis
-from protocols.runfile import RESERVE_BYTES, StoreError, software
+from protocols.layout import RESERVE_BYTES
+from protocols.runfile import StoreError, software
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
 from app.config import BenchConfig
@@ -19,6 +19,8 @@ from app.session import Session
 from app.units import to_number
 from app.view import UNSAFE_EXIT
 from protocols.protocol import Protocol
+
+UNITS_MS = 500
 
 
 def application() -> QApplication:
@@ -60,12 +62,14 @@ def open_window(
         Link(connect, make_session), config, protocol, folder, specimen, settings or QSettings(), autostart
     )
     window.show()
-    # Units in the form are read by pint, which takes half a second to import: not when somebody presses a key.
+    # Units in the form are read by pint, which takes half a second to import: neither when somebody presses a key, nor
+    # while the window is painted for the first time.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
-    units.start()
+    QTimer.singleShot(UNITS_MS, window, units.start)
     with _leave_on_signal(window):
         app.exec()
-    units.join()
+    if units.ident is not None:
+        units.join()
     view = window.view
     window.deleteLater()
     QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)

@@ -5,17 +5,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from app.gui.feed import LiveFeed
 from app.gui.mailbox import MailboxOperator
 from app.session import Connected, Observer, Session, SessionEvent
 from app.view import Heard
 from drivers.bench import Bench
-from protocols.continuation import Earlier
 from protocols.events import BlockSeen, BlockTaken, RunEnded, StreamStarted
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
+
+if TYPE_CHECKING:
+    from protocols.continuation import Earlier
 
 Connect = Callable[[], AbstractContextManager[Connected]]
 
@@ -27,7 +29,7 @@ class SessionLike(Protocol):
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: Earlier | None = None) -> None: ...
+    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: "Earlier | None" = None) -> None: ...
 
     def pause(self) -> None: ...
 

@@ -42,6 +42,7 @@ class MeasurePage(QSplitter):
         super().__init__(Qt.Orientation.Horizontal, parent)
         self._overlay = overlay
         self._view: View | None = None
+        self._question: Question | None = None
         self.panel = RunPanel(protocol, amplifier, presets)
         self.response = ResponsePlot(theme)
         self.points = PointsPlot(theme)
@@ -90,6 +91,8 @@ class MeasurePage(QSplitter):
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
         self.traces.refresh()
+        if self._question is not None:
+            self._overlay.ask(self._question)
         try:
             curve = self._overlay.ready()
         except ParameterError:  # the form admits what the model cannot answer: there is no curve, and nothing else
@@ -106,7 +109,7 @@ class MeasurePage(QSplitter):
             return
         frequencies = getattr(protocol, "frequencies_hz", (250.0,))
         top = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
-        self._overlay.ask(Question(top, getattr(protocol, "peak_to_peak_v", 5.0) / 2))
+        self._question = Question(top, getattr(protocol, "peak_to_peak_v", 5.0) / 2)
 
     def restore(self, settings: QSettings) -> None:
         """Be as it was when it was last closed."""

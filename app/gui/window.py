@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QResizeEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QPaintEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
@@ -25,11 +25,11 @@ from app.reducer import reduce
 from app.session import Refused, watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
 from drivers.amplifier import HvAmplifier
-from protocols.continuation import earlier
 from protocols.protocol import Protocol
-from protocols.runreader import RunError
 
 FRAME_MS = 16
+UNSEEN_MS = 500
+"""After this long a window that was not painted, because nobody sees it, connects all the same."""
 
 
 class MainWindow(QMainWindow):
@@ -50,7 +50,7 @@ class MainWindow(QMainWindow):
     ) -> None:
         super().__init__()
         self.link, self._settings, self._autostart = link, settings, autostart
-        self._leaving = self._at_once = self._gone = False
+        self._leaving = self._at_once = self._gone = self._opened = False
         self.view = opening(config.amplifier.map, config.name, config.simulated, _names(config))
         self.theme = system_theme()
         self.overlay = Overlay(amplifier=config.amplifier.map)
@@ -74,7 +74,7 @@ class MainWindow(QMainWindow):
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
         self._timer.start()
-        link.session.start()
+        QTimer.singleShot(UNSEEN_MS, self, self._open)
 
     # -- what the operator wants ---------------------------------------------------------------------------------------
 
@@ -111,6 +111,9 @@ class MainWindow(QMainWindow):
 
     def measure_again(self, entries: tuple[int, ...]) -> None:
         """Measure some points of the last run again, into a run that goes on with it."""
+        from protocols.continuation import earlier  # HDF5, which the first paint does without
+        from protocols.runreader import RunError
+
         outcome = self.view.outcome
         if outcome is None or not self.view.can_run or self._leaving:
             return
@@ -160,12 +163,24 @@ class MainWindow(QMainWindow):
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
             self.bar.show_progress(self.link.feed.streamed_s)
-        self.pages.refresh()
+        if self._opened:
+            self.pages.refresh()
         if self._autostart and view.can_run:
             self._autostart = False
             self.run()
         if self._leaving and self.link.session.close(0.0):
             self._leave_if_read()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        if not self._opened:
+            QTimer.singleShot(0, self, self._open)  # when everything is painted
+
+    def _open(self) -> None:
+        """Connect, and compute the curve. Either would hold up the first paint; a window nobody sees connects as well."""
+        if not self._opened and not self._leaving:
+            self._opened = True
+            self.link.session.start()
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""

@@ -160,7 +160,7 @@ def test_chosen_points_are_measured_again(stage: Stage, monkeypatch: pytest.Monk
     assert plot.again.isEnabled()
     asked: list[tuple[Path, tuple[int, ...]]] = []
     before = type("Earlier", (), {"protocol": SineDwell(), "specimen": "T7"})()
-    monkeypatch.setattr("app.gui.window.earlier", lambda path, again: asked.append((path, again)) or before)
+    monkeypatch.setattr("protocols.continuation.earlier", lambda path, again: asked.append((path, again)) or before)
     plot.again.click()
     assert asked == [(Path("run.h5"), (1,))]
     assert stage.session.continued == [before]

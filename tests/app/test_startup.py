@@ -1,0 +1,30 @@
+"""What a command imports before it answers: a help text and the model wait for nothing they do not need."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("numpy", "pydantic", "scipy", "h5py", "pint", "rich", "matplotlib", "pyvisa", "nidaqmx", "grpc", "PySide6")
+
+TOLD = "import sys; {}; print(*(m for m in {!r} if m in sys.modules))"
+
+
+def loaded(code: str) -> set[str]:
+    told = subprocess.run([sys.executable, "-c", TOLD.format(code, HEAVY)], capture_output=True, text=True, check=True)
+    return set(told.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("code", "needs"),
+    [
+        ("import app.main; app.main._parser()", set()),
+        (
+            "import app.model_commands, app.study_commands, app.units; app.units.to_number('4 V', 'V')",
+            {"pydantic", "pint"},
+        ),
+        ("import app.commands, app.build, app.gui.application", {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"}),
+    ],
+)
+def test_nothing_heavy_is_imported_before_it_is_needed(code: str, needs: set[str]) -> None:
+    assert not loaded(code) & (needs or set(HEAVY))
