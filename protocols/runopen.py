@@ -6,11 +6,13 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import h5py
+from typing import TYPE_CHECKING
 
 from protocols.events import Status
 from protocols.layout import is_hdf5
+
+if TYPE_CHECKING:
+    import h5py
 
 ATTEMPTS = 24
 """At reading a piece of a growing file; together they take some ten milliseconds."""
@@ -46,13 +48,15 @@ def intact(path: Path) -> Iterator[None]:
         raise RunError(f"{path} is damaged inside ({_line(error)}); take another copy of it") from error
 
 
-def opened(path: Path) -> h5py.File:
+def opened(path: Path) -> "h5py.File":
     """The file, read-only: finished, being written, or left behind by a crash.
 
     Raises:
         RunError: it is missing, no HDF5 file, cut off, or damaged.
     """
     _check(path)
+    import h5py  # the window is painted, and many a command done, before a file is opened
+
     # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
     # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
     try:
@@ -88,11 +92,13 @@ def _check(path: Path) -> None:
         raise RunError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
 
 
-def _patience() -> h5py.h5p.PropFAID:
+def _patience() -> "h5py.h5p.PropFAID":
     """How a growing file is read: what does not fit together is read again a few times, and then given up.
 
     HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
     """
+    import h5py
+
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
     access.set_file_locking(False, True)

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,9 @@ from protocols.layout import CHANNELS, ENTRY, FORMAT, FORMAT_VERSION
 from protocols.quality import Quality
 from protocols.runopen import NewerRunError, NoRunError, RunError, intact, opened
 from protocols.values import Column, Curve, Estimate, Recording
+
+if TYPE_CHECKING:
+    import h5py
 
 __all__ = ["Happened", "NewerRunError", "NoRunError", "Run", "RunError", "intact"]
 
@@ -299,7 +301,7 @@ class Run:
         )
 
     @property
-    def _entry(self) -> h5py.Group:
+    def _entry(self) -> "h5py.Group":
         return self._file["entry"]
 
     def _text(self, name: str) -> str:

@@ -43,6 +43,7 @@ class MeasurePage(QSplitter):
         self._overlay = overlay
         self._view: View | None = None
         self._question: Question | None = None
+        self._begun = False
         self.panel = RunPanel(protocol, amplifier, presets)
         self.response = ResponsePlot(theme)
         self.points = PointsPlot(theme)
@@ -88,10 +89,14 @@ class MeasurePage(QSplitter):
         self.traces.show_simulated(view.simulated)
         self.log.show_view(view)
 
+    def begin(self) -> None:
+        """Want the model's curve from now on: its numerics take a while to import."""
+        self._begun = True
+
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
         self.traces.refresh()
-        if self._question is not None:
+        if self._begun and self._question is not None:
             self._overlay.ask(self._question)
         try:
             curve = self._overlay.ready()

@@ -163,8 +163,7 @@ class MainWindow(QMainWindow):
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
             self.bar.show_progress(self.link.feed.streamed_s)
-        if self._opened:
-            self.pages.refresh()
+        self.pages.refresh()
         if self._autostart and view.can_run:
             self._autostart = False
             self.run()
@@ -180,6 +179,7 @@ class MainWindow(QMainWindow):
         """Connect, and compute the curve. Either would hold up the first paint; a window nobody sees connects as well."""
         if not self._opened and not self._leaving:
             self._opened = True
+            self.measure.begin()
             self.link.session.start()
 
     def set_theme(self, theme: Theme) -> None:
