@@ -26,7 +26,8 @@ CHECKS = (
     ("ruff", "format", "--check", "."),
     ("mypy",),
     ("lint-imports",),
-    ("pytest",),
+    # A worker a core; tests of one file stay together, because they share what they measured. '-n0' does without.
+    ("pytest", "-n", "logical", "--dist", "loadfile"),
 )
 
 
