@@ -5,6 +5,7 @@ start and idle at their phase, sines whose phase nobody knows, relays that drop 
 the open output (electromotive force): what a box *displays* depends on the load it was told of, the output does not.
 """
 
+import hashlib
 import math
 import random
 from bisect import bisect_left
@@ -74,9 +75,13 @@ class Generator:
         self._burst: Tone | None = None
         self._carrier: Tone | Chirp | None = None
         self.settings = Settings()
+        self._waves: dict[tuple[bytes, bool], Wave] = {}
 
     def change(self, **settings: Any) -> None:
         """New settings, all at one instant."""
+        if (wave := settings.get("wave")) is not None:  # the history is kept for ever: the same waveform once
+            key = hashlib.sha256(wave.points.tobytes()).digest(), wave.smooth
+            settings["wave"] = self._waves.setdefault(key, wave)
 
         def make(t: float) -> Segment:
             old, self.settings = self.settings, replace(self.settings, **settings)

@@ -86,12 +86,16 @@ class Wave:
     def at(self, turns: Array, period_s: float) -> Array:
         """Values after that many periods, same shape."""
         size = self.points.size
-        place = np.mod(turns, 1.0) * size
-        first = np.floor(place).astype(np.int64) % size
-        edge = 1.0 if self.smooth else min(1.0, _EDGE_S * size / period_s)
-        before = self.points[first - (0 if self.smooth else 1)]
-        after = self.points[(first + 1) % size if self.smooth else first]
-        return np.asarray(before + (after - before) * np.minimum((place - np.floor(place)) / edge, 1.0))
+        place = (turns - np.floor(turns)) * size  # a slow sweep spends most of its simulated time here
+        first = place.astype(np.int64)
+        np.minimum(first, size - 1, out=first)
+        share = place - first
+        if self.smooth:
+            before, after = self.points.take(first), self.points.take(first + 1, mode="wrap")
+        else:
+            share = np.minimum(share / min(1.0, _EDGE_S * size / period_s), 1.0)
+            before, after = self.points.take(first - 1, mode="wrap"), self.points.take(first)
+        return np.asarray(before + (after - before) * share)
 
 
 @dataclass(frozen=True, slots=True)

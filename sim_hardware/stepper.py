@@ -89,11 +89,18 @@ class Stepper:
             if before or drive.any():  # half of a bench's time nothing drives it
                 u = _led(drive, before)
                 pushes, w = pushes + u @ W, w + u @ T
-        states = np.empty_like(pushes)
-        for i, push in enumerate(pushes):
-            states[i] = state
-            state = self.advance * state + push
-        return (w + (states @ self.O).real).ravel(), state
+        states = _recursion(self.advance, state, pushes)
+        return (w + (states[:-1] @ self.O).real).ravel(), states[-1]
+
+
+def _recursion(advance: Complex, state: Complex, pushes: Complex) -> Complex:
+    """All states of z' = advance z + push, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
+    states = np.concatenate((state[None], pushes))
+    reach, power = 1, advance
+    while reach < len(states):
+        states[reach:] += power * states[:-reach]
+        reach, power = 2 * reach, power * power
+    return states
 
 
 def _led(drive: Array, before: float) -> Array:
