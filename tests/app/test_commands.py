@@ -57,7 +57,7 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["run", "cheese"], "there is no protocol 'cheese'; known are: sine-dwell"),
+        (["run", "cheese"], "there is no protocol 'cheese'; known are: "),
         (["run", "sine-dwell", "--set", "volts=3"], "has no parameter 'volts'; it has:"),
         (["run", "sine-dwell", "--set", "volts"], "write NAME=VALUE"),
         (["run", "sine-dwell", "--set", "peak_to_peak_v=7 V"], "peak_to_peak_v: must be at most 5, not 7.0"),

@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 
 from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
-from app.picture import _drawn
+from app.picture import figure_of
 from app.session import BenchOpened, Refused
 from model.parameters import Tactor
 from protocols.events import Noted, PointMeasured, RunStarted
@@ -157,6 +157,6 @@ def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
         with laboratory(config.model_copy(update={"amplifier": table})) as lab:
             ran = run(SHORT, tmp_path, lab)
         with Run(ran.path) as file:
-            curve = _drawn(file, Tactor()).axes[0].lines[0]
+            curve = figure_of(file, Tactor()).axes[0].lines[0]
         tops.append(curve.get_ydata().max())
     assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)

@@ -194,7 +194,7 @@ def test_dc_and_burst_exclude_each_other(idle, link):
         (("VOLT:LIM:LOW 1", "VOLT:LIM:HIGH 5"), "VOLT:LIM:STAT ON", "-221"),
         ((), "VOLT:LOW 6", "-221"),
         ((), "SWE:STAT ON", "-221"),
-        ((), "BURS:MODE GATED", "-224"),
+        ((), "BURS:MODE SOMETIMES", "-224"),
     ],
 )
 def test_refusals_and_clippings(idle, link, before, message, code):
