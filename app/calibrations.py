@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from app.whole_file import write_whole
 from model.identification.estimates import Calibration
 from model.quantity import ParameterError
 from protocols.runfile import safe_name
@@ -73,10 +74,8 @@ def write(folder: Path, specimen: str, known: Calibrations) -> Path:
     """
     path = calibrations_path(folder, specimen)
     record = {"format": FORMAT, "active": known.active, "versions": [each.as_record() for each in known.versions]}
-    beside = path.with_suffix(".new")
     try:
-        beside.write_text(json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
-        beside.replace(path)
+        write_whole(path, json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path} cannot be written: {error}") from error
     return path

@@ -6,7 +6,6 @@ the files, and a program that was killed leaves nothing behind that has to be me
 """
 
 import json
-import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,11 +18,12 @@ from pydantic import ValidationError
 from app.campaign_plan import CARRIED, PAPER, Item, known
 from app.campaign_runs import Made, Shelf
 from app.campaign_standing import Listed, Next, Standing, basis_of, stand
+from app.whole_file import write_whole
 from model.amplifier import AmplifierMap
 from protocols.events import Status
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
-from protocols.runfile import NAME_BYTES
+from protocols.runfile import safe_name
 from protocols.values import Estimate
 
 SUFFIX = ".campaign.json"
@@ -247,22 +247,14 @@ class Campaign:
             "items": [item.as_record() for item in self.items],
             "based_on": self._based_on,
         }
-        working = self.path.with_name(f"{self.path.name}.part")
+        text = json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with working.open("w", encoding="utf-8") as file:
-                json.dump(record, file, indent=2, ensure_ascii=False, allow_nan=False)
-                file.write("\n")
-                file.flush()
-                os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it
-            working.replace(self.path)
+            write_whole(self.path, text)
         except OSError as error:
-            working.unlink(missing_ok=True)
             raise CampaignError(f"the campaign {self.path} cannot be written: {error.strerror}") from None
 
 
 def campaign_path(folder: Path, specimen: str) -> Path:
     """Where a specimen's campaign stands: beside its runs."""
-    safe = "".join(c if c.isalnum() or c in "-." else "-" for c in specimen)
-    safe = safe.encode()[:NAME_BYTES].decode(errors="ignore") or "unnamed"
-    return folder / f"{safe}{SUFFIX}"
+    return folder / f"{safe_name(specimen)}{SUFFIX}"

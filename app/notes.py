@@ -9,6 +9,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.whole_file import write_whole
+
 NOTES_SUFFIX = ".notes.json"
 
 
@@ -59,14 +61,11 @@ def write_notes(run: Path, notes: Notes) -> None:
     """
     path = notes_path(run)
     read_notes(path)
-    working = path.with_name(path.name + ".part")
     try:
         if notes == Notes():
             path.unlink(missing_ok=True)
             return
         text = json.dumps({"tags": list(notes.tags), "note": notes.note}, indent=2, ensure_ascii=False) + "\n"
-        working.write_text(text, "utf-8")
-        working.replace(path)
+        write_whole(path, text)
     except OSError as error:
-        working.unlink(missing_ok=True)
         raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None

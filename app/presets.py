@@ -8,6 +8,7 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import ValidationError
 
+from app.whole_file import write_whole
 from protocols.protocol import Protocol
 
 
@@ -78,10 +79,8 @@ class Presets:
         return known
 
     def _write(self, known: dict[str, dict[str, dict[str, Any]]]) -> None:
-        beside = self.path.with_suffix(".new")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            beside.write_text(json.dumps(known, indent=2, ensure_ascii=False) + "\n", "utf-8")
-            beside.replace(self.path)
+            write_whole(self.path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
         except OSError as error:
             raise PresetError(f"the presets {self.path} cannot be written: {error.strerror or error}") from error
