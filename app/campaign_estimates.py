@@ -33,7 +33,7 @@ def identified(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Ide
 def _amplifier_of(path: Path) -> AmplifierMap:
     """The amplifier as it was in a run: its map is copied into every run file."""
     with Run(path) as run:
-        return AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
+        return AmplifierTable.of(run.configuration).map
 
 
 def believed(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Tactor:

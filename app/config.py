@@ -5,11 +5,12 @@ Validated whole: unknown keys are refused, and every fault is listed at once wit
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, field_validator, model_validator
@@ -75,6 +76,11 @@ class AmplifierTable(Table):
     specimen_capacitance_f: Annotated[
         float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not told. A M2814-P1 has about 1.2 nF"
     ] = 0.0
+
+    @classmethod
+    def of(cls, configuration: Mapping[str, Any]) -> Self:
+        """The amplifier as it was in a run: its table is copied into every run file's configuration."""
+        return cls.model_validate(configuration.get("amplifier", {}))
 
     @property
     def map(self) -> AmplifierMap:

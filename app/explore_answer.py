@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.explore import Kept, Setting
-from protocols.quality import Quality
+from protocols.quality import usable
 from protocols.runreader import Run, RunError
 
 Array = NDArray[np.float64]
@@ -138,7 +138,7 @@ def read_measured(path: Path) -> Measured:
                 2 * columns["fundamental"],
                 columns["fundamental_errors"],
                 np.unwrap(columns["phase"]),
-                np.array([Quality(int(q)).usable for q in columns["quality"]], bool),
+                usable(columns["quality"]),
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise RunError(f"{path.name} is damaged inside: {error}") from None

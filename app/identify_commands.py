@@ -25,7 +25,7 @@ from model.identification.estimates import Calibration, changes
 from model.identification.names import quantity
 from model.quantity import ParameterError
 from protocols.layout import ENTRY
-from protocols.quality import Quality
+from protocols.quality import usable
 from protocols.runreader import Run, RunError
 
 
@@ -94,7 +94,7 @@ def _amplifier(paths: Sequence[Path]) -> AmplifierMap:
     for path in paths:
         try:
             with Run(path) as run:
-                maps.append(AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map)
+                maps.append(AmplifierTable.of(run.configuration).map)
         except RunError as error:
             raise UsageError(str(error)) from None
     if any(each != maps[0] for each in maps):
@@ -273,7 +273,8 @@ def _usable(run: Run) -> dict[int, dict[str, float]]:
     """The usable points by entry, one-valued columns only."""
     columns = run.points()
     rows: dict[int, dict[str, float]] = {}
-    for at, entry in enumerate(columns[ENTRY]):
-        if Quality(int(columns["quality"][at])).usable:
-            rows[int(entry)] = {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
+    for at in np.flatnonzero(usable(columns["quality"])):
+        rows[int(columns[ENTRY][at])] = {
+            name: float(values[at]) for name, values in columns.items() if values.ndim == 1
+        }
     return rows

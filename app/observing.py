@@ -25,7 +25,7 @@ from model.identification.observations import (
 )
 from model.parameters import Membrane
 from model.quantity import ParameterError
-from protocols.quality import Quality
+from protocols.quality import usable
 from protocols.runreader import Run, RunError
 
 CARD_ERROR_V = 0.02
@@ -75,11 +75,7 @@ def observations(run: Run) -> Iterator[Observation]:
     if observe is not None:
         columns = run.points()
         if len(columns["entry"]):
-            yield from observe(run, columns, _good(columns))
-
-
-def _good(columns: Columns) -> NDArray[np.bool_]:
-    return np.array([Quality(int(flags)).usable for flags in columns["quality"]], bool)
+            yield from observe(run, columns, usable(columns["quality"]))
 
 
 def _gain(run: Run) -> tuple[CommonError, ...]:
@@ -101,7 +97,7 @@ def _response(
 ) -> FrequencyResponse:
     good = good & (columns["fundamental_errors"] > 0) & (columns["peak_to_peak_errors"] > 0)
     amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
-    map_ = AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
+    map_ = AmplifierTable.of(run.configuration).map
     # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
     room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
     amplitude_v = np.where(amplitude_v < room_v + CARD_ERROR_V, np.minimum(amplitude_v, room_v), amplitude_v)

@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 
 from app.config import AmplifierTable
+from app.figures import THRESHOLD_M
 from app.words import quantity, shown_unit
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import amplifier_response, frequency_response
 from protocols.layout import ENTRY
-from protocols.quality import Quality
+from protocols.quality import usable
 from protocols.runreader import Run, intact
 
 RESPONSE = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
 """Columns that are drawn on the model's curve."""
-
-THRESHOLD_M = 50e-6
-"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
 
 
 def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
@@ -80,7 +78,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
-    good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+    good = usable(points["quality"])
     for shown, face, words in ((good, "tab:red", ""), (~good, "none", ", flagged")):
         if shown.any():
             axes.errorbar(
@@ -107,7 +105,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
     from model.skin import skin
 
     points = run.points()
-    good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+    good = usable(points["quality"])
     amplifier, amplitude_v = _amplifier(run), float(run.parameters["peak_to_peak_v"]) / 2
     parts = np.unique(points["part"])
     curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
@@ -166,7 +164,7 @@ def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
     """The points of any protocol over the axes it names, in units people think in; hollow where no fit may use them."""
     points, units, (x, y) = run.points(), run.units(), run.axes
     (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
-    good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+    good = usable(points["quality"])
     errors = points.get(f"{y}_errors", np.zeros(len(good)))
     for shown, face, words in ((good, "tab:red", "measured"), (~good, "none", "measured, flagged")):
         if shown.any():
@@ -200,7 +198,7 @@ def _label(column: str, unit: str) -> str:
 
 def _amplifier(run: Run) -> AmplifierMap:
     """The amplifier's map as it was then."""
-    return AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
+    return AmplifierTable.of(run.configuration).map
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

@@ -4,25 +4,28 @@ Two calls with the same files give the same bytes: nothing in it tells when it w
 """
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.config import AmplifierTable
+from app.figures import THRESHOLD_M
 from app.identifying import Identified, identify
 from app.observing import OBSERVERS
 from app.picture import figure_of
 from app.words import uncertain
+from model.amplifier import AmplifierMap
 from model.parameters import Membrane, Tactor
-from model.perception import ABDOMEN, margin
+from model.perception import margin, usable_bands
 from model.response import amplifier_response
-from model.uncertainty import Estimates
-from protocols.quality import Quality
+from model.uncertainty import Band, Estimates, linear_band
+from protocols.quality import usable
 from protocols.runreader import Run, RunError
 
 PAGE_INCHES = (8.27, 11.69)
@@ -71,13 +74,12 @@ def gather(folder: Path, specimen: str) -> Report:
     for path in runs:
         with Run(path) as run:
             points = run.points()
-            flags = [Quality(int(q)) for q in points.get("quality", ())]
-            usable = sum(flag.usable for flag in flags)
+            good = usable(points.get("quality", ()))
             simulated |= run.simulated
-            if run.protocol in OBSERVERS and usable:
+            if run.protocol in OBSERVERS and good.any():
                 telling.append(path)
             rows.append(
-                (path.name, run.protocol, run.start_time[:16], run.state, f"{usable} of {len(flags)}", _hash(path))
+                (path.name, run.protocol, run.start_time[:16], run.state, f"{good.sum()} of {len(good)}", _hash(path))
             )
             for role, name in run.configuration.get("identities", {}).items():
                 instruments[role, str(name)] = None
@@ -171,7 +173,7 @@ def _hash(path: Path) -> str:
 
 def _parameters(found: Identified) -> Grid:
     """Estimates beside the paper's Table I."""
-    table = {**_values(Tactor()), **_values(Membrane())}
+    table = asdict(Tactor()) | asdict(Membrane())
     rows = []
     for e in found.estimates:
         paper = table.get(e.name)
@@ -183,26 +185,23 @@ def _parameters(found: Identified) -> Grid:
     return Grid("Parameters", heads, tuple(rows))
 
 
-def _values(record: Any) -> dict[str, float]:
-    return {name: float(getattr(record, name)) for name in record.__dataclass_fields__}
-
-
-def _amplifier(path: Path) -> Any:
+def _amplifier(path: Path) -> AmplifierMap:
     with Run(path) as run:
-        return AmplifierTable.model_validate(run.configuration.get("amplifier", {})).map
+        return AmplifierTable.of(run.configuration).map
 
 
 def _use(found: Identified, runs: Sequence[Path]) -> str:
     """How far above the threshold of the skin the free tactor is, over the band of touch."""
     map_ = _amplifier(runs[0])
-    driven = amplifier_response(found.tactor, BAND_HZ, map_.rest_v, map_.rest_v, map_)
-    over = margin(BAND_HZ, driven.peak_to_peak, ABDOMEN)
-    worst = int(np.argmin(over))
-    felt = BAND_HZ[over > 1]
-    if not felt.size:
+    moved = _moved(found.tactor, map_)
+    bands = usable_bands(BAND_HZ, moved)
+    if not bands:
         return "At full drive it stays below the skin's threshold from 5 to 250 Hz."
+    over = margin(BAND_HZ, moved)
+    worst = int(np.argmin(np.where(over >= 1, over, np.inf)))
+    where = " and ".join(f"from {low:.0f} to {high:.0f} Hz" for low, high in bands)
     return (
-        f"At full drive its max - min lies above the skin's threshold of 50 µm from {felt[0]:.0f} to {felt[-1]:.0f} Hz, "
+        f"At full drive its max - min lies above the skin's threshold of {1e6 * THRESHOLD_M:g} µm {where}, "
         f"by a factor of at least {float(over[worst]):.1f} (at {BAND_HZ[worst]:.0f} Hz)."
     )
 
@@ -219,27 +218,25 @@ def _first_figures(report: Report, marked: bool = True) -> list[Any]:
     figure = Figure(figsize=(7.3, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
     response, residual = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
-    curve = amplifier_response(found.tactor, BAND_HZ, map_.rest_v, map_.rest_v, map_).peak_to_peak
+    curve, band = _moved(found.tactor, map_), _band(found, map_)
     response.plot(BAND_HZ, 1e6 * curve, color="tab:blue", label="model as identified, free, full drive")
-    spread = _spread(found, map_)
-    if spread is not None:
+    if band is not None:
         response.fill_between(
-            BAND_HZ, 1e6 * (curve - 2 * spread), 1e6 * (curve + 2 * spread), color="tab:blue", alpha=0.25, lw=0,
-            label="95 % band",
-        )  # fmt: skip
+            BAND_HZ, 1e6 * band.lower, 1e6 * band.upper, color="tab:blue", alpha=0.25, lw=0, label="95 % band"
+        )
     for path in report.runs:
         with Run(path) as run:
             if run.protocol != "sine-dwell":
                 continue
             points = run.points()
-            good = np.array([Quality(int(q)).usable for q in points["quality"]], bool)
+            good = usable(points["quality"])
             full = np.abs(points["drive_amplitude"] - map_.rest_v) < 0.02 * map_.rest_v
             at = good & full
             f, moved, error = (points[name][at] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
         response.errorbar(f, 1e6 * moved, 2e6 * error, fmt="o", ms=4, color="tab:red")
         model = np.interp(f, BAND_HZ, curve)
         residual.errorbar(f, 100 * (moved / model - 1), 200 * error / model, fmt="o", ms=4, color="tab:red")
-    response.axhline(50, color="tab:green", lw=1)
+    response.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     response.set(ylabel="max - min (µm)", ylim=(0, None))
     response.legend(fontsize=8)
     residual.axhline(0, color="tab:blue", lw=1)
@@ -249,27 +246,24 @@ def _first_figures(report: Report, marked: bool = True) -> list[Any]:
     return [figure]
 
 
-def _spread(found: Identified, map_: Any) -> Any:
-    """Standard error of the free curve, (F,): linear in the parameters that move it."""
-    known = _values(Tactor())
+def _band(found: Identified, map_: AmplifierMap) -> Band | None:
+    """The free curve at full drive with its 95 % band; None where nothing that was identified moves it."""
+    known = asdict(Tactor())
     at = [i for i, e in enumerate(found.estimates) if e.name in known]
     if not at:
         return None
-    chosen = [found.estimates[i] for i in at]
-    Estimates(tuple(e.name for e in chosen), tuple(e.value for e in chosen), found.covariance[np.ix_(at, at)])
-    values = _values(found.tactor)
-    slopes = []
-    for e in chosen:
-        step = max(0.1 * e.standard_error, 1e-6 * abs(e.value))
-        sides = [
-            amplifier_response(
-                Tactor(**{**values, e.name: e.value + sign * step}), BAND_HZ, map_.rest_v, map_.rest_v, map_
-            ).peak_to_peak
-            for sign in (1, -1)
-        ]
-        slopes.append((sides[0] - sides[1]) / (2 * step))
-    J = np.array(slopes)
-    return np.sqrt(np.einsum("pf,pq,qf->f", J, found.covariance[np.ix_(at, at)], J))
+    names, values = zip(*((found.estimates[i].name, found.estimates[i].value) for i in at), strict=True)
+
+    def curve(varied: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        rows = zip(*varied.values(), strict=True)
+        return np.array([_moved(replace(found.tactor, **dict(zip(varied, row, strict=True))), map_) for row in rows])
+
+    return linear_band(curve, Estimates(names, values, found.covariance[np.ix_(at, at)]))
+
+
+def _moved(tactor: Tactor, map_: AmplifierMap) -> NDArray[np.float64]:
+    """Max - min of the free tactor at full drive over `BAND_HZ`, (F,)."""
+    return amplifier_response(tactor, BAND_HZ, map_.rest_v, map_.rest_v, map_).peak_to_peak
 
 
 def _run_figures(report: Report) -> list[tuple[Path, Any]]:

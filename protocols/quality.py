@@ -1,6 +1,10 @@
 """What is wrong with a measured value, as flags that travel with it into files, plots, fits and exports."""
 
+from collections.abc import Iterable
 from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class Quality(IntFlag):
@@ -34,3 +38,8 @@ class Quality(IntFlag):
     def usable(self) -> bool:
         """Whether fits and summaries may use the value."""
         return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED)
+
+
+def usable(flags: Iterable[float]) -> NDArray[np.bool_]:
+    """Which of many values, told by their flags as a file keeps them, fits and summaries may use; (N,)."""
+    return np.array([Quality(int(each)).usable for each in flags], bool)
