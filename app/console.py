@@ -87,8 +87,9 @@ class ConsoleObserver:
             case RunStarted():
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
                 self._say(f"writing {event.path}")
-            case Armed():
-                self._say("rest is measured; high voltage is on, says the operator")
+            case Armed(high_voltage):
+                on = "high voltage is on, says the operator" if high_voltage else "high voltage is off and stays off"
+                self._say(f"rest is measured; {on}")
             case Asked(_, prompt):
                 self._say((f"> {prompt.text}", "bold yellow"))
             case Answered(_, words):

@@ -92,8 +92,24 @@ class Ramp:
         return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
 
 
+class _Swing:
+    """What swings by its amplitude to either side of its offset: its extremes."""
+
+    __slots__ = ()
+    amplitude_v: float
+    offset_v: float
+
+    @property
+    def low_v(self) -> float:
+        return self.offset_v - self.amplitude_v
+
+    @property
+    def high_v(self) -> float:
+        return self.offset_v + self.amplitude_v
+
+
 @dataclass(frozen=True, slots=True)
-class Sine:
+class Sine(_Swing):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
 
     `amplitude_v` is the peak, half of the peak to peak. The count of cycles is finite on purpose: a generator whose
@@ -114,14 +130,6 @@ class Sine:
         return self.cycles / self.frequency_hz
 
     @property
-    def low_v(self) -> float:
-        return self.offset_v - self.amplitude_v
-
-    @property
-    def high_v(self) -> float:
-        return self.offset_v + self.amplitude_v
-
-    @property
     def slew_v_per_s(self) -> float:
         return 2 * math.pi * self.frequency_hz * self.amplitude_v
 
@@ -137,7 +145,7 @@ class Sine:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearSweep:
+class LinearSweep(_Swing):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
 
     It ends at the offset only if its mean frequency times its duration is a whole number of cycles, which the
@@ -153,14 +161,6 @@ class LinearSweep:
     def __post_init__(self) -> None:
         _finite(self)
         _positive(self, "start_hz", "stop_hz", "duration_s", "amplitude_v")
-
-    @property
-    def low_v(self) -> float:
-        return self.offset_v - self.amplitude_v
-
-    @property
-    def high_v(self) -> float:
-        return self.offset_v + self.amplitude_v
 
     @property
     def slew_v_per_s(self) -> float:
@@ -193,7 +193,7 @@ class LinearSweep:
 
 
 @dataclass(frozen=True, slots=True)
-class PeriodicSweep:
+class PeriodicSweep(_Swing):
     """A linear sweep of `sweep_s` and the same upside down, `periods` times without a pause.
 
     Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
@@ -224,14 +224,6 @@ class PeriodicSweep:
     @property
     def duration_s(self) -> float:
         return self.periods * self.period_s
-
-    @property
-    def low_v(self) -> float:
-        return self.offset_v - self.amplitude_v
-
-    @property
-    def high_v(self) -> float:
-        return self.offset_v + self.amplitude_v
 
     @property
     def slew_v_per_s(self) -> float:

@@ -4,61 +4,31 @@ import heapq
 import itertools
 import os
 import select
-import threading
 import time
-from types import TracebackType
-from typing import Self
 
 from sim_hardware.port import Port
+from sim_hardware.pty_line import TICK_S, PtyLine
 from sim_hardware.scpi_blocks import messages_in
 
-TICK_S = 0.01
 
-
-class ScpiPty:
+class ScpiPty(PtyLine):
     """Serves a port until closed. A cable that is off is silence: a serial line does not notice it.
 
     Args:
         speed: bench seconds per wall second, for answers that take the instrument time.
         command_s: bench seconds until the answer to any message is ready.
-
-    Attributes:
-        device: the name of the line, such as `/dev/pts/3`.
     """
 
     def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
-        import tty
-
         self._instrument, self._speed, self._command_s = instrument, speed, command_s
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)  # a terminal would echo and turn CR into LF
-        os.set_blocking(self._master, False)
-        self.device = os.ttyname(self._slave)
         self._due: list[tuple[float, int, bytes]] = []
         self._order = itertools.count()
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="simulated serial instrument", daemon=True)
-        self._thread.start()
+        super().__init__("simulated serial instrument")
 
     @property
     def resource(self) -> str:
         """VISA resource string."""
-        return f"ASRL{self.device}::INSTR"
-
-    def close(self) -> None:
-        """End the thread and pull the plug."""
-        self._closing.set()
-        self._thread.join()
-        os.close(self._master)
-        os.close(self._slave)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+        return f"ASRL{self.port}::INSTR"
 
     def _run(self) -> None:
         begun = b""
@@ -77,9 +47,3 @@ class ScpiPty:
             out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
             due_s = time.monotonic() + (reply.delay_s + self._command_s) / self._speed + reply.late_s
             heapq.heappush(self._due, (due_s, next(self._order), out))
-
-    def _send(self, data: bytes) -> None:
-        try:
-            os.write(self._master, data)
-        except BlockingIOError:
-            return  # nobody reads: what a serial line has not carried is lost

@@ -19,7 +19,7 @@ from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
 from app.picture import figure_of
 from app.session import BenchOpened, Refused
 from model.parameters import Tactor
-from protocols.events import Noted, PointMeasured, RunStarted
+from protocols.events import Armed, Noted, PointMeasured, RunStarted
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
@@ -88,6 +88,16 @@ def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: An
     operator._read(4, DISABLE_HIGH_VOLTAGE)
     assert "standard input has ended, so nobody can answer here" in capsys.readouterr().err
     assert operator.answer(4) is None
+
+
+@pytest.mark.parametrize(
+    ("needed", "says"), [(True, "high voltage is on"), (False, "high voltage is off and stays off")]
+)
+def test_an_armed_bench_is_told_with_its_high_voltage(needed: bool, says: str) -> None:
+    out = io.StringIO()
+    with ConsoleObserver(Console(file=out, width=200)) as told:
+        told(Armed(needed))
+    assert f"rest is measured; {says}" in out.getvalue()
 
 
 def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:

@@ -1,0 +1,52 @@
+"""A pseudo-terminal as a serial line, with a thread that serves its far end. Not on Windows."""
+
+import os
+import threading
+from types import TracebackType
+from typing import Self
+
+TICK_S = 0.01
+
+
+class PtyLine:
+    """Served until closed; `_run` is what the thread does, until `_closing` is set.
+
+    Attributes:
+        port: the name to open, such as `/dev/pts/3`.
+    """
+
+    def __init__(self, name: str) -> None:
+        import tty
+
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)  # a terminal would echo and turn CR into LF
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and pull the plug: whoever reads the port gets an error."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._thread.join()
+            os.close(self._master)
+            os.close(self._slave)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+    def _send(self, data: bytes) -> None:
+        try:
+            os.write(self._master, data)
+        except BlockingIOError:
+            return  # nobody reads: what a serial line has not carried is lost
