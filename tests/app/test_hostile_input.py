@@ -66,7 +66,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     (tmp_path / "folder").mkdir()
     (tmp_path / "run.h5").write_bytes(measured)
     monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))
-    monkeypatch.setattr("app.finding.find", lambda *_: ([], []))
     monkeypatch.setattr("app.device_commands.find", lambda *_: ([], []))
     monkeypatch.setattr("app.screen.has_screen", lambda: False)
     monkeypatch.setattr("app.workers.CONNECT_S", 0.1)
