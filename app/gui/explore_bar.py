@@ -69,7 +69,8 @@ class ExploreBar(QObject):
         self.clear = _button("Clear", "Take kept curves and measured runs away")
         self.lay = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
         self.fit = _button("Fit these", "Let the sliders go where the runs are met best")
-        self.fit.setVisible(fits)
+        if not fits:  # shown before it has a place it would be a window of its own
+            self.fit.hide()
         self.study = _button("Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV")
         self.copy_json = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
         self.copy_toml = _button("Copy TOML", "Every parameter as TOML for --set")

@@ -1,10 +1,10 @@
 """The window's pages behind tabs; a single page needs none."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from PySide6.QtGui import QKeySequence, QShortcut
-from PySide6.QtWidgets import QTabWidget, QWidget
+from PySide6.QtWidgets import QTabWidget, QVBoxLayout, QWidget
 
 from app.gui.theme import Theme
 from app.view import View
@@ -12,8 +12,6 @@ from app.view import View
 
 class Page(Protocol):
     """What the window does with a page: a widget that shows views."""
-
-    title: str
 
     def show_view(self, view: View) -> None: ...
 
@@ -23,28 +21,66 @@ class Page(Protocol):
 
 
 class Pages(QTabWidget):
-    """Shows one page at a time and passes on what all of them must hear."""
+    """Shows one page at a time and passes on what all of them must hear.
 
-    def __init__(self, pages: Sequence[Page], parent: QWidget | None = None) -> None:
+    Args:
+        pages: title and maker of each. The first is made at once, another when it is first looked at or asked for.
+    """
+
+    def __init__(self, pages: Sequence[tuple[str, Callable[[], Page]]], parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setDocumentMode(True)
         self.setTabBarAutoHide(True)
-        self._pages = tuple(pages)
-        for page in self._pages:
-            assert isinstance(page, QWidget)
-            at = self.addTab(page, page.title)
+        self._makers = tuple(make for _, make in pages)
+        self._made: dict[int, Page] = {}
+        self._places: list[QVBoxLayout] = []
+        self._view: View | None = None
+        self._theme: Theme | None = None
+        for title, _ in pages:
+            place = QWidget()
+            layout = QVBoxLayout(place)
+            layout.setContentsMargins(0, 0, 0, 0)
+            self._places.append(layout)
+            at = self.addTab(place, title)
             self.setTabToolTip(at, f"Ctrl+{at + 1}")
             shortcut = QShortcut(QKeySequence(f"Ctrl+{at + 1}"), self)
             shortcut.activated.connect(lambda at=at: self.setCurrentIndex(at))
+        self.page(0)
+        self.currentChanged.connect(self.page)
+
+    def page(self, at: int) -> Page:
+        """A page, made by now."""
+        if at not in self._made:
+            self._made[at] = page = self._makers[at]()
+            assert isinstance(page, QWidget)
+            if self._theme is not None:
+                page.set_theme(self._theme)
+            if self._view is not None:
+                page.show_view(self._view)
+            self._places[at].addWidget(page)
+            page.show()
+        return self._made[at]
+
+    @property
+    def made(self) -> Mapping[int, Page]:
+        """The pages that somebody has looked at, by their place."""
+        return self._made
+
+    @property
+    def present(self) -> Page:
+        """The page that is seen."""
+        return self.page(self.currentIndex())
 
     def show_view(self, view: View) -> None:
-        for page in self._pages:
+        self._view = view
+        for page in self._made.values():
             page.show_view(view)
 
     def set_theme(self, theme: Theme) -> None:
-        for page in self._pages:
+        self._theme = theme
+        for page in self._made.values():
             page.set_theme(theme)
 
     def refresh(self) -> None:
         """Let what can be seen move."""
-        self._pages[self.currentIndex()].refresh()
+        self.present.refresh()

@@ -2,21 +2,20 @@
 
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QPaintEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
-from app.explore_fit import fit_runs
 from app.gui.bench_bar import BenchBar
-from app.gui.explore_page import ExplorePage
 from app.gui.link import Link
 from app.gui.measure_page import MeasurePage
 from app.gui.notices import Notices
 from app.gui.pages import Pages
-from app.gui.runs_page import RunsPage
 from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
 from app.overlay import Overlay
@@ -26,6 +25,13 @@ from app.session import Refused, watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
 from drivers.amplifier import HvAmplifier
 from protocols.protocol import Protocol
+
+if TYPE_CHECKING:
+    from app.gui.explore_page import ExplorePage
+    from app.gui.runs_page import RunsPage
+
+EXPLORE, RUNS = 1, 2
+"""Places of the pages."""
 
 FRAME_MS = 16
 UNSEEN_MS = 500
@@ -60,9 +66,9 @@ class MainWindow(QMainWindow):
         self.measure = MeasurePage(
             protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
         )
-        self.explore = ExplorePage(self.theme, fit_runs)
-        self.runs = RunsPage(lambda: self._folder, self.overlay, self.theme)
-        self.pages = Pages([self.measure, self.explore, self.runs])
+        self.pages = Pages(
+            [("Measure", lambda: self.measure), ("Explore", self._make_explore), ("Runs", self._make_runs)]
+        )
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
@@ -96,7 +102,7 @@ class MainWindow(QMainWindow):
         """Stop, always; where nothing runs the page seen goes a step back besides."""
         idle = not self.view.busy
         self.stop()
-        if idle and self.pages.currentWidget() is self.runs:
+        if idle and self.pages.currentIndex() == RUNS:
             self.runs.back()
 
     def pause(self) -> None:
@@ -158,7 +164,8 @@ class MainWindow(QMainWindow):
         if view is not self.view:
             self.view = view
             self._show()
-        self.runs.writing(getattr(self.link.session, "path", None) if view.busy else None)
+        if RUNS in self.pages.made:
+            self.runs.writing(getattr(self.link.session, "path", None) if view.busy else None)
         # The runner asks after it has told.
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
@@ -181,6 +188,8 @@ class MainWindow(QMainWindow):
             self._opened = True
             self.measure.begin()
             self.link.session.start()
+            for at in (EXPLORE, RUNS):  # while the bench connects, so that looking at one is no wait
+                QTimer.singleShot(0, self, partial(self.pages.page, at))
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
@@ -195,8 +204,10 @@ class MainWindow(QMainWindow):
             self._timer.stop()
             self._save()
             self.overlay.close()
-            self.explore.end()
-            self.runs.end()
+            if EXPLORE in self.pages.made:
+                self.explore.end()
+            if RUNS in self.pages.made:
+                self.runs.end()
             event.accept()
             return
         event.ignore()
@@ -230,12 +241,22 @@ class MainWindow(QMainWindow):
         self.pages.show_view(self.view)
 
     def _explore(self, paths: list[Path]) -> None:
-        self.pages.setCurrentWidget(self.explore)
+        self.pages.setCurrentIndex(EXPLORE)
         self.explore.lay_over(paths)
 
     def _amplifier(self) -> HvAmplifier | None:
         bench = self.link.session.bench
         return bench.amplifier if bench is not None else None
+
+    @property
+    def explore(self) -> "ExplorePage":
+        """The page about the model, made by now."""
+        return cast("ExplorePage", self.pages.page(EXPLORE))
+
+    @property
+    def runs(self) -> "RunsPage":
+        """The page about the runs of the folder, made by now."""
+        return cast("RunsPage", self.pages.page(RUNS))
 
     # -- building ------------------------------------------------------------------------------------------------------
 
@@ -263,9 +284,23 @@ class MainWindow(QMainWindow):
             (self.notices.connect_pressed, self.connect_again),
             (self.notices.leave_pressed, self.leave),
             (self.notices.stay_pressed, self.notices.stay),
-            (self.runs.explore_asked, self._explore),
         ):
             wish.connect(do)
+
+    def _make_explore(self) -> "ExplorePage":
+        from app.explore_fit import fit_runs  # neither page is seen when the window opens
+        from app.gui.explore_page import ExplorePage
+
+        page = ExplorePage(self.theme, fit_runs)
+        page.restore(self._settings)
+        return page
+
+    def _make_runs(self) -> "RunsPage":
+        from app.gui.runs_page import RunsPage
+
+        page = RunsPage(lambda: self._folder, self.overlay, self.theme)
+        page.explore_asked.connect(self._explore)
+        return page
 
     def _connect_keys(self) -> None:
         keys: tuple[tuple[tuple[Qt.Key | str, ...], Callable[[], None]], ...] = (
@@ -289,7 +324,6 @@ class MainWindow(QMainWindow):
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
         self.measure.restore(self._settings)
-        self.explore.restore(self._settings)
         kept = self._settings.value("run/folder", "runs")
         self.measure.panel.folder.setText(str(folder if folder is not None else kept))
         self.measure.panel.specimen.setText(
@@ -301,7 +335,8 @@ class MainWindow(QMainWindow):
         self._settings.setValue("run/folder", self.measure.panel.folder.text())
         self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
         self.measure.save(self._settings)
-        self.explore.save(self._settings)
+        if EXPLORE in self.pages.made:
+            self.explore.save(self._settings)
         self._settings.sync()
 
     def _follow_system(self, *_: object) -> None:

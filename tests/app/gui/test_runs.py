@@ -189,7 +189,7 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     choose(page, "T7")
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_E)
-    assert stage.window.pages.currentWidget() is stage.window.explore
+    assert stage.window.pages.present is stage.window.explore
     until(lambda: stage.window.explore.measured, "for the points")
 
 
