@@ -1,5 +1,6 @@
 """The model's curve under the measured points: computed beside the window, never in its thread, and kept."""
 
+import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
+from protocols.protocol import Protocol
 
 Array = NDArray[np.float64]
 
@@ -24,6 +26,13 @@ class Question:
 
     top_hz: float
     amplitude_v: float
+
+
+def question_of(protocol: Protocol) -> Question:
+    """The curve that belongs to a protocol's points."""
+    frequencies = getattr(protocol, "frequencies_hz", (250.0,))
+    top_hz = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
+    return Question(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2)
 
 
 @dataclass(frozen=True, slots=True)

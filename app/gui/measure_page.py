@@ -1,25 +1,19 @@
 """The measuring page: what to run on the left; the response, the live traces and the log on the right."""
 
-import math
-from typing import Any
-
 from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
-from PySide6.QtWidgets import QSplitter, QStackedWidget, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.gui.feed import LiveFeed
+from app.gui.live_pane import LivePane
 from app.gui.log_pane import LogPane
-from app.gui.points_plot import PointsPlot
-from app.gui.response_plot import ResponsePlot, draws
 from app.gui.run_panel import GetAmplifier, RunPanel
 from app.gui.theme import Theme
-from app.gui.time_plot import TimePlot
-from app.overlay import Overlay, Question
+from app.overlay import Overlay, Question, question_of
 from app.presets import Presets
 from app.view import View
 from model.amplifier import AmplifierMap
 from model.quantity import ParameterError
 from protocols.protocol import Protocol
-from protocols.registry import PROTOCOLS
 
 
 class MeasurePage(QSplitter):
@@ -45,20 +39,12 @@ class MeasurePage(QSplitter):
         self._question: Question | None = None
         self._begun = False
         self.panel = RunPanel(protocol, amplifier, presets)
-        self.response = ResponsePlot(theme)
-        self.points = PointsPlot(theme)
-        self.plots = QStackedWidget()
-        for plot in (self.response, self.points):
-            self.plots.addWidget(plot)
-            plot.again_pressed.connect(self.again_pressed)
-        self.traces = TimePlot(feed, map_, theme)
+        self.right = LivePane(feed, map_, theme)
+        self.right.again_pressed.connect(self.again_pressed)
+        self.response, self.points, self.plots = self.right.response, self.right.points, self.right.plots
+        self.traces = self.right.traces
         self.log = LogPane(theme)
-        self.right = QSplitter(Qt.Orientation.Vertical)
-        for widget, share in ((self.plots, 5), (self.traces, 4), (self.log, 2)):
-            self.right.addWidget(widget)
-            self.right.setStretchFactor(self.right.count() - 1, share)
-            widget.setMinimumHeight(56)
-        self.right.setChildrenCollapsible(False)
+        self.right.add(self.log, 2)
         self.setChildrenCollapsible(False)
         self.addWidget(self.panel)
         self.addWidget(self.right)
@@ -72,21 +58,14 @@ class MeasurePage(QSplitter):
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        for widget in (self.response, self.points, self.traces, self.log):
-            widget.set_theme(theme)
+        self.right.set_theme(theme)
+        self.log.set_theme(theme)
 
     def show_view(self, view: View) -> None:
         """Show a view."""
         self.panel.show_view(view)
-        kind = PROTOCOLS.get(view.protocol, self.panel.kind) if view.busy or view.points else self.panel.kind
-        plot = self.response if draws(kind) else self.points
-        self.points.show_kind(kind)
-        plot.show_simulated(view.simulated)
-        plot.show_points(view.points, view.entries, view.can_run)
-        plot.show_found(view.outcome)
-        self.plots.setCurrentWidget(plot)
+        self.right.show_view(view, self.panel.kind)
         self._view = view
-        self.traces.show_simulated(view.simulated)
         self.log.show_view(view)
 
     def begin(self) -> None:
@@ -95,7 +74,7 @@ class MeasurePage(QSplitter):
 
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
-        self.traces.refresh()
+        self.right.refresh()
         if self._begun and self._question is not None:
             self._overlay.ask(self._question)
         try:
@@ -103,18 +82,14 @@ class MeasurePage(QSplitter):
         except ParameterError:  # the form admits what the model cannot answer: there is no curve, and nothing else
             return
         if curve is not None:
-            self.response.show_curve(curve)
+            self.right.show_curve(curve)
 
     def _ask(self) -> None:
         """Want the curve that belongs to the form."""
         if self._view is not None:
             self.show_view(self._view)  # another protocol may want another plot
-        protocol: Any = self.panel.protocol
-        if protocol is None:
-            return
-        frequencies = getattr(protocol, "frequencies_hz", (250.0,))
-        top = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
-        self._question = Question(top, getattr(protocol, "peak_to_peak_v", 5.0) / 2)
+        if (protocol := self.panel.protocol) is not None:
+            self._question = question_of(protocol)
 
     def restore(self, settings: QSettings) -> None:
         """Be as it was when it was last closed."""

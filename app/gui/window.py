@@ -189,7 +189,11 @@ class MainWindow(QMainWindow):
             self.measure.begin()
             self.link.session.start()
             for at in (EXPLORE, RUNS):  # while the bench connects, so that looking at one is no wait
-                QTimer.singleShot(0, self, partial(self.pages.page, at))
+                QTimer.singleShot(0, self, partial(self._make_ahead, at))
+
+    def _make_ahead(self, at: int) -> None:
+        if not self._leaving:  # what is made after the end would not be ended
+            self.pages.page(at)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
