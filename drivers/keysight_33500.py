@@ -32,7 +32,6 @@ class Keysight33500(ScpiBurstGenerator):
             word("FUNC:ARB:FILT", "STEP"),
             word("UNIT:ANGL", "DEG"),
             word("FORM:BORD", "SWAP"),
-            word("SWE:STAT", "0"),
             near("BURS:PHAS", 0.0, 1e-3),
             word("TRIG:SOUR", "BUS"),
             between("VOLT", 0.0, 2 * SMALLEST_VPP),

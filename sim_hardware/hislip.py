@@ -3,19 +3,15 @@
 Enough of it for one client at a time: data, trigger, status, lock, message size and device clear. Not for a real network.
 """
 
-import contextlib
 import itertools
 import socket
 import struct
 import threading
-from collections.abc import Callable
 from enum import IntEnum
-from types import TracebackType
-from typing import Self
 
 from sim_hardware.port import Port
+from sim_hardware.threaded_server import HOST, ThreadedServer, exactly
 
-HOST = "127.0.0.1"
 HEADER = struct.Struct("!2sBBIQ")
 VERSION = 0x0100
 LARGEST = 1 << 24
@@ -51,102 +47,35 @@ class _Session:
         self.clearing = threading.Event()
 
 
-class HislipServer:
-    """Serves a port on loopback until closed.
-
-    Args:
-        speed: bench seconds per wall second, for answers that take the instrument time.
-        command_s: bench seconds until the answer to any message is ready.
-
-    Attributes:
-        port: the TCP port.
-    """
+class HislipServer(ThreadedServer):
+    """The first message of a connection says which of the two of its session it is."""
 
     def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
-        self._instrument, self._speed, self._command_s = instrument, speed, command_s
         self._sessions: dict[int, _Session] = {}
         self._numbers = itertools.count(1)
-        self._lock = threading.Lock()
-        self._sockets: set[socket.socket] = set()
-        self._threads: list[threading.Thread] = []
-        self._listener: socket.socket | None = None
-        self.port = 0
-        self._listen()
+        super().__init__(instrument, speed, command_s)
 
     @property
     def resource(self) -> str:
         """VISA resource string."""
         return f"TCPIP::{HOST}::hislip0,{self.port}::INSTR"
 
-    def poke(self) -> None:
-        """Look again at what is broken; call it after a fault has come or gone."""
-        if not self._instrument.connected:
-            self._drop_all()
-        elif self._listener is None:
-            self._listen()
-
-    def close(self) -> None:
-        """Close everything and wait for the threads."""
-        self._drop_all()
-        for thread in self._threads:
-            thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _listen(self) -> None:
-        self._listener = socket.create_server((HOST, self.port))
-        self.port = self._listener.getsockname()[1]
-        self._begin(self._accept, self._listener)
-
-    def _drop_all(self) -> None:
-        with self._lock:
-            sockets, self._listener = [*self._sockets, *([self._listener] if self._listener else [])], None
-            self._sockets.clear()
-            sessions = [*self._sessions.values()]
-        for session in sessions:
+    def _wake(self) -> None:
+        for session in [*self._sessions.values()]:
             session.clearing.set()
-        for sock in sockets:
-            with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)
-            sock.close()
-
-    def _begin(self, work: Callable[[socket.socket], None], sock: socket.socket) -> None:
-        thread = threading.Thread(target=work, args=(sock,), name="simulated HiSLIP", daemon=True)
-        self._threads.append(thread)
-        thread.start()
-
-    def _accept(self, listener: socket.socket) -> None:
-        with contextlib.suppress(OSError):  # closed by us
-            while True:
-                sock, _ = listener.accept()
-                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                with self._lock:
-                    self._sockets.add(sock)
-                self._begin(self._serve, sock)
 
     def _serve(self, sock: socket.socket) -> None:
-        """One connection: its first message says which of the two it is."""
-        with contextlib.suppress(OSError, EOFError):
-            kind, _, parameter, _ = _receive(sock)
-            if kind == Kind.INITIALIZE:
-                number = next(self._numbers)
-                self._sessions[number] = _Session()
-                _send(sock, Kind.INITIALIZE_RESPONSE, 0, VERSION << 16 | number)
-                self._serve_data(sock, self._sessions[number])
-            elif kind == Kind.ASYNC_INITIALIZE and parameter in self._sessions:
-                _send(sock, Kind.ASYNC_INITIALIZE_RESPONSE, 0, 0)
-                self._serve_control(sock, self._sessions[parameter])
-            else:
-                _send(sock, Kind.FATAL_ERROR, 3, 0, b"Invalid Initialization sequence")
-        with self._lock:
-            self._sockets.discard(sock)
-        sock.close()
+        kind, _, parameter, _ = _receive(sock)
+        if kind == Kind.INITIALIZE:
+            number = next(self._numbers)
+            self._sessions[number] = _Session()
+            _send(sock, Kind.INITIALIZE_RESPONSE, 0, VERSION << 16 | number)
+            self._serve_data(sock, self._sessions[number])
+        elif kind == Kind.ASYNC_INITIALIZE and parameter in self._sessions:
+            _send(sock, Kind.ASYNC_INITIALIZE_RESPONSE, 0, 0)
+            self._serve_control(sock, self._sessions[parameter])
+        else:
+            _send(sock, Kind.FATAL_ERROR, 3, 0, b"Invalid Initialization sequence")
 
     def _serve_data(self, sock: socket.socket, session: _Session) -> None:
         message = b""
@@ -194,20 +123,10 @@ class HislipServer:
 
 def _receive(sock: socket.socket) -> tuple[int, int, int, bytes]:
     """Type, control code, parameter and payload of the next message. Raises EOFError at the end."""
-    mark, kind, control, parameter, size = HEADER.unpack(_exactly(sock, HEADER.size))
+    mark, kind, control, parameter, size = HEADER.unpack(exactly(sock, HEADER.size))
     if mark != b"HS" or size > LARGEST:
         raise EOFError
-    return kind, control, parameter, _exactly(sock, size)
-
-
-def _exactly(sock: socket.socket, count: int) -> bytes:
-    data = bytearray()
-    while len(data) < count:
-        part = sock.recv(min(count - len(data), 1 << 16))
-        if not part:
-            raise EOFError
-        data += part
-    return bytes(data)
+    return kind, control, parameter, exactly(sock, size)
 
 
 def _send(sock: socket.socket, kind: int, control: int, parameter: int, payload: bytes = b"") -> None:

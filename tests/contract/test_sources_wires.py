@@ -1,4 +1,4 @@
-"""The source contract on a serial line and over HiSLIP: other wires, each with a resynchronisation of its own."""
+"""The source contract on a serial line, over HiSLIP and over VXI-11: other wires, each with a resynchronisation of its own."""
 
 import gc
 import sys
@@ -30,24 +30,27 @@ from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them
 )
 from sim_hardware.hislip import HislipServer
 from sim_hardware.scpi_pty import ScpiPty
+from sim_hardware.threaded_server import ThreadedServer
+from sim_hardware.vxi11 import Vxi11Server
 from tests.support import simulated, volts_are_safe
 
 # pyvisa-py's HiSLIP leaves the socket of a refused call open.
 pytestmark = pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning")
 
 SPEED = 10.0
-TIMEOUT_S = 0.2
+TIMEOUT_S = 0.4
 LINE = pytest.param(
     ScpiPty, id="serial", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 )
-WIRES = [LINE, pytest.param(HislipServer, id="hislip")]
+NETWORK = [pytest.param(HislipServer, id="hislip"), pytest.param(Vxi11Server, id="vxi11")]
+WIRES = [LINE, *NETWORK]
 
 
 @contextmanager
 def wired(kind: type, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]]:
     bench = VirtualBench(simulated(**truth).truth, WallClock(SPEED))
     with kind(bench.port, SPEED, bench.truth.generator.command_s) as wire:
-        if kind is HislipServer:
+        if isinstance(wire, ThreadedServer):
             bench.on_fault(wire.poke)
         link = VisaLink(wire.resource, TIMEOUT_S, baud=115_200)
         yield bench, link
@@ -71,7 +74,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
     with wired(kind) as (bench, link):
         scpi = Scpi(link, "generator")
         bench.inject("scpi-late")
-        with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0.2 s"):
+        with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0.4 s"):
             scpi.ask("VOLT:OFFS?")
         bench.clear()
         assert scpi.ask("*IDN?").startswith("Keysight")
@@ -104,10 +107,11 @@ def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch
         assert link.read() == "0"
 
 
-def test_a_box_that_closes_its_hislip_session_is_a_sentence_and_comes_back() -> None:
-    with wired(HislipServer) as (bench, link):
+@pytest.mark.parametrize("kind", NETWORK)
+def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) -> None:
+    with wired(kind) as (bench, link):
         bench.inject("scpi-dropped")
-        with pytest.raises(LinkError, match=r"cannot be reached|hislip0"):
+        with pytest.raises(LinkError, match=r"cannot be reached|hislip0|inst0"):
             Scpi(link, "generator").ask("OUTP?")
         with pytest.raises(LinkError):
             link.reopen()

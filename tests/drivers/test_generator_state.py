@@ -105,6 +105,15 @@ def press(panel: Link, command: str) -> None:
     panel.read()
 
 
+def panel_reads(panel: Link, *questions: str) -> list[float]:
+    return [float(asked(panel, question)) for question in questions]
+
+
+def asked(panel: Link, question: str) -> str:
+    panel.write(question)
+    return panel.read()
+
+
 @pytest.mark.parametrize("model", CHANGES)
 def test_whatever_is_changed_at_the_front_panel_between_two_runs_is_noticed(model: str) -> None:
     source, _, panel = made(model)
@@ -116,6 +125,19 @@ def test_whatever_is_changed_at_the_front_panel_between_two_runs_is_noticed(mode
         press(panel, mend)
         if RANGE_ASIDE in change or "BURS:NCYC" in change or "BURS:STAT" in change:
             source.prepare(2.5, 0.0, 5.0)
+
+
+def test_a_load_declared_behind_the_limits_is_noticed_though_every_other_setting_reads_the_same() -> None:
+    """Declared 50 ohm, 2.5 V on the display are 5 V at the amplifier: 1500 V on the specimen."""
+    source, _, panel = made("33511B")
+    source.prepare(2.5, 1.5, 3.5)
+    assert source.at_rest(2.5, 1.5, 3.5)
+    away = "VOLT:LIM:STAT OFF;:OUTP:LOAD 50;:VOLT 0.01;:VOLT:OFFS 2.5;:VOLT:LIM:LOW 1.495;:VOLT:LIM:HIGH 3.505"
+    for command in away.split(";"):
+        press(panel, command)
+    press(panel, ":VOLT:LIM:STAT ON")
+    assert panel_reads(panel, "VOLT:OFFS?", "VOLT:LIM:LOW?", "VOLT:LIM:HIGH?") == pytest.approx([2.5, 1.495, 3.505])
+    assert not source.at_rest(2.5, 1.5, 3.5)
 
 
 @pytest.mark.parametrize("model", CHANGES)

@@ -1,0 +1,111 @@
+"""A server on loopback with a thread for every connection, which is away while its instrument is."""
+
+import contextlib
+import socket
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from sim_hardware.port import Port
+
+HOST = "127.0.0.1"
+
+
+class ThreadedServer:
+    """Serves a port until closed; `_serve` is what the thread of a connection does, until OSError or EOFError.
+
+    Args:
+        speed: bench seconds per wall second, for answers that take the instrument time.
+        command_s: bench seconds until the answer to any message is ready.
+
+    Attributes:
+        port: the TCP port.
+    """
+
+    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+        self._instrument, self._speed, self._command_s = instrument, speed, command_s
+        self._lock = threading.Lock()
+        self._sockets: set[socket.socket] = set()
+        self._threads: list[threading.Thread] = []
+        self._listener: socket.socket | None = None
+        self.port = 0
+        self._listen()
+
+    def poke(self) -> None:
+        """Look again at what is broken; call it after a fault has come or gone."""
+        if not self._instrument.connected:
+            self._drop_all()
+        elif self._listener is None:
+            self._listen()
+
+    def close(self) -> None:
+        """Close everything and wait for the threads."""
+        self._drop_all()
+        for thread in self._threads:
+            thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _serve(self, sock: socket.socket) -> None:
+        raise NotImplementedError
+
+    def _wake(self) -> None:
+        """Let no thread wait any longer: the connections are about to be closed."""
+
+    def _listen(self) -> None:
+        self._listener = socket.create_server((HOST, self.port))
+        self.port = self._listener.getsockname()[1]
+        self._begin(self._accept, self._listener)
+
+    def _drop_all(self) -> None:
+        with self._lock:
+            sockets, self._listener = [*self._sockets, *([self._listener] if self._listener else [])], None
+            self._sockets.clear()
+        self._wake()
+        for sock in sockets:
+            with contextlib.suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)
+            sock.close()
+
+    def _begin(self, work: Callable[[socket.socket], None], sock: socket.socket) -> None:
+        thread = threading.Thread(target=work, args=(sock,), name=f"simulated {type(self).__name__}", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # closed by us
+            while True:
+                sock, _ = listener.accept()
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                with self._lock:
+                    self._sockets.add(sock)
+                self._begin(self._attend, sock)
+
+    def _attend(self, sock: socket.socket) -> None:
+        with contextlib.suppress(OSError, EOFError):
+            self._serve(sock)
+        with self._lock:
+            self._sockets.discard(sock)
+        sock.close()
+
+
+def exactly(sock: socket.socket, count: int) -> bytes:
+    """The next `count` bytes.
+
+    Raises:
+        EOFError: the other side has closed.
+    """
+    data = bytearray()
+    while len(data) < count:
+        part = sock.recv(min(count - len(data), 1 << 16))
+        if not part:
+            raise EOFError
+        data += part
+    return bytes(data)
