@@ -164,7 +164,7 @@ def resources(backend: str = "@py") -> tuple[list[str], list[str]]:
         manager.close()
     missing = []
     if "PyUSB" in told:
-        missing.append("USB instruments were not looked for: that needs 'pip install pyusb' and libusb")
+        missing.append("USB instruments were not looked for: that needs libusb (a package of your system, libusb-1.0)")
     if "zeroconf not installed" in told:
         missing.append(
             "HiSLIP instruments were not looked for: that needs 'pip install zeroconf'; --host asks a host you name"

@@ -11,6 +11,7 @@ from app.build import connect
 from app.config import load_bench
 from app.exits import DONE, FAILED, UNSAFE, USAGE
 from app.fault_plan import FaultPlan
+from app.finding import find
 from app.main import main
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError
@@ -22,6 +23,7 @@ from protocols.sine_dwell import SineDwell
 from sim_hardware.bench import VirtualBench
 from sim_hardware.faults import FAULTS
 from sim_hardware.served import ServedBench
+from sim_hardware.usbtmc import PRODUCT, SERIAL, VENDOR, UsbTmcBus
 from tests.support import laboratory, run, simulated
 
 QUICK = ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1")
@@ -145,7 +147,16 @@ def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], caps
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
     names, notes = resources()
     assert all("::" in name for name in names)
-    assert all(note.endswith(("libusb", "host you name")) for note in notes)
+    assert all(note.endswith(("libusb-1.0)", "host you name")) for note in notes)
+
+
+def test_a_box_on_usb_is_found_with_the_driver_that_knows_it() -> None:
+    with UsbTmcBus(VirtualBench().port) as bus:
+        found, _ = find()
+    (box,) = [one for one in found if one.where.startswith("USB")]
+    assert (box.role, box.driver, box.serial) == ("generator", "keysight-33500", SERIAL)
+    assert [int(number, 0) for number in box.where.split("::")[1:3]] == [VENDOR, PRODUCT]
+    assert bus.resource.split("::")[3:] == box.where.split("::")[3:]
 
 
 def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str], tmp_path: Path, capsys: Any) -> None:

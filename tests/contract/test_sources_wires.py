@@ -1,4 +1,4 @@
-"""The source contract on a serial line, over HiSLIP and over VXI-11: other wires, each with a resynchronisation of its own."""
+"""The source contract on a serial line, over HiSLIP, VXI-11 and USB-TMC: other wires, each with a resynchronisation of its own."""
 
 import gc
 import sys
@@ -31,6 +31,7 @@ from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them
 from sim_hardware.hislip import HislipServer
 from sim_hardware.scpi_pty import ScpiPty
 from sim_hardware.threaded_server import ThreadedServer
+from sim_hardware.usbtmc import UsbTmcBus
 from sim_hardware.vxi11 import Vxi11Server
 from tests.support import simulated, volts_are_safe
 
@@ -42,8 +43,12 @@ TIMEOUT_S = 0.4
 LINE = pytest.param(
     ScpiPty, id="serial", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 )
-NETWORK = [pytest.param(HislipServer, id="hislip"), pytest.param(Vxi11Server, id="vxi11")]
-WIRES = [LINE, *NETWORK]
+MESSAGES = [
+    pytest.param(HislipServer, id="hislip"),
+    pytest.param(Vxi11Server, id="vxi11"),
+    pytest.param(UsbTmcBus, id="usbtmc"),
+]
+WIRES = [LINE, *MESSAGES]
 
 
 @contextmanager
@@ -107,11 +112,11 @@ def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch
         assert link.read() == "0"
 
 
-@pytest.mark.parametrize("kind", NETWORK)
+@pytest.mark.parametrize("kind", MESSAGES)
 def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) -> None:
     with wired(kind) as (bench, link):
         bench.inject("scpi-dropped")
-        with pytest.raises(LinkError, match=r"cannot be reached|hislip0|inst0"):
+        with pytest.raises(LinkError, match=r"cannot be reached|hislip0|inst0|USB0"):
             Scpi(link, "generator").ask("OUTP?")
         with pytest.raises(LinkError):
             link.reopen()
