@@ -78,8 +78,8 @@ def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_bac
     """The server took the running drive with it: the output stays where it was, and is measured before it is moved."""
     with card_output_over_grpc() as (source, bench, clock):
         live((source, bench, clock))
-        source.play(Sine(2.0, 2.0, 2.5, 20))
-        clock.sleep(0.2)
+        source.play(Sine(0.5, 2.0, 2.5, 5))  # far from rest for half a second, however slow this machine is
+        clock.sleep(0.3)
         bench.inject("grpc-gone")
         with pytest.raises(BenchError, match="gRPC device server does not answer"):
             source.stop()
