@@ -1,6 +1,7 @@
 """Carries one protocol out on an armed bench; owns storing, pausing, cancelling, prompting and the way to rest."""
 
 import contextlib
+import importlib
 import logging
 import threading
 from collections.abc import Callable, Sequence
@@ -41,6 +42,9 @@ from protocols.values import Curve, Estimate, Planned, Recording
 log = logging.getLogger(__name__)
 
 Observer = Callable[[Event], None]
+
+NUMERICS = ("scipy.fft", "scipy.optimize", "scipy.signal")
+"""Imported before the card runs: the first fit in mid-run would hold everything up for a second or two."""
 
 
 class Cancelled(Exception):
@@ -141,6 +145,8 @@ class Runner:
         rehearsal = rehearse(
             self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
         )
+        for numerics in NUMERICS:
+            importlib.import_module(numerics)
         self._plan = list(self._protocol.plan(self._bench.amplifier.map.rest_v))
         path = str(self._store.path)
         self._publish(

@@ -1,5 +1,7 @@
 """The runner: whatever ends a run, the source is at rest, measured, and the file says what happened."""
 
+import subprocess
+import sys
 import threading
 import tracemalloc
 from collections.abc import Generator, Iterable, Sequence
@@ -302,3 +304,25 @@ def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_pa
         ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)
     assert ran.status == Status.FAILED
     assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
+
+
+IMPORTED = """
+import sys, tempfile, pathlib
+from protocols.sweep import Sweep
+from tests.support import laboratory, run
+
+def watch(event):
+    seen.append((type(event).__name__, {name for name in sys.modules if name.startswith("scipy.")}))
+
+seen = []
+with tempfile.TemporaryDirectory() as folder, laboratory() as lab:
+    assert run(Sweep(sweep_s=0.1, periods=2), pathlib.Path(folder), lab, watch).points
+before = next(modules for name, modules in seen if name == "StreamStarted")
+print(*sorted(seen[-1][1] - before))
+"""
+
+
+def test_no_part_of_scipy_is_imported_while_the_card_runs() -> None:
+    """It would hold everything up for a second or two: samples, Stop, the window."""
+    told = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []
