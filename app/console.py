@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.text import Text
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration, point_line, quantity
+from app.words import curve_line, duration, point_line, quantity
 from protocols.events import (
     Answered,
     Armed,
@@ -18,6 +18,7 @@ from protocols.events import (
     AtRest,
     BlockSeen,
     BlockTaken,
+    CurveReady,
     GoingToRest,
     Noted,
     Paused,
@@ -98,6 +99,8 @@ class ConsoleObserver:
                 self._say(text)
             case PointMeasured(_, point):
                 self._say(point_line(point))
+            case CurveReady(curve) if words := curve_line(curve):
+                self._say(words)
             case Progressed() if self._task is not None:
                 left = f"{duration(event.left_s)} left" if event.done < event.entries else ""
                 self._progress.update(self._task, completed=event.done, description=event.label, left=left)

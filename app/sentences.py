@@ -7,12 +7,13 @@ from pathlib import PurePath
 from typing import Any
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import duration, quantity, uncertain
+from app.words import curve_line, duration, quantity, uncertain
 from protocols.events import (
     Answered,
     Armed,
     Asked,
     AtRest,
+    CurveReady,
     GoingToRest,
     Noted,
     Paused,
@@ -74,6 +75,8 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
         case PointMeasured(_, point):
             usable = Quality(point.quality).usable
             return (Level.PLAIN if usable else Level.ATTENTION), point_words(point)
+        case CurveReady(curve) if words := curve_line(curve):
+            return Level.PLAIN, words
         case Noted(text):
             return Level.PLAIN, text
         case Asked(_, prompt):

@@ -8,6 +8,7 @@ from drivers.drive import Drive, as_record
 from drivers.ports import Block, Scale
 from protocols.plain import plain
 from protocols.steps import Prompt
+from protocols.values import Curve
 
 
 class Status(StrEnum):
@@ -107,6 +108,16 @@ class PointMeasured:
 
 
 @dataclass(frozen=True, slots=True)
+class CurveReady:
+    """An entry gave a curve, as a frequency response with its errors; told after its point and again if it is measured again.
+
+    Told, never stored: a run's file gets its curves when it is finished, and its raw data has them always.
+    """
+
+    curve: Curve
+
+
+@dataclass(frozen=True, slots=True)
 class Paused:
     """Somebody paused the run: the source rests, as measured; high voltage is still on."""
 
@@ -186,6 +197,7 @@ Event = (
     | SettleEnded
     | Recorded
     | PointMeasured
+    | CurveReady
     | Paused
     | Resumed
     | Progressed

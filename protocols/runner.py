@@ -18,6 +18,7 @@ from protocols.events import (
     Armed,
     AtRest,
     BlockTaken,
+    CurveReady,
     EntryBegan,
     Event,
     GoingToRest,
@@ -145,8 +146,6 @@ class Runner:
         rehearsal = rehearse(
             self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
         )
-        for numerics in NUMERICS:
-            importlib.import_module(numerics)
         self._plan = list(self._protocol.plan(self._bench.amplifier.map.rest_v))
         path = str(self._store.path)
         self._publish(
@@ -155,10 +154,13 @@ class Runner:
         for words in (self._bench.watchdog.words, self._expired, self._continuation.words):
             if words:
                 self._publish(Noted(words))
+        for numerics in NUMERICS:
+            importlib.import_module(numerics)
         for entry, point in self._continuation.points:
             self._keep(entry, point)
         for curve in self._continuation.curves:
             self._curves[curve.entry] = (*self._curves.get(curve.entry, ()), curve)
+            self._tell(CurveReady(curve))
 
     def _carry_out(self, armed: ArmedBench) -> None:
         self._extend()
@@ -214,6 +216,8 @@ class Runner:
         else:
             self._keep(index, point)
             self._curves[index] = self._curves_of(index, entry, recordings)
+            for curve in self._curves[index]:
+                self._tell(CurveReady(curve))
             for words in self._protocol.remarks([self._measured[i][1] for i in sorted(self._measured)]):
                 if words not in self._remarked:
                     self._remarked.add(words)

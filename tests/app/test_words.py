@@ -1,8 +1,10 @@
 """Numbers in words."""
 
+import numpy as np
 import pytest
 
-from app.words import duration, size, uncertain
+from app.words import curve_line, duration, size, uncertain
+from protocols.values import Column, Curve
 
 
 @pytest.mark.parametrize(
@@ -29,3 +31,15 @@ def test_sizes(count: float, words: str) -> None:
 )
 def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, words: str) -> None:
     assert uncertain(value, error, unit) == words
+
+
+def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_samples_is_not() -> None:
+    columns = {
+        "frequency": Column(np.array([25.0, 151.0, 525.0]), "Hz", ""),
+        "response": Column(np.array([4e-5, 9.2531e-4, 1e-5]), "m/V", ""),
+        "response_errors": Column(np.array([1e-8, 1.2e-7, 1e-8]), "m/V", ""),
+    }
+    line = curve_line(Curve("frequency response", "of sweep 2", "frequency", "response", columns))
+    assert line == "frequency response of sweep 2: 3 lines, 25 to 525 Hz, highest 925.31 ± 0.12 µm/V at 151 Hz"
+    del columns["response_errors"]
+    assert curve_line(Curve("decay", "", "frequency", "response", columns)) == ""
