@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+FADED_CYCLES = 4
+"""Cycles of the highest frequency within which a periodic sweep begins and ends."""
+
 
 def _finite(drive: object) -> None:
     for field in fields(drive):  # type: ignore[arg-type]
@@ -199,6 +202,8 @@ class PeriodicSweep(_Swing):
     Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
     offset - falls on other lines of the spectrum than the response does: the sweep excites the odd ones, that the even ones.
     It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the guard asks for.
+    Each sweep begins and ends softly, within `fade_s`: a corner where one meets the next would reach far beyond the band, and a
+    card that samples without a filter would fold it back onto the lines.
     """
 
     start_hz: float
@@ -222,6 +227,11 @@ class PeriodicSweep(_Swing):
         return 2 * self.sweep_s
 
     @property
+    def fade_s(self) -> float:
+        """How long a sweep takes to its full amplitude, and from it."""
+        return min(FADED_CYCLES / max(self.start_hz, self.stop_hz), self.sweep_s / 8)
+
+    @property
     def duration_s(self) -> float:
         return self.periods * self.period_s
 
@@ -236,7 +246,9 @@ class PeriodicSweep(_Swing):
     def volts(self, t: ArrayLike) -> Array:
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         turn = np.floor(time / self.sweep_s)
-        away = self.sweep.volts(time - turn * self.sweep_s) - self.offset_v
+        within = time - turn * self.sweep_s
+        share = np.minimum(np.minimum(within, self.sweep_s - within) / self.fade_s, 1.0)
+        away = np.sin(0.5 * np.pi * share) ** 2 * (self.sweep.volts(within) - self.offset_v)
         return np.asarray(self.offset_v + np.where(turn % 2 == 0, away, -away))
 
 

@@ -29,9 +29,6 @@ OVERLAP_LINES = 6
 """By how many lines a piece reaches beyond its share on either side: the outermost feel where it begins and ends."""
 
 DRIVE_TOLERANCE = 0.05
-SMEARED = 0.065
-"""Twice the variance of a Hann line of width 1. Lines that are not narrow against the resonance blunt it, and damping is told too
-high by about this share of (line width / half the half-power width)^2."""
 
 NEAR_EDGE = 0.1
 """A peak this near to the band's edge, as a share of its frequency, is worth a sentence."""
@@ -158,7 +155,6 @@ class MassResonance(Protocol):
         peak = response_peak(response, (self.low_hz, self.high_hz))
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
         mode = fit_mode(near.frequency_hz, near.response, near.standard_error, near.correlation)
-        smear = SMEARED * (response.resolution_hz / (mode.damping_ratio * mode.natural_hz)) ** 2
         spectrum = math.nan, math.nan
         if len(recordings) == 1:
             found = spectrum_peak(recordings[0].displacement_m, recordings[0].rate_hz, (self.low_hz, self.high_hz))
@@ -178,7 +174,7 @@ class MassResonance(Protocol):
             resonance=mode.natural_hz,
             resonance_errors=mode.natural_error_hz,
             damping=mode.damping_ratio,
-            damping_errors=math.hypot(mode.damping_error, mode.damping_ratio * smear),
+            damping_errors=mode.damping_error,
             height=float(peak.height),
             coherence=float(response.within(*peak.band_hz).coherence.min()),
             resolution=response.resolution_hz,

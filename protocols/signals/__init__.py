@@ -15,7 +15,7 @@ samples is refused with a sentence (ValueError).
     decay      fit_decay                              frequency and damping of a free decay
     multisine  Multisine                              a periodic excitation with a small crest factor
 
-`samples`, `lines` and `recorded_sweep` are what several of them share. Only numpy is imported here; what needs scipy is imported from its module, by name.
+`samples`, `lines`, `recorded_sweep` and `repeating` are what several of them share, or one needs. Only numpy is imported here; what needs scipy is imported from its module, by name.
 """
 
 from protocols.signals.settling import SettlingDetector

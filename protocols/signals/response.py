@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from protocols.signals.lines import OVERLAP_CORRELATION, Blocks, bins_of, blocks_for, padded
 from protocols.signals.recorded_sweep import driven, rises, stands_out
+from protocols.signals.repeating import repeating_share
 from protocols.signals.samples import check_positive, check_samples, coverage_factor
 
 Array = NDArray[np.float64]
@@ -43,6 +44,15 @@ POOLED_LINES = 5
 SWEEP_FREEDOM = 40.0
 """Degrees of freedom of a sweep's standard error: 8 gates of which 4.4 are independent, times 4.8 lines, times 2."""
 
+BLUNTED = 2 * (1 / 12 - 1 / (2 * np.pi**2))
+"""What a Hann line adds to a response that bends, as a share of its second difference over the lines: taken out again."""
+
+SHARP_VARIANCE = (1 + 2 * BLUNTED) ** 2 + 2 * BLUNTED**2 - 4 * BLUNTED * (1 + 2 * BLUNTED) * OVERLAP_CORRELATION
+"""By how much that raises the variance of a line."""
+
+SHARP_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / SHARP_VARIANCE - 1) / 2
+"""Of neighbouring lines then: their mean is as noisy as before."""
+
 EXCITED = 1e-4
 """Share of the strongest line's power from which a line counts as excited."""
 
@@ -57,8 +67,7 @@ class FrequencyResponse:
         standard_error: (F,), of its real and of its imaginary part, hence of its modulus and of modulus times phase.
         coherence: (F,), share of the displacement's power at the line that follows the drive, 0..1.
         degrees_of_freedom: of the standard errors; see `coverage_factor`.
-        resolution_hz: full width over which a line averages (Hann for a sweep); a resonance of half-power width B is then
-            told too low by about 0.13 (resolution / B)^2 of its height.
+        resolution_hz: full width over which a line averages (Hann for a sweep, what that blunts being taken out).
         correlation: of the errors of neighbouring lines.
     """
 
@@ -142,22 +151,25 @@ def sweep_response(
     used = np.zeros(S_xx.size, bool)
     used[strong[0] + 2 : strong[-1] - 1] = True
     with np.errstate(divide="ignore", invalid="ignore"):
-        H = np.where(used, np.asarray(blocks.of(cross) @ blocks.window) / S_xx, 0)
+        H = np.asarray(blocks.of(cross) @ blocks.window) / S_xx
+    # Beyond the outermost of the strong lines the response is taken as it is there.
+    H = H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)]
     variance = _noise(cross, power, H, blocks, rises(X)) / np.where(used, S_xx, np.inf) ** 2
     S_nn = variance * S_xx / np.sum(blocks.window**2)
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
+    H[1:-1] -= BLUNTED * (H[2:] - 2 * H[1:-1] + H[:-2])
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
     turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
         frequency_hz=f[used],
         response=(H * turn)[used],
-        standard_error=np.sqrt(variance / 2)[used],
+        standard_error=np.sqrt(SHARP_VARIANCE * variance / 2)[used],
         coherence=np.nan_to_num(coherence[used]),
         degrees_of_freedom=SWEEP_FREEDOM,
         resolution_hz=blocks.length * bin_hz,
-        correlation=OVERLAP_CORRELATION,
+        correlation=SHARP_CORRELATION,
     )
 
 
@@ -172,8 +184,9 @@ def periodic_response(
 ) -> FrequencyResponse:
     """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
 
-    The spread over the periods gives the standard errors, with two degrees of freedom a period less one. A clock of the
-    source that runs away from the card's turns drive and displacement alike, and drops out.
+    The spread over the periods gives the noise, with two degrees of freedom a period less one, pooled over neighbouring lines;
+    the scatter of the lines beyond it gives what repeats with every period (see `repeating`). A clock of the source that runs
+    away from the card's turns drive and displacement alike, and drops out.
 
     Args:
         drive: (N,); an incomplete last period is left out.
@@ -214,15 +227,19 @@ def periodic_response(
     X, Y = X[:, lines], Y[:, lines]
     cross = (Y * X.conj()).sum(0)
     H = cross / power
-    left = (np.abs(Y - H * X) ** 2).sum(0) / (periods - 1)
+    # The displacement's noise is alike at neighbouring lines; what follows the drive is not, and is left out of it.
+    pooled = min(POOLED_LINES, lines.size)
+    left = _pooled((np.abs(Y - H * X) ** 2).sum(0) / (periods - 1), pooled)
+    modulus = np.abs(H)
+    noise = np.maximum(np.sqrt(left / power / 2), np.finfo(float).eps * modulus.max())
     moved = (np.abs(Y) ** 2).sum(0)
     f = lines * rate_hz / n
     return FrequencyResponse(
         frequency_hz=f,
         response=H * np.exp(2j * np.pi * f * delay_s),
-        standard_error=np.sqrt(left / power / 2),
+        standard_error=np.hypot(noise, repeating_share(f, H, noise) * modulus),
         coherence=np.divide(np.abs(cross) ** 2, power * moved, out=np.zeros(f.size), where=moved > 0),
-        degrees_of_freedom=2.0 * (periods - 1),
+        degrees_of_freedom=2.0 * (periods - 1) * pooled,
         resolution_hz=rate_hz / n,
         correlation=0.0,
     )
@@ -247,9 +264,13 @@ def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex,
     m = np.abs(HARMONIC_GATES)
     leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
     reach = np.pad(leaked, POOLED_LINES, "edge")
-    noise, pool = at_gates.mean(1), np.ones(POOLED_LINES)
-    pooled = np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same")
-    return np.asarray(pooled + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
+    return np.asarray(_pooled(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
+
+
+def _pooled(noise: Array, lines: int) -> Array:
+    """Each line's mean with its neighbours'; at the ends over those that are there."""
+    pool = np.ones(lines)
+    return np.asarray(np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same"))
 
 
 def _both(drive: ArrayLike, displacement: ArrayLike, least: int, rate_hz: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from model.time import march
 from protocols.signals.mode import fit_mode
 from protocols.signals.multisine import Multisine
 from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
-from protocols.signals.response import FrequencyResponse, periodic_response, sweep_response
+from protocols.signals.response import SHARP_VARIANCE, FrequencyResponse, periodic_response, sweep_response
 from protocols.signals.samples import coverage_factor
 
 RATE = 5000.0
@@ -86,13 +86,26 @@ def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     assert np.sqrt(np.mean(scatter**2 / np.mean(stated**2, 0))) == pytest.approx(1, abs=0.05)
     inside = np.mean([np.mean(np.abs(r.modulus - without.modulus) <= r.half_width()) for r in noisy])
     assert 0.93 < inside < 0.97
-    # Cramer-Rao: a line is a Hann-weighted mean of bins; 1.5 is what the weighting costs against equal weights.
+    # Cramer-Rao: a line is a Hann-weighted mean of bins; 1.5 is what the weighting costs against equal weights, and a
+    # quarter more that what it blunts is taken out again.
     X = np.fft.rfft(drive)
     in_line = round(without.resolution_hz * n / RATE)
     k = round(250 * n / RATE)
-    bound = np.sqrt(1.5 * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2))
+    bound = np.sqrt(
+        1.5 * SHARP_VARIANCE * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2)
+    )
     here = scatter[np.abs(without.frequency_hz - 250) < 100].mean()
     assert here == pytest.approx(bound, rel=0.05)
+
+
+def test_lines_as_wide_as_a_quarter_of_the_resonance_do_not_blunt_it() -> None:
+    t = np.arange(1 << 15) / RATE
+    drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
+    moved = march(two_modes(), drive, RATE)
+    fine, coarse = (sweep_response(drive, moved, RATE, (50, 500), width) for width in (5.0, 16.0))
+    there = coarse.within(100, 250)
+    exact = np.interp(there.frequency_hz, fine.frequency_hz, fine.modulus)
+    assert np.abs(there.modulus / exact - 1).max() < 1e-3  # a Hann line alone blunts the peak by 6e-3
 
 
 def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
@@ -116,7 +129,31 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
     assert np.mean(gaps.std(0) / bound) == pytest.approx(1, abs=0.05)
     inside = np.mean([np.mean(np.abs(g) <= r.half_width()) for g, r in zip(gaps, found, strict=True)])
     assert 0.93 < inside < 0.97
-    assert found[0].degrees_of_freedom == 10
+    assert found[0].degrees_of_freedom == 5 * 10  # five lines share their noise
+    assert np.mean([r.standard_error for r in found], 0) == pytest.approx(gaps.std(0), rel=0.6)
+    assert np.sqrt(np.mean([r.standard_error**2 for r in found])) == pytest.approx(gaps.std(), rel=0.05)
+
+
+@pytest.mark.parametrize("damping", [0.2, 0.003])
+def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> None:
+    """A card that folds back, odd harmonics: no period knows of them. However narrow the resonance, it is not among them."""
+    rng = np.random.default_rng(8)
+    f = np.arange(25.0, 525.0, 2.0)
+    H = 1e-4 / (1 - (f / 158.3) ** 2 + 2j * damping * f / 158.3)
+    inside, stated, n = [], [], 5000
+    for share in (0.0, 1e-3):
+        for _ in range(20):
+            U = np.exp(2j * np.pi * rng.random(f.size))
+            wrong = share * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size))
+            X, Y = np.zeros((2, n // 2 + 1), complex)
+            X[f.astype(int)], Y[f.astype(int)] = U, U * H * (1 + wrong)
+            period = np.fft.irfft(X), np.fft.irfft(Y)
+            noise = 1e-6 * rng.standard_normal(7 * n) / n
+            found = periodic_response(np.tile(period[0], 7), np.tile(period[1], 7) + noise, 5000.0, 1.0, (20, 530))
+            inside.append(np.abs(found.modulus - np.abs(H)) <= found.half_width())
+            stated.append(found.standard_error / np.abs(H))
+        assert 0.925 < np.mean(inside[-20:]) < 0.975
+    assert np.median(stated[20:]) > 3 * np.median(stated[:20])
 
 
 def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
