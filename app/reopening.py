@@ -35,6 +35,7 @@ class Reopened:
 
     path: Path
     title: str
+    specimen: str
     state: str
     reason: str
     start_time: str
@@ -66,6 +67,7 @@ def reopen(path: Path) -> Reopened:
             return Reopened(
                 path,
                 run.title,
+                run.specimen,
                 run.state,
                 run.reason,
                 run.start_time,

@@ -5,7 +5,8 @@ from PySide6.QtWidgets import QSplitter, QStackedWidget, QWidget
 
 from app.gui.feed import LiveFeed
 from app.gui.points_plot import PointsPlot
-from app.gui.response_plot import ResponsePlot, draws
+from app.gui.response_plot import ResponsePlot
+from app.gui.series import draws
 from app.gui.theme import Theme
 from app.gui.time_plot import TimePlot
 from app.overlay import Curve

@@ -1,19 +1,28 @@
 """The measuring page: what to run on the left; the response, the live traces and the log on the right."""
 
+import time
+from pathlib import Path
+
 from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
 
+from app.believed import PAPER
+from app.foresight import Foresight, Intent
 from app.gui.feed import LiveFeed
 from app.gui.live_pane import LivePane
 from app.gui.log_pane import LogPane
-from app.gui.run_panel import GetAmplifier, RunPanel
+from app.gui.run_panel import GetBench, RunPanel
 from app.gui.theme import Theme
+from app.live_estimates import LiveEstimates
 from app.overlay import Overlay, Question, question_of
 from app.presets import Presets
 from app.view import View
 from model.amplifier import AmplifierMap
 from model.quantity import ParameterError
 from protocols.protocol import Protocol
+
+LOOK_S = 1.0
+"""How often the specimen's calibration is looked at."""
 
 
 class MeasurePage(QSplitter):
@@ -28,17 +37,20 @@ class MeasurePage(QSplitter):
         feed: LiveFeed,
         overlay: Overlay,
         map_: AmplifierMap,
-        amplifier: GetAmplifier,
+        bench: GetBench,
         presets: Presets,
         theme: Theme,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
-        self._overlay = overlay
+        self._overlay, self._live = overlay, LiveEstimates(map_)
+        self._bench, self._foresight = bench, Foresight()
+        self._believed = PAPER
         self._view: View | None = None
         self._question: Question | None = None
         self._begun = False
-        self.panel = RunPanel(protocol, amplifier, presets)
+        self._looked_s = 0.0
+        self.panel = RunPanel(protocol, bench, presets, theme)
         self.right = LivePane(feed, map_, theme)
         self.right.again_pressed.connect(self.again_pressed)
         self.response, self.points, self.plots = self.right.response, self.right.points, self.right.plots
@@ -60,11 +72,14 @@ class MeasurePage(QSplitter):
         """Take other colours."""
         self.right.set_theme(theme)
         self.log.set_theme(theme)
+        self.panel.told.set_theme(theme)
 
     def show_view(self, view: View) -> None:
         """Show a view."""
         self.panel.show_view(view)
         self.right.show_view(view, self.panel.kind)
+        if view.busy and (self._view is None or view.points is not self._view.points or not self._view.busy):
+            self._live.ask(view.points, self._believed)
         self._view = view
         self.log.show_view(view)
 
@@ -75,21 +90,50 @@ class MeasurePage(QSplitter):
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
         self.right.refresh()
+        self.panel.told.show_told(self._live.newest)
         if self._begun and self._question is not None:
             self._overlay.ask(self._question)
+            self._look_again()
+            self._foresee()
         try:
             curve = self._overlay.ready()
         except ParameterError:  # the form admits what the model cannot answer: there is no curve, and nothing else
             return
         if curve is not None:
+            self._believed = curve.believed
             self.right.show_curve(curve)
+
+    def _foresee(self) -> None:
+        """Rehearse the form with the model; while a run goes on there is nothing to decide."""
+        protocol, bench = self.panel.protocol, self._bench()
+        if protocol is None or bench is None or self._view is None or self._view.busy:
+            self.panel.show_cautions(())
+            return
+        self._foresight.ask(Intent(protocol, bench, self._believed, self._folder))
+        self.panel.show_cautions(self._foresight.words)
+
+    def _look_again(self) -> None:
+        """Somebody may have accepted another calibration meanwhile, here or at a command line."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s > LOOK_S:
+            self._looked_s = now_s
+            self._overlay.look_again()
 
     def _ask(self) -> None:
         """Want the curve that belongs to the form."""
         if self._view is not None:
             self.show_view(self._view)  # another protocol may want another plot
         if (protocol := self.panel.protocol) is not None:
-            self._question = question_of(protocol)
+            self._question = question_of(protocol, self._folder, self.panel.specimen.text().strip())
+
+    @property
+    def _folder(self) -> Path:
+        return Path(self.panel.folder.text().strip()).expanduser()
+
+    def end(self) -> None:
+        """End what works beside the window."""
+        self._live.close()
+        self._foresight.close()
 
     def restore(self, settings: QSettings) -> None:
         """Be as it was when it was last closed."""

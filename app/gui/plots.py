@@ -3,12 +3,16 @@
 import math
 from typing import Any
 
+import numpy as np
 import pyqtgraph as pg
+from numpy.typing import NDArray
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPen
-from PySide6.QtWidgets import QGraphicsSimpleTextItem
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
+from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem
 
 from app.gui.theme import Theme
+
+Array = NDArray[np.float64]
 
 
 def trace_pen(colour: str) -> QPen:
@@ -90,6 +94,41 @@ def simulated_mark(plot: Any, font: QFont) -> Corner:
     bold = QFont(font)
     bold.setBold(True)
     return Corner(plot, "SIMULATED", bold, right=True)
+
+
+class Fill(QGraphicsPathItem):
+    """The ground between two curves, translucent: where a curve lies within its errors."""
+
+    ALPHA = 56
+
+    def __init__(self, plot: Any) -> None:
+        super().__init__()
+        self.setPen(QPen(Qt.PenStyle.NoPen))
+        self.setZValue(-10)
+        self.ends: tuple[Array, Array, Array] | None = None
+        """What is drawn: x, lower and upper end, each (N,)."""
+        plot.addItem(self, ignoreBounds=True)
+
+    def colour(self, ink: str) -> None:
+        fill = QColor(ink)
+        fill.setAlpha(self.ALPHA)
+        self.setBrush(QBrush(fill))
+
+    def show_between(self, x: Array, low: Array, high: Array) -> None:
+        """Fill between two curves over x; a stretch where one of them is nowhere stays empty."""
+        self.ends = (x, low, high)
+        path = QPainterPath()
+        there = np.isfinite(low) & np.isfinite(high)
+        for part in np.split(np.arange(x.size), np.flatnonzero(np.diff(there)) + 1):
+            if part.size > 1 and there[part[0]]:
+                around = np.concatenate((low[part], high[part][::-1]))
+                path.addPath(pg.arrayToQPath(np.concatenate((x[part], x[part][::-1])), around))
+        self.setPath(path)
+
+    def empty(self) -> None:
+        """Nothing is known of the errors."""
+        self.ends = None
+        self.setPath(QPainterPath())
 
 
 def calm_range(low: float, high: float, present: tuple[float, float] | None) -> tuple[float, float]:

@@ -1,24 +1,24 @@
 """Amplitude over frequency: points as they arrive, on the model's curve, above the line where skin feels them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
+from app.gui.curve_band import CurveBand
 from app.gui.form import mark
 from app.gui.plots import Corner, calm_range, paint, quiet, simulated_mark
 from app.gui.selection import Selection
+from app.gui.series import SAMPLE, SERIES, sample
 from app.gui.strip import SHOWS, Strip
 from app.gui.theme import Theme
 from app.overlay import Curve
 from app.sentences import estimate_words, point_words
 from protocols.events import RunEnded
-from protocols.protocol import Protocol
 from protocols.quality import Quality
 
 AXIS_WIDTH = 62
@@ -26,30 +26,8 @@ FELT_UM = 50.0
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.perception`)."""
 
 
-HINT = "hollow: not usable, point at it for the reason"
-
-
-@dataclass(frozen=True, slots=True)
-class _Series:
-    """One way to state the amplitude: its name, its symbol, its line, and its column times a factor."""
-
-    words: str
-    symbol: str
-    line: Qt.PenStyle
-    size_px: int
-    column: str
-    factor: float
-
-
-SERIES = (
-    _Series("max − min", "o", Qt.PenStyle.SolidLine, 11, "peak_to_peak", 1e6),
-    _Series("2 × fundamental", "s", Qt.PenStyle.DashLine, 6, "fundamental", 2e6),
-)
-
-
-def draws(kind: type[Protocol]) -> bool:
-    """Whether a protocol's points are amplitudes over frequency."""
-    return all(hasattr(kind.point_type, series.column) for series in SERIES)
+HINT = "hollow: not usable"
+HINT_TIP = "A hollow point is one that no fit may use; point at it for the reason"
 
 
 class ResponsePlot(QWidget):
@@ -78,6 +56,7 @@ class ResponsePlot(QWidget):
         self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=beside)
         self._felt.label.setFont(self.font())
         self._plot.addItem(self._felt)
+        self.band = CurveBand(self._plot)
         self._lines = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
         self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
         self.scatters = [
@@ -90,6 +69,7 @@ class ResponsePlot(QWidget):
         self.found = Corner(self._plot, "", self.font(), right=False)
         self.shown = [QCheckBox(series.words) for series in SERIES]
         self.hint = QLabel()
+        self.hint.setToolTip(HINT_TIP)
         self.strip = Strip(self._plot, AXIS_WIDTH, theme)
         self.below = QComboBox()
         self.below.addItems([f"below: {words}" for words in SHOWS])
@@ -120,8 +100,9 @@ class ResponsePlot(QWidget):
         for at, (box, line, bars) in enumerate(zip(self.shown, self._lines, self._bars, strict=True)):
             line.setPen(pg.mkPen(theme.model, width=1.5, style=SERIES[at].line))
             bars.setData(pen=pg.mkPen(self._ink(at)))
-            box.setIcon(self._sample(at))
-            box.setIconSize(QSize(46, 14))
+            box.setIcon(sample(SERIES[at], theme.model, self._ink(at), self.devicePixelRatioF()))
+            box.setIconSize(SAMPLE)
+        self.band.set_theme(theme)
         self.strip.set_theme(theme)
         self._draw_points()
 
@@ -136,6 +117,7 @@ class ResponsePlot(QWidget):
         self._top_hz = curve.question.top_hz
         for series, line in zip(SERIES, self._lines, strict=True):
             line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
+        self.band.show_curve(curve)
         self.strip.draw(self._points, curve)
         self._scale()
 
@@ -204,7 +186,9 @@ class ResponsePlot(QWidget):
             box.setToolTip(f"{SERIES[at].words}: measured points and the model's curve")
             box.toggled.connect(self._toggled)
             head.addWidget(box)
+        head.addWidget(self.band.box)
         head.addWidget(self.again)
+        head.addWidget(self.band.source)
         self.hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.hint.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         head.addWidget(self.hint, 1)
@@ -216,6 +200,7 @@ class ResponsePlot(QWidget):
             box, *drawn = items
             for item in drawn:
                 item.setVisible(box.isChecked())
+        self.band.choose([box.isChecked() for box in self.shown])
         self._scale()
 
     def _show_below(self, at: int) -> None:
@@ -224,25 +209,6 @@ class ResponsePlot(QWidget):
 
     def _ink(self, at: int) -> str:
         return (self._theme.measured, self._theme.second)[at]
-
-    def _sample(self, at: int) -> QIcon:
-        """Symbol and line as a legend shows them."""
-        ratio = self.devicePixelRatioF()
-        pixmap = QPixmap(QSize(46, 14) * ratio)
-        pixmap.setDevicePixelRatio(ratio)
-        pixmap.fill(Qt.GlobalColor.transparent)
-        painter = QPainter(pixmap)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(QColor(self._theme.model), 1.8, SERIES[at].line))
-        painter.drawLine(QPointF(15, 7), QPointF(45, 7))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(self._ink(at)))
-        if SERIES[at].symbol == "o":
-            painter.drawEllipse(QPointF(6, 7), 4.5, 4.5)
-        else:
-            painter.drawRect(3, 4, 6, 6)
-        painter.end()
-        return QIcon(pixmap)
 
 
 def _tip(x: float, y: float, data: str) -> str:

@@ -1,6 +1,6 @@
 """What shall be measured, on what, and where it is kept: the form, specimen and folder, the rehearsal, and Run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
@@ -19,18 +19,20 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.gui.estimates_panel import EstimatesPanel
 from app.gui.form import Form, mark
 from app.gui.preset_button import PresetButton
+from app.gui.theme import Theme
 from app.presets import Presets
 from app.view import View, volts_between
 from app.words import duration, size
-from drivers.amplifier import HvAmplifier
+from drivers.bench import Bench
 from drivers.errors import BenchError
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 
-GetAmplifier = Callable[[], HvAmplifier | None]
+GetBench = Callable[[], Bench | None]
 
 
 class RunPanel(QWidget):
@@ -38,7 +40,7 @@ class RunPanel(QWidget):
 
     Args:
         protocol: fills the form at first.
-        amplifier: the guard that the rehearsal asks; None while there is no bench.
+        bench: what the rehearsal asks; None while there is no bench.
         presets: the lab's own sets of parameters.
     """
 
@@ -46,10 +48,15 @@ class RunPanel(QWidget):
     changed = Signal()
 
     def __init__(
-        self, protocol: Protocol, amplifier: GetAmplifier, presets: Presets, parent: QWidget | None = None
+        self,
+        protocol: Protocol,
+        bench: GetBench,
+        presets: Presets,
+        theme: Theme,
+        parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
-        self._amplifier = amplifier
+        self._bench = bench
         self._texts: dict[str, Protocol] = {}
         """What the forms of the other protocols said last."""
         self._can_run, self._why = False, ""
@@ -69,6 +76,12 @@ class RunPanel(QWidget):
         self.rehearsal = QLabel()
         self.rehearsal.setWordWrap(True)
         self.rehearsal.setTextFormat(Qt.TextFormat.PlainText)
+        self.cautions = QLabel()
+        self.cautions.setWordWrap(True)
+        self.cautions.setTextFormat(Qt.TextFormat.PlainText)
+        mark(self.cautions, "caution")
+        self.cautions.hide()
+        self.told = EstimatesPanel(theme)
         self.run = QPushButton("Run   (F5 or Ctrl+R)")
         self.run.setProperty("kind", "go")
         self.presets = PresetButton(presets)
@@ -124,6 +137,7 @@ class RunPanel(QWidget):
         """Whether a run may begin, and why not."""
         for editor in (self.form, self.choice, self.specimen, self.folder, self._browse, self.presets):
             editor.setEnabled(not view.busy)
+        self.rehearsal.setVisible(not view.busy)
         self._can_run = view.can_run
         self._why = (
             "a run is going on"
@@ -136,13 +150,20 @@ class RunPanel(QWidget):
         )
         self._judge()
 
+    def show_cautions(self, words: Sequence[str]) -> None:
+        """What is foreseen to go wrong with what the form says."""
+        text = "\n".join(f"⚠ {each}." for each in words)
+        if text != self.cautions.text():
+            self.cautions.setText(text)
+            self.cautions.setVisible(bool(words))
+
     def _edited(self) -> None:
         self._judge()
         self.changed.emit()
 
     def _judge(self) -> None:
         """Rehearse what the form says, and allow Run or not."""
-        about = (self.form.checked, self._amplifier())
+        about = (self.form.checked, self._bench())
         if about != self._rehearsed:
             self._rehearsed, self._told = about, self._rehearse()
         words, fault = self._told
@@ -159,11 +180,11 @@ class RunPanel(QWidget):
         if protocol is None:
             words = self.form.checked.faults.get("", "") or "Correct the field marked above."
             return f"✕ {words}", True
-        amplifier = self._amplifier()
-        if amplifier is None:
+        bench = self._bench()
+        if bench is None:
             return "Duration, volts and file size are told when the bench is there.", False
         try:
-            told = rehearse(protocol, amplifier)
+            told = rehearse(protocol, bench.amplifier)
         except BenchError as refusal:
             return f"✕ {refusal}", True
         entries = "1 point" if told.entries == 1 else f"{told.entries} points"
@@ -215,6 +236,8 @@ class RunPanel(QWidget):
         layout.addWidget(scroll, 1)
         layout.addLayout(where)
         layout.addWidget(self.rehearsal)
+        layout.addWidget(self.cautions)
+        layout.addWidget(self.told)
         layout.addWidget(self.run)
 
 

@@ -268,7 +268,7 @@ class RunsPage(QStackedWidget):
         self.side.say("")
         self.opened.show_run(run)
         peak_to_peak = run.parameters.get("peak_to_peak_v", 5.0)
-        self._overlay.ask(Question(1.05 * run.top_hz, float(peak_to_peak) / 2))
+        self._overlay.ask(Question(1.05 * run.top_hz, float(peak_to_peak) / 2, run.path.parent, run.specimen))
         self.setCurrentWidget(self.opened)
         self.opened.back.setFocus()
 

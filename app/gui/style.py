@@ -10,7 +10,9 @@ def sheet(theme: Theme) -> str:
     QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
     QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
+    QLabel[kind="small"] {{ font-size: 8pt; }}
     QLabel[kind="fault"] {{ color: {theme.bad}; font-size: 9pt; }}
+    QLabel[kind="caution"] {{ color: {theme.warn}; font-size: 9pt; }}
     QLabel[kind="caption"] {{ font-weight: bold; }}
     QLabel[kind="moved"] {{ color: {theme.accent}; font-weight: bold; }}
     QLabel[kind="note-size"] {{ color: {theme.dim}; }}

@@ -23,7 +23,7 @@ from app.presets import Presets, presets_path
 from app.reducer import reduce
 from app.session import Refused, watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
-from drivers.amplifier import HvAmplifier
+from drivers.bench import Bench
 from protocols.protocol import Protocol
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class MainWindow(QMainWindow):
         self.notices = Notices(self)
         presets = Presets(presets_path())
         self.measure = MeasurePage(
-            protocol, link.feed, self.overlay, config.amplifier.map, self._amplifier, presets, self.theme
+            protocol, link.feed, self.overlay, config.amplifier.map, self._bench, presets, self.theme
         )
         self.pages = Pages(
             [("Measure", lambda: self.measure), ("Explore", self._make_explore), ("Runs", self._make_runs)]
@@ -208,6 +208,7 @@ class MainWindow(QMainWindow):
             self._timer.stop()
             self._save()
             self.overlay.close()
+            self.measure.end()
             if EXPLORE in self.pages.made:
                 self.explore.end()
             if RUNS in self.pages.made:
@@ -248,9 +249,8 @@ class MainWindow(QMainWindow):
         self.pages.setCurrentIndex(EXPLORE)
         self.explore.lay_over(paths)
 
-    def _amplifier(self) -> HvAmplifier | None:
-        bench = self.link.session.bench
-        return bench.amplifier if bench is not None else None
+    def _bench(self) -> Bench | None:
+        return self.link.session.bench
 
     @property
     def explore(self) -> "ExplorePage":

@@ -2,12 +2,18 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.calibrations import Calibrations, calibrations_path, write
 from app.overlay import Curve, Overlay, Question
+from model.parameters import Tactor
 from model.quantity import ParameterError
+from model.response import amplifier_response
+from tests.app.calibrating import calibration
 
 
 @pytest.fixture
@@ -57,7 +63,7 @@ def test_a_known_curve_is_not_computed_again(overlay: Overlay) -> None:
     overlay.ask(Question(275.0, 1.0))
     wait_for(overlay)
     overlay.ask(Question(275.0, 2.5))
-    assert overlay.ready() is first
+    assert wait_for(overlay) is first
 
 
 def test_a_question_the_model_refuses_is_told_once(overlay: Overlay) -> None:
@@ -65,3 +71,50 @@ def test_a_question_the_model_refuses_is_told_once(overlay: Overlay) -> None:
     with pytest.raises(ParameterError, match="amplifier"):
         wait_for(overlay)
     assert overlay.ready() is None
+
+
+def test_the_curve_is_that_of_the_active_calibration_and_its_band_is_one_errors_worth(
+    overlay: Overlay, tmp_path: Path
+) -> None:
+    error = 2e-5
+    write(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, error)}),), 1))
+    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
+    assert curve.believed.words == "calibration 1 of T7, SIMULATED"
+    truth = amplifier_response(Tactor(k2=8e-3), curve.frequency_hz).peak_to_peak
+    np.testing.assert_allclose(curve.peak_to_peak, truth)
+    moved = amplifier_response(Tactor(k2=8e-3 + 1.96 * error), curve.frequency_hz).peak_to_peak
+    assert curve.band is not None
+    low, high = curve.band.peak_to_peak
+    np.testing.assert_allclose(high - curve.peak_to_peak, abs(moved - truth), rtol=0.1, atol=2e-6)
+    np.testing.assert_allclose(low + high, 2 * curve.peak_to_peak)
+
+
+def test_the_papers_values_have_no_band_and_say_so(overlay: Overlay, tmp_path: Path) -> None:
+    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
+    assert curve.band is None
+    assert curve.believed.words == "the paper's values"
+    write(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, 1e-5)}),), 0))
+    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
+    assert (curve.band, curve.believed.tactor) == (None, Tactor())
+    assert "no calibration of T7 is active" in curve.believed.words
+
+
+def test_another_calibration_is_seen_when_it_is_looked_for(overlay: Overlay, tmp_path: Path) -> None:
+    overlay.ask(Question(275.0, 2.5, tmp_path, "T7"))
+    assert wait_for(overlay).band is None
+    write(tmp_path, "T7", Calibrations((calibration(1, {"c0": (100.0, 5.0)}),), 1))
+    overlay.look_again()
+    deadline = time.monotonic() + 10
+    while (curve := overlay.ready()) is None or curve.band is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    assert curve.believed.tactor == replace(Tactor(), c0=100.0)
+
+
+def test_a_calibration_that_cannot_be_read_is_told_and_the_papers_values_stand_in(
+    overlay: Overlay, tmp_path: Path
+) -> None:
+    calibrations_path(tmp_path, "T7").write_text("{")
+    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
+    assert "cannot be read" in curve.believed.trouble
+    assert (curve.band, curve.believed.words) == (None, "the paper's values")

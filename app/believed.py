@@ -1,0 +1,72 @@
+"""What is believed of a specimen: its active calibration, the paper's values where it has none; and which of the two."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from model.parameters import Tactor
+
+if TYPE_CHECKING:
+    from model.uncertainty import Estimates
+
+Stamp = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Believed:
+    """A tactor, how well it is known, and who says so."""
+
+    tactor: Tactor
+    estimates: "Estimates | None"
+    """Those of the tactor's parameters that were identified; None where nothing has an error."""
+    words: str
+    trouble: str = ""
+    """Why it is not what one expects: a calibration that cannot be read."""
+    stamp: tuple[Path, Stamp] | None = None
+    """File and version that was read; None where there is none."""
+
+
+PAPER = Believed(Tactor(), None, "the paper's values")
+
+
+def believed(folder: Path | None, specimen: str, before: Believed = PAPER) -> Believed:
+    """What is believed of a specimen whose calibrations are kept in `folder`; `before` while its file is the same.
+
+    It never raises: what cannot be read is told in `trouble`, and the paper's values stand in.
+    """
+    if folder is None or not specimen:
+        return PAPER
+    from app import calibrations  # the model's numerics, for which no window waits
+    from app.calibrations import CalibrationError
+    from model.quantity import ParameterError
+
+    path = calibrations.calibrations_path(folder, specimen)
+    try:
+        file = path.stat()
+    except OSError:
+        return PAPER
+    stamp = (path, (file.st_mtime_ns, file.st_size, file.st_ino))
+    if before.stamp == stamp:
+        return before
+    try:
+        known = calibrations.read(folder, specimen)
+        if not known.active:
+            return Believed(PAPER.tactor, None, f"{PAPER.words}: no calibration of {specimen} is active", "", stamp)
+        active = known.get()
+        estimates, names = active.for_bands(), {f.name for f in fields(Tactor)}
+        at = [i for i, name in enumerate(estimates.names) if name in names]
+        told = _some(estimates, at) if at else None
+        simulated = ", SIMULATED" if active.simulated else ""
+        words = f"calibration {active.version} of {active.specimen}{simulated}"
+        return Believed(active.tactor(), told, words, "" if told else "nothing of it has an error", stamp)
+    except (CalibrationError, ParameterError) as error:
+        return Believed(PAPER.tactor, None, PAPER.words, str(error), stamp)
+
+
+def _some(estimates: "Estimates", at: list[int]) -> "Estimates":
+    from model.uncertainty import Estimates
+
+    names, values = tuple(estimates.names[i] for i in at), tuple(estimates.values[i] for i in at)
+    return Estimates(names, values, estimates.covariance[np.ix_(at, at)])

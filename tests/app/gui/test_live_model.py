@@ -1,0 +1,122 @@
+"""Under the points: the specimen's own curve with its band; beside them: what they tell so far, and what is foreseen."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication
+
+from app.believed import PAPER
+from app.calibrations import Calibrations, write
+from app.gui import measure_page
+from app.live_estimates import LiveEstimates
+from drivers.sensor import LaserSensor
+from model.amplifier import AmplifierMap
+from model.parameters import Tactor
+from model.response import amplifier_response
+from protocols.events import PointMeasured, RunEnded, Status
+from protocols.quality import Quality
+from protocols.sine_dwell import SinePoint
+from tests.app.calibrating import calibration
+from tests.app.gui.happenings import LIVE, OPENED
+from tests.app.gui.stage import Stage, until
+from tests.protocols.test_rehearsal import guard
+
+TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
+FREQUENCIES = (25.0, 75.0, 125.0, 150.0, 160.0, 175.0, 200.0, 250.0)
+
+
+def measured() -> list[SinePoint]:
+    """Points as the true tactor gives them, each with an error of a thousandth."""
+    driven = amplifier_response(TRUTH, np.array(FREQUENCIES))
+    flags = int(Quality.GOOD | Quality.SIMULATED)
+    return [
+        SinePoint(
+            f, top, 1e-3 * top, abs(w), 1e-3 * abs(w), float(np.angle(w)), 1e-3, 0.1, (abs(w),), 2.5, 2.5, 0, 0, 5e-7,
+            80, flags,
+        )
+        for f, top, w in zip(FREQUENCIES, driven.peak_to_peak, driven.fundamental, strict=True)
+    ]  # fmt: skip
+
+
+def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
+    """The colour of the response plot at a place on its axes."""
+    canvas = stage.window.measure.response.canvas
+    box = canvas.getPlotItem().getViewBox()
+    at = canvas.mapFromScene(box.mapViewToScene(QPointF(hz, um)))
+    return canvas.grab().toImage().pixelColor(at)
+
+
+def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_open(
+    stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measure_page, "LOOK_S", 0.0)
+    response = stage.window.measure.response
+    until(lambda: response.band.source.text() == "curve: the paper's values", "for the paper's curve")
+    assert not response.band.box.isEnabled()
+    write(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
+    until(response.band.box.isEnabled, "for the band")
+    assert response.band.source.text() == "curve: calibration 1 of T7, SIMULATED"
+    ends = response.band.fills[0].ends
+    assert ends is not None
+    x, low, high = ends
+    top = int(high.argmax())
+    beside = float((high[top] + (low[top] + high[top]) / 2) / 2)
+    assert high[top] - low[top] > 100
+    QApplication.processEvents()
+    ground = QColor(stage.window.theme.panel)
+    assert shown_ink(stage, float(x[top]), beside) != ground
+    response.band.box.click()
+    assert shown_ink(stage, float(x[top]), beside) == ground
+
+
+def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    panel = stage.window.measure.panel
+    assert not panel.told.isVisible()
+    assert not panel.rehearsal.isVisible()
+    for at, point in enumerate(measured()):
+        stage.happen(PointMeasured(at, point, at))
+    until(lambda: panel.told.caption.text() == "What 8 usable points tell", "for the fit")
+    assert panel.told.isVisible()
+    (mass, value, shrinking), *_ = panel.told.rows
+    assert mass.text() == "added mass"
+    number, error = (float(word) for word in value.text().removesuffix(" g").split(" ± "))
+    assert abs(number - 8.2) < 4 * error < 0.2
+    assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
+    assert "the paper's values" in panel.told.note.text()
+    stage.happen(RunEnded(Status.COMPLETED, "done", "run.h5"))
+    assert panel.rehearsal.isVisible()
+    stage.window.run()
+    until(lambda: not panel.told.isVisible(), "for the next run's empty panel")
+
+
+def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -> None:
+    live = LiveEstimates(AmplifierMap())
+    points = measured()
+    *_, all_of_them = live.tell((tuple(points), PAPER))
+    bad = replace(points[3], quality=int(Quality.CLIPPED))
+    *_, without = live.tell(((*points[:3], bad, *points[4:]), PAPER))
+    assert (all_of_them.points, without.points) == (8, 7)
+    assert {e.name: e.value for e in without.estimates} == pytest.approx(
+        {"m_add": TRUTH.m_add, "c0": TRUTH.c0, "mu": TRUTH.mu}, rel=1e-4
+    )
+
+
+def test_a_stroke_beyond_the_sensors_range_is_foreseen_beside_the_rehearsal(stage: Stage) -> None:
+    near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
+    stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={})
+    stage.happen(OPENED)
+    panel = stage.window.measure.panel
+    until(lambda: "leave the sensor's range" in panel.cautions.text(), "for the caution")
+    assert panel.cautions.isVisible()
+    assert "Foreseen with the paper's values" in panel.cautions.text()
+    assert panel.ready, "a caution is no refusal"
+    panel.form.rows["peak_to_peak_v"].set("0.5 V")
+    until(lambda: panel.cautions.text() and "sensor" not in panel.cautions.text(), "for another rehearsal")
