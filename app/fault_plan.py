@@ -8,13 +8,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.build import Laboratory
 from app.exits import UsageError
-from app.session import SessionEvent
+from app.session import Connected, SessionEvent
 from protocols.events import RunStarted
 from sim_hardware.faults import FAULTS
 
-Connect = Callable[[], AbstractContextManager[Laboratory]]
+Connect = Callable[[], AbstractContextManager[Connected]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +47,14 @@ class FaultPlan:
 
     def __init__(self, faults: Sequence[PlannedFault] = ()) -> None:
         self._due = sorted(faults, key=lambda fault: fault.after_s)
-        self._laboratory: Laboratory | None = None
+        self._laboratory: Connected | None = None
         self._begin_s: float | None = None
 
     def around(self, connect: Connect) -> Connect:
         """The same way to a bench, known to this plan from then on."""
 
         @contextmanager
-        def connected() -> Iterator[Laboratory]:
+        def connected() -> Iterator[Connected]:
             with connect() as laboratory:
                 self._laboratory = laboratory
                 try:
@@ -66,16 +65,21 @@ class FaultPlan:
         return connected
 
     def inject(self, name: str) -> None:
-        """Break something now. For the run's thread, or while no run is on.
+        """Break something now; it may take as long as the bench takes to answer.
 
         Raises:
             UsageError: the bench is not open, or is a real one.
+            BenchError: the simulated bench has died.
         """
         self._hands().inject(name)
 
     def clear(self, name: str | None = None) -> None:
         """Mend one fault, or all. As `inject`."""
         self._hands().clear(name)
+
+    def broken(self) -> tuple[str, ...]:
+        """What is broken now, as the bench itself says; nothing where none is open."""
+        return () if self._laboratory is None else tuple(self._hands().broken())
 
     def __call__(self, event: SessionEvent) -> None:
         if self._laboratory is None:
@@ -99,3 +103,5 @@ class Hands(Protocol):
     def inject(self, fault: str) -> None: ...
 
     def clear(self, fault: str | None = None) -> None: ...
+
+    def broken(self) -> Sequence[str]: ...

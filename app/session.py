@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.bench import Bench
 from drivers.errors import BenchError
@@ -74,6 +74,10 @@ class Connected(Protocol):
     @property
     def operator(self) -> Operator | None:
         """Answers prompts by itself (a simulated operator), or None where a person must."""
+
+    @property
+    def control(self) -> Any:
+        """Reaches into a simulated bench, to break and mend it; None for a real one."""
 
 
 @dataclass(frozen=True, slots=True)

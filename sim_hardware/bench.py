@@ -183,6 +183,10 @@ class VirtualBench:
         for listener in self._listeners:
             listener()
 
+    def broken(self) -> tuple[str, ...]:
+        """Names of the faults that are present."""
+        return self.faults.all_active()
+
     def report(self, tolerance_v: float = 0.02) -> HistoryReport:
         """What the amplifier's input really saw until now."""
         rest_v = self.truth.amplifier.map.rest_v

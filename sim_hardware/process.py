@@ -112,6 +112,10 @@ class BenchProcess:
         """Repair one fault, or all."""
         self.control("clear", fault=fault)
 
+    def broken(self) -> tuple[str, ...]:
+        """Names of the faults that are present."""
+        return tuple(self.control("faults"))
+
     def report(self, tolerance_v: float = 0.02) -> HistoryReport:
         """What the amplifier's input really saw until now."""
         return HistoryReport(**self.control("report", tolerance_v=tolerance_v))

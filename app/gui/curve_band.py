@@ -5,7 +5,7 @@ from typing import Any
 
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QIcon, QPixmap
-from PySide6.QtWidgets import QCheckBox, QLabel
+from PySide6.QtWidgets import QCheckBox, QLabel, QSizePolicy
 
 from app.gui.form import mark
 from app.gui.plots import Fill
@@ -27,6 +27,7 @@ class CurveBand:
         self.box.setIconSize(QSize(24, 14))
         self.box.toggled.connect(lambda _: self._show())
         self.source = QLabel()
+        self.source.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         mark(self.source, "note")
         self._series: Sequence[bool] = [True for _ in SERIES]
 

@@ -60,6 +60,7 @@ class EstimatesPanel(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme, self._told = theme, Told()
+        self._busy = False
         self.caption, self.note = QLabel(), QLabel()
         mark(self.caption, "caption")
         mark(self.note, "note")
@@ -107,4 +108,12 @@ class EstimatesPanel(QWidget):
         rests = f"Everything else as in {told.believed.words}; the sensor's gain is taken as exact."
         self.note.setText(rests if estimates else told.words.capitalize() if told.words else "")
         self.note.setToolTip(told.words)
-        self.setVisible(bool(told.points))
+        self._show()
+
+    def allow(self, busy: bool) -> None:
+        """Only while points arrive: what the run ended with stands above the response."""
+        self._busy = busy
+        self._show()
+
+    def _show(self) -> None:
+        self.setVisible(self._busy and bool(self._told.points))

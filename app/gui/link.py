@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from app.fault_plan import FaultPlan
 from app.gui.feed import LiveFeed
 from app.gui.mailbox import MailboxOperator
 from app.session import Connected, Observer, Session, SessionEvent
@@ -48,7 +49,9 @@ class Link:
 
     def __init__(self, connect: Connect, make_session: MakeSession = Session) -> None:
         self.mailbox, self.feed = MailboxOperator(), LiveFeed()
-        self._connect, self._make_session = connect, make_session
+        self.faults = FaultPlan()
+        """Hands that break and mend a simulated bench."""
+        self._connect, self._make_session = self.faults.around(connect), make_session
         self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
         self.session = self._begin()
 

@@ -167,13 +167,15 @@ class ResponsePlot(QWidget):
 
     def _tell_apart(self) -> None:
         """Say it where curve and points do not belong to the same drive: the form was changed after the run."""
-        words, curve_v = HINT, None if self._curve is None else 2 * self._curve.question.amplitude_v
+        hollow = any(not Quality(p.quality).usable for p in self._points)
+        words, curve_v = HINT if hollow else "", None if self._curve is None else 2 * self._curve.question.amplitude_v
         if self._points and curve_v is not None:
             points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
             if abs(points_v - curve_v) > 0.02 * curve_v:
                 words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
         self.hint.setText(words)
-        mark(self.hint, "note" if words == HINT else "fault")
+        self.hint.setVisible(bool(words))
+        mark(self.hint, "fault" if words and words != HINT else "note")
 
     def _head(self) -> QHBoxLayout:
         head = QHBoxLayout()
@@ -188,10 +190,10 @@ class ResponsePlot(QWidget):
             head.addWidget(box)
         head.addWidget(self.band.box)
         head.addWidget(self.again)
-        head.addWidget(self.band.source)
+        head.addWidget(self.band.source, 3)
         self.hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.hint.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        head.addWidget(self.hint, 1)
+        head.addWidget(self.hint, 2)
         head.addWidget(self.below)
         return head
 

@@ -138,6 +138,7 @@ class RunPanel(QWidget):
         for editor in (self.form, self.choice, self.specimen, self.folder, self._browse, self.presets):
             editor.setEnabled(not view.busy)
         self.rehearsal.setVisible(not view.busy)
+        self.told.allow(view.busy)
         self._can_run = view.can_run
         self._why = (
             "a run is going on"
@@ -210,7 +211,7 @@ class RunPanel(QWidget):
         scroll.setWidgetResizable(True)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setMinimumHeight(60)
+        scroll.setMinimumHeight(40)
         scroll.viewport().setAutoFillBackground(False)
         self.form.setAutoFillBackground(False)
         self._browse.setText("…")

@@ -54,6 +54,8 @@ def sheet(theme: Theme) -> str:
     QSplitter::handle:hover {{ background: {theme.line}; }}
     QScrollArea {{ border: none; background: transparent; }}
     QFrame[kind="panel"] {{ background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 6px; }}
+    QFrame[kind="broken"] {{ background: {theme.panel}; border: 4px dashed {theme.simulated}; border-radius: 6px; }}
+    QFrame[kind="broken"] QLabel {{ color: {theme.simulated}; font-size: 11pt; font-weight: bold; }}
     QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
     QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
     QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.bad}; border-radius: 6px; }}

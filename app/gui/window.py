@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
 from app.gui.bench_bar import BenchBar
+from app.gui.fault_panel import FaultPanel
 from app.gui.link import Link
 from app.gui.measure_page import MeasurePage
 from app.gui.notices import Notices
@@ -24,6 +25,7 @@ from app.reducer import reduce
 from app.session import Refused, watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
 from drivers.bench import Bench
+from protocols.events import Noted
 from protocols.protocol import Protocol
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ class MainWindow(QMainWindow):
         self.overlay = Overlay(amplifier=config.amplifier.map)
         self.bar = BenchBar(self.theme)
         self.notices = Notices(self)
+        self.faults = FaultPanel(link.faults, self) if config.simulated else None
         presets = Presets(presets_path())
         self.measure = MeasurePage(
             protocol, link.feed, self.overlay, config.amplifier.map, self._bench, presets, self.theme
@@ -213,6 +216,8 @@ class MainWindow(QMainWindow):
                 self.explore.end()
             if RUNS in self.pages.made:
                 self.runs.end()
+            if self.faults is not None:
+                self.faults.end()
             event.accept()
             return
         event.ignore()
@@ -244,6 +249,8 @@ class MainWindow(QMainWindow):
         self.notices.show_view(self.view)
         self.notices.show_prompt(self.view.prompt, self.link.mailbox.waiting)
         self.pages.show_view(self.view)
+        if self.faults is not None:
+            self.faults.show_view(self.view)
 
     def _explore(self, paths: list[Path]) -> None:
         self.pages.setCurrentIndex(EXPLORE)
@@ -271,6 +278,10 @@ class MainWindow(QMainWindow):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(6)
         layout.addWidget(self.bar)
+        if self.faults is not None:
+            layout.addWidget(self.faults)
+            self.pages.setCornerWidget(self.faults.corner)
+            self.faults.told.connect(lambda words: self.link.observe(Noted(words)))
         layout.addWidget(self.notices)
         inner = QVBoxLayout()
         inner.setContentsMargins(10, 0, 10, 8)

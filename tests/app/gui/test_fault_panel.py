@@ -1,0 +1,93 @@
+"""Faults of the simulated bench from the window: ticked, they break the bench that runs; what is broken cannot be missed."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.build import connect
+from app.config import BenchConfig
+from app.gui.link import Link
+from app.gui.window import MainWindow
+from protocols.sine_dwell import SineDwell
+from sim_hardware.faults import FAULTS
+from tests.app.gui.happenings import OPENED
+from tests.app.gui.stage import OpenStage, Stage, end, press, until
+
+SHIFT = Qt.KeyboardModifier.ShiftModifier
+
+
+@pytest.fixture
+def window(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, no_widget_left_behind: None
+) -> Iterator[MainWindow]:
+    """On the virtual clock; the bench thread waits at every point until the window has drawn it."""
+    protocol = SineDwell(frequencies_hz=(100.0,) * 400, record_s=0.2)
+    window = MainWindow(Link(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
+    window.show()
+    window.activateWindow()
+    assert QTest.qWaitForWindowActive(window, 5000)
+    until(lambda: window.view.can_run, "for the bench")
+    yield window
+    end(window)
+
+
+@pytest.mark.breaks_the_drive
+def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWindow) -> None:
+    faults = window.faults
+    assert faults is not None
+    assert faults.isHidden()
+    press(window, Qt.Key.Key_F5)
+    until(lambda: window.view.points, "for a point")
+    press(window, Qt.Key.Key_F9)
+    boxes = list(faults.boxes.values())
+    assert boxes[0].hasFocus()
+    box = faults.boxes["generator-power-off"]
+    for _ in range(boxes.index(box)):
+        QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
+    assert box.hasFocus()
+    QTest.keyClick(box, Qt.Key.Key_Space)
+    until(lambda: not window.view.busy, "for the run")
+    assert window.bar.state.words == "UNSAFE"
+    until(lambda: faults.broken, "for the bench's word")
+    assert window.link.faults.broken() == ("generator-power-off",)
+    assert faults.band.isVisible()
+    assert FAULTS["generator-power-off"] in faults.words.text()
+    assert any("Broken on purpose: the generator loses mains" in m.words for m in window.view.messages)
+    press(window, Qt.Key.Key_F9)
+    assert not faults.list.isVisible()
+    assert faults.band.isVisible(), "what is broken stays in sight"
+    press(window, Qt.Key.Key_F9, SHIFT)
+    until(lambda: not faults.broken, "for the repair")
+    assert window.link.faults.broken() == ()
+    assert faults.isHidden()
+
+
+def test_stop_is_one_key_while_the_list_is_open(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    press(stage.window, Qt.Key.Key_F9)
+    stage.press(Qt.Key.Key_Escape)
+    assert stage.session.stops == 1
+
+
+def test_without_a_bench_a_fault_is_refused_in_words_and_stays_unticked(stage: Stage) -> None:
+    faults = stage.window.faults
+    assert faults is not None
+    press(stage.window, Qt.Key.Key_F9)
+    box = faults.boxes["card-unplugged"]
+    QTest.mouseClick(box, Qt.MouseButton.LeftButton, pos=box.rect().center() - box.rect().bottomRight() / 2.5)
+    until(lambda: "open simulated bench" in faults.said.text(), "for the sentence")
+    assert not box.isChecked()
+
+
+def test_a_real_bench_offers_no_faults(
+    open_stage: OpenStage, config: BenchConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BenchConfig, "simulated", property(lambda _: False))
+    stage = open_stage()
+    assert stage.window.faults is None
+    assert stage.window.pages.cornerWidget() is None
