@@ -3,6 +3,7 @@
 import itertools
 import time
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QSettings, Qt
@@ -21,6 +22,7 @@ from protocols.sine_dwell import SineDwell
 from protocols.values import Estimate
 from tests.app.gui.happenings import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.app.gui.stage import OpenStage, Stage, until
+from tests.protocols.test_rehearsal import guard
 
 
 def prompted(stage: Stage) -> None:
@@ -313,9 +315,10 @@ def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> 
 
 
 class _Sensing:
-    """As much of a bench as the traces need."""
+    """As much of a bench as traces and rehearsal need."""
 
-    amplifier = None
+    amplifier = guard()
+    meters: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, stage: Stage) -> None:
         from drivers.sensor import LaserSensor
