@@ -45,7 +45,7 @@ class Band:
 
 def question_of(protocol: Protocol, folder: Path | None = None, specimen: str = "") -> Question:
     """The curve that belongs to a protocol's points on a specimen."""
-    frequencies = getattr(protocol, "frequencies_hz", (250.0,))
+    frequencies = getattr(protocol, "frequencies_hz", (getattr(protocol, "stop_hz", 250.0),))
     top_hz = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
     return Question(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2, folder, specimen)
 

@@ -24,6 +24,7 @@ from protocols.events import (
     Armed,
     Asked,
     AtRest,
+    CurveReady,
     GoingToRest,
     Paused,
     Playing,
@@ -74,7 +75,7 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
         case RunAsked(title):
             progress = Progress(title, 0, 0.0)
             view = replace(view, busy=True, progress=progress, outcome=None, trouble="", prompt=None)
-            return replace(view, points=(), entries=(), pausing=False, paused=False)
+            return replace(view, points=(), entries=(), curves=(), pausing=False, paused=False)
         case Refused(words):
             outcome = RunEnded(Status.FAILED, words, "")
             return replace(view, busy=False, progress=None, trouble=words, state=_resting(view), outcome=outcome)
@@ -114,6 +115,10 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
             if replaces is not None and replaces < len(points):
                 points[replaces] = replace(points[replaces], quality=points[replaces].quality | Quality.SUPERSEDED)
             return replace(view, points=(*points, point), entries=(*view.entries, entry))
+        case CurveReady(curve):
+            which = (curve.entry, curve.name, curve.label)
+            others = tuple(c for c in view.curves if (c.entry, c.name, c.label) != which)
+            return replace(view, curves=(*others, curve))
         case StopAsked() if view.busy and view.state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
             return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
         case GoingToRest():

@@ -12,6 +12,7 @@ from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, S
 from model.amplifier import AmplifierMap
 from protocols.events import Asked, AtRest, RunEnded, Status
 from protocols.quality import Quality
+from protocols.values import Curve
 
 UNSAFE_EXIT = 3
 
@@ -143,6 +144,8 @@ class View:
     points: tuple[Any, ...] = ()
     entries: tuple[int, ...] = ()
     """The entry of the plan each point belongs to."""
+    curves: tuple[Curve, ...] = ()
+    """What entries gave beside their points; one of each entry and label, the newest."""
     outcome: RunEnded | None = None
     unsafe: str = ""
     """The unsafe sentence, until it is acknowledged."""

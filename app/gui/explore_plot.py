@@ -10,19 +10,12 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore import Kept
 from app.explore_answer import Line, Measured, Picture
-from app.gui.plots import Corner, paint, quiet, round_step, simulated_mark
+from app.gui.plots import INKS, Corner, ink, paint, quiet, round_step, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
 AXIS_WIDTH = 62
-INKS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
 SERIES = ("max − min", "2 × fundamental")
-
-
-def ink(at: int, theme: Theme) -> QColor:
-    """The colour of the n-th thing among several."""
-    colour = QColor(INKS[at % len(INKS)])
-    return colour.lighter(160) if theme.dark else colour
 
 
 class ExplorePlot(QWidget):

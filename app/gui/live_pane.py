@@ -1,9 +1,11 @@
 """What is seen of a run while it goes on: the response or the protocol's own points, and below them the live traces."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QSplitter, QStackedWidget, QWidget
+from PySide6.QtWidgets import QPushButton, QSplitter, QStackedWidget, QWidget
 
+from app.gui.curves_plot import CurvesPlot
 from app.gui.feed import LiveFeed
+from app.gui.form import mark
 from app.gui.points_plot import PointsPlot
 from app.gui.response_plot import ResponsePlot
 from app.gui.series import draws
@@ -28,6 +30,14 @@ class LivePane(QSplitter):
         self.response = ResponsePlot(theme)
         self.points = PointsPlot(theme)
         self.plots = QStackedWidget()
+        self.curves = CurvesPlot(theme)
+        self.to_curves, self.to_points = _button("Show the curves"), _button("Show the points")
+        self._wants_points = False
+        self.points.head.addWidget(self.to_curves)
+        self.curves.head.addWidget(self.to_points)
+        self.to_curves.clicked.connect(lambda: self._choose(points=False))
+        self.to_points.clicked.connect(lambda: self._choose(points=True))
+        self.plots.addWidget(self.curves)
         for plot in (self.response, self.points):
             self.plots.addWidget(plot)
             plot.again_pressed.connect(self.again_pressed)
@@ -44,7 +54,7 @@ class LivePane(QSplitter):
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        for widget in (self.response, self.points, self.traces):
+        for widget in (self.response, self.points, self.curves, self.traces):
             widget.set_theme(theme)
 
     def show_view(self, view: View, otherwise: type[Protocol]) -> None:
@@ -52,16 +62,31 @@ class LivePane(QSplitter):
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         plot = self.response if draws(kind) else self.points
         self.points.show_kind(kind)
-        plot.show_simulated(view.simulated)
         plot.show_points(view.points, view.entries, view.can_run)
-        plot.show_found(view.outcome)
-        self.plots.setCurrentWidget(plot)
+        self.curves.show_curves(view.curves, bare=not any(hasattr(point, "mass") for point in view.points))
+        for each in (plot, self.curves):
+            each.show_simulated(view.simulated)
+            each.show_found(view.outcome)
+        self.to_curves.setVisible(bool(view.curves))
+        self.plots.setCurrentWidget(self.curves if view.curves and not self._wants_points else plot)
         self.traces.show_simulated(view.simulated)
 
     def show_curve(self, curve: Curve) -> None:
         """Show the model's curve under the points."""
         self.response.show_curve(curve)
+        self.curves.show_curve(curve)
+
+    def _choose(self, points: bool) -> None:
+        """Look at the points of a run that has curves, or at its curves."""
+        self._wants_points = points
+        self.plots.setCurrentWidget(self.points if points else self.curves)
 
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
         self.traces.refresh()
+
+
+def _button(words: str) -> QPushButton:
+    button = QPushButton(words)
+    mark(button, "choice")
+    return button

@@ -14,6 +14,8 @@ from app.gui.theme import Theme
 
 Array = NDArray[np.float64]
 
+INKS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
+
 
 def trace_pen(colour: str) -> QPen:
     """One pixel wide whatever the scaling: a wider pen costs more than the data (docs/decisions/0006-live-plot.md)."""
@@ -21,6 +23,12 @@ def trace_pen(colour: str) -> QPen:
     pen.setWidth(1)
     pen.setCosmetic(True)
     return pen
+
+
+def ink(at: int, theme: Theme) -> QColor:
+    """The colour of the n-th thing among several."""
+    colour = QColor(INKS[at % len(INKS)])
+    return colour.lighter(160) if theme.dark else colour
 
 
 def quiet(plot: Any, font: QFont) -> None:

@@ -56,7 +56,7 @@ class PointsPlot(QWidget):
         self.chosen = Selection(self.again, self._draw)
         self.again.clicked.connect(lambda: self.again_pressed.emit(self.chosen.take()))
         self.scatter.sigClicked.connect(lambda _, spots: self.chosen.toggle(self._shown, spots))
-        head = QHBoxLayout()
+        self.head = head = QHBoxLayout()
         for widget in (self.caption, self.again):
             head.addWidget(widget)
         head.addStretch()

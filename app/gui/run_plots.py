@@ -7,8 +7,7 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore_answer import Measured
-from app.gui.explore_plot import ink
-from app.gui.plots import Corner, few_ticks, paint, quiet, round_step, simulated_mark, trace_pen
+from app.gui.plots import Corner, few_ticks, ink, paint, quiet, round_step, simulated_mark, trace_pen
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 from app.reopening import Traces

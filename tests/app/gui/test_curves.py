@@ -1,0 +1,81 @@
+"""Curves that entries give beside their points are in the live plot as they arrive, with their errors and the model."""
+
+import numpy as np
+import pytest
+
+from app.gui.curves_plot import MOST_DRAWN, thinned
+from drivers.drive import PeriodicSweep
+from model.parameters import Tactor
+from model.response import amplifier_response
+from protocols.events import Armed, CurveReady, Playing, RunStarted
+from protocols.values import Column, Curve
+from tests.app.gui.happenings import OPENED
+from tests.app.gui.stage import Stage, until
+
+FREQUENCIES = np.linspace(25.0, 525.0, 501)
+
+
+def response(scale: float, entry: int = 0, label: str = "") -> Curve:
+    """The paper's tactor, `scale` times as responsive, with errors of a twentieth."""
+    modulus = scale * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
+    columns = {
+        "frequency": Column(FREQUENCIES, "Hz", ""),
+        "response": Column(modulus, "m/V", ""),
+        "response_errors": Column(0.05 * modulus, "m/V", ""),
+    }
+    return Curve("frequency response", label, "frequency", "response", columns, entry)
+
+
+def begin(stage: Stage, protocol: str) -> None:
+    panel = stage.window.measure.panel
+    panel.choice.setCurrentIndex(panel.choice.findData(protocol))
+    stage.happen(OPENED)
+    stage.window.run()
+    drive = PeriodicSweep(25.0, 525.0, 1.0, 9, 1.0, 2.5)
+    stage.happen(RunStarted(protocol, "run.h5", 9.0, 1, True), Armed(), Playing(drive))
+
+
+def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> None:
+    begin(stage, "sweep")
+    pane = stage.window.measure.right
+    assert pane.plots.currentWidget() is not pane.curves
+    stage.happen(CurveReady(response(1.0)))
+    assert pane.plots.currentWidget() is pane.curves
+    ((line, fill),) = pane.curves.drawn
+    um_a_volt = line.getData()[1]
+    truth = 1e6 * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
+    np.testing.assert_allclose(um_a_volt, truth)
+    assert fill.ends is not None
+    np.testing.assert_allclose(fill.ends[2] - fill.ends[1], 0.2 * truth)
+    assert pane.curves.mark.visible
+    until(pane.curves.model.isVisible, "for the model")
+    model_f, model = pane.curves.model.getData()
+    np.testing.assert_allclose(np.interp(FREQUENCIES, model_f, model), truth, rtol=0.01)
+    assert pane.curves.source.text() == "dashed: the paper's values"
+
+
+def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_are_a_button_away(stage: Stage) -> None:
+    begin(stage, "sweep")
+    pane = stage.window.measure.right
+    stage.happen(CurveReady(response(1.0, 0)), CurveReady(response(1.0, 1, "second")))
+    stage.happen(CurveReady(response(2.0, 0)))
+    assert len(pane.curves.drawn) == 2
+    tops = sorted(line.getData()[1].max() for line, _ in pane.curves.drawn)
+    assert tops[1] == pytest.approx(2 * tops[0])
+    pane.to_points.click()
+    assert pane.plots.currentWidget() is pane.points
+    stage.happen(CurveReady(response(1.5, 0)))
+    assert pane.plots.currentWidget() is pane.points, "who looks at the points is not taken away from them"
+    pane.to_curves.click()
+    assert pane.plots.currentWidget() is pane.curves
+    stage.window.run()
+
+
+def test_many_lines_are_drawn_as_extremes() -> None:
+    x = np.arange(100_001.0)
+    y = np.zeros_like(x)
+    y[77_777], y[5] = 3.0, -2.0
+    places, drawn = thinned(x, y)
+    assert drawn.size <= MOST_DRAWN + 2
+    assert (drawn.min(), drawn.max()) == (-2.0, 3.0)
+    assert abs(places[drawn.argmax()] - 77_777) < 60
