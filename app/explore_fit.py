@@ -1,11 +1,13 @@
 """The button that fits: the joint fit of `model.identification`, from where the sliders stand to where the runs are met best."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.explore import Setting
+from app.explore import SLIDERS, Setting
+from app.words import uncertain
 from model.amplifier import AmplifierMap
 from model.parameters import Membrane
 
@@ -18,11 +20,21 @@ FREE = ("m_add", "c0", "mu")
 SECONDS = 20.0
 
 
-def fit_runs(runs: Sequence["Measured"], setting: Setting) -> Setting:
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Where the runs are met best, and how well that is known."""
+
+    setting: Setting
+    words: str
+    """Each parameter with its standard error, and how well the model meets the points."""
+
+
+def fit_runs(runs: Sequence["Measured"], setting: Setting, cancelled: Callable[[], bool] | None = None) -> Fitted:
     """The setting that meets the runs best: added mass, damping and moment of a free tactor, or the skin under one.
 
     Raises:
         ValueError: a sentence why these cannot be fitted (`ParameterError`, `IdentificationError`).
+        FitCancelled: `cancelled` said so.
     """
     from model.identification.joint import joint_fit
     from model.identification.names import at
@@ -50,13 +62,22 @@ def fit_runs(runs: Sequence["Measured"], setting: Setting) -> Setting:
     )
     start = {name: setting.value(letter) for name, letter in names.items()}
     asked = Asked(tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start)
-    fit = joint_fit(Campaign(observed), asked, seconds=SECONDS)
+    fit = joint_fit(Campaign(observed), asked, cancelled=cancelled, seconds=SECONDS)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
         if not np.isfinite(found[name]):
             raise ValueError(f"{letter} cannot be told from these runs; lay over one with points around the resonance")
         setting = setting.moved(letter, float(f"{found[name]:.6g}"))
-    return setting
+    errors = {e.name: e.standard_error for e in fit.estimates()}
+    told = [_words(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
+    return Fitted(setting, "; ".join((*told, fit.verdict if fit.converged else fit.message)))
+
+
+def _words(letter: str, value: float, error: float) -> str:
+    slider = SLIDERS[letter]
+    if not np.isfinite(error):
+        return f"{slider.label}: not told by these runs"
+    return f"{slider.label} {uncertain(slider.factor * value, slider.factor * error, slider.unit)}"
 
 
 def _within(amplitude_v: float) -> float:

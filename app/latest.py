@@ -14,12 +14,18 @@ class Latest(Generic[Q, A]):
     Args:
         compute: yields one or several answers, the first as soon as it can.
         told: hears each answer, or the error that ended it, with the question; called in the thread.
+        rest_s: how long it rests between two answers, so that a window can paint the one before: two threads that both
+            compute hold each other up by several milliseconds at every turn. A new question ends the rest.
     """
 
     def __init__(
-        self, compute: Callable[[Q], Iterator[A]], told: Callable[[Q, A | Exception], None], name: str
+        self,
+        compute: Callable[[Q], Iterator[A]],
+        told: Callable[[Q, A | Exception], None],
+        name: str,
+        rest_s: float = 0.0,
     ) -> None:
-        self._compute, self._told = compute, told
+        self._compute, self._told, self._rest_s = compute, told, rest_s
         self._wake = threading.Condition()
         self._next: Q | None = None
         self._ended = False
@@ -44,7 +50,10 @@ class Latest(Generic[Q, A]):
             return self._ended
 
     def _overtaken(self) -> bool:
+        """Whether what follows is of no use any more; asked after a rest."""
         with self._wake:
+            if self._rest_s > 0 and self._next is None and not self._ended:
+                self._wake.wait(self._rest_s)
             return self._ended or self._next is not None
 
     def _work(self) -> None:

@@ -156,7 +156,7 @@ class CurvesPlot(QWidget):
         if not (x.size and y.size):
             return
         if self.model.isVisible():
-            y = np.append(y, self.model.getData()[1])
+            y = np.concatenate((y, self.model.getData()[1], () if self.band.ends is None else self.band.ends[2]))
         low, high = calm_range(min(float(y.min()), 0.0), float(y.max()), None)
         self._plot.setXRange(float(x.min()), float(x.max()), padding=0.01)
         self._plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)

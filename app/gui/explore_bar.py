@@ -105,6 +105,10 @@ class ExploreBar(QObject):
             self._chips.addWidget(chip)
             self.chips.append(chip)
 
+    def show_fitting(self, fitting: bool) -> None:
+        """The button that fits is the one that cancels while it does."""
+        self.fit.setText("Cancel the fit" if fitting else "Fit these")
+
     def start(self) -> QHBoxLayout:
         """Preset, free or on skin, undo and redo."""
         return _row(self.presets, self.free, self.skin, None, self.undo, self.redo)

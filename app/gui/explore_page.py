@@ -1,20 +1,25 @@
 """The Explore page: sliders for every number of the model, and at once what the skin would feel."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSettings, Qt, QTimer, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeySequence, QShortcut
-from PySide6.QtWidgets import QFileDialog, QLabel, QScrollArea, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QLabel, QSplitter, QWidget
 
 from app.explore import DRIVE, SLIDERS, TITLES, History, Kept, Setting, difference, preset, study_of
-from app.explore_answer import Answerer, Measured, Picture, Question, read_measured
+from app.explore_answer import Answerer, Measured, Picture, Question
+from app.explore_fit import Fitted
+from app.explore_study import write_study
+from app.gui.dropped import run_urls
 from app.gui.explore_bar import ExploreBar
+from app.gui.explore_layout import columns
 from app.gui.explore_plot import ExplorePlot
 from app.gui.form import mark
 from app.gui.jobs import Jobs
+from app.gui.overlaid_runs import Fit, OverlaidRuns
 from app.gui.shape_plot import ShapePlot
 from app.gui.sliders import SliderPanel
 from app.gui.theme import Theme
@@ -22,8 +27,8 @@ from app.latest import Latest
 from app.view import View
 from model.quantity import ParameterError
 
-Fit = Callable[[Sequence[Measured], Setting], Setting]
-"""Finds the setting with which the model comes closest to the runs, beginning from one; raises ValueError with a sentence."""
+PAINT_S = 0.02
+"""After the curve the worker waits so long for it to be painted, before it goes on with the motion."""
 
 SAY_MS = 8000
 """How long a remark stays."""
@@ -43,15 +48,15 @@ class ExplorePage(QSplitter):
         super().__init__(Qt.Orientation.Horizontal, parent)
         self.history = History(Setting())
         self.kept: tuple[Kept, ...] = ()
-        self.measured: tuple[Measured, ...] = ()
         self.picture: Picture | None = None
         self.shape_of: Question | None = None
         """The question whose whole answer is on the screen."""
-        self._fit, self._variable = fit, "delta"
+        self._variable = "delta"
         self._top_hz, self._at_hz = 250.0, 160.0
         self._asked: Question | None = None
         self._stale = True
-        self._jobs = Jobs("explore", self)
+        self._jobs = Jobs("explore study", self)
+        self.overlaid = OverlaidRuns(fit, self)
         self._latest: Latest[Question, Picture] | None = None
         self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.bar = ExploreBar(TITLES, fit is not None, self)
@@ -61,7 +66,12 @@ class ExplorePage(QSplitter):
         self.said.setTextFormat(Qt.TextFormat.PlainText)
         self._silence = QTimer(self, singleShot=True, interval=SAY_MS)
         self._silence.timeout.connect(lambda: self._say(""))
-        self._build()
+        for side in columns(self.sliders, self.said, self.plot, self.shape, self.bar):
+            self.addWidget(side)
+        self.setStretchFactor(0, 0)
+        self.setStretchFactor(1, 1)
+        self.setSizes([430, 820])
+        self.setChildrenCollapsible(False)
         self._connect()
         self.setAcceptDrops(True)
         self._series()
@@ -70,6 +80,11 @@ class ExplorePage(QSplitter):
     @property
     def setting(self) -> Setting:
         return self.history.now
+
+    @property
+    def measured(self) -> tuple[Measured, ...]:
+        """The runs that lie over the curves."""
+        return self.overlaid.runs
 
     # -- what the window does with a page ------------------------------------------------------------------------------
 
@@ -96,6 +111,7 @@ class ExplorePage(QSplitter):
         if self._latest is not None:
             self._latest.close()
         self._jobs.close()
+        self.overlaid.end()
 
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
@@ -168,24 +184,17 @@ class ExplorePage(QSplitter):
 
     def clear(self) -> None:
         """Take kept curves and measured runs away."""
-        self.kept, self.measured = (), ()
-        self._show_measured()
+        self.kept = ()
+        self.overlaid.clear()
         self._ask()
 
     def lay_over(self, paths: Sequence[Path]) -> None:
         """Measured runs over the curves."""
-        for path in paths:
-            if all(run.path != path for run in self.measured):
-                self._jobs.do(lambda path=path: read_measured(path), self._laid, self._failed)  # type: ignore[misc]
+        self.overlaid.lay_over(paths)
 
     def fit(self) -> None:
-        """Let the sliders go where the runs are met best."""
-        find, measured, setting = self._fit, self.measured, self.setting
-        if find is None or not measured:
-            self._say("lay a measured run over the curves first", fault=True)
-            return
-        self._say("fitting …")
-        self._jobs.do(lambda: find(measured, setting), self.go, self._failed)
+        """Let the sliders go where the runs are met best; while that goes on: cancel it."""
+        self.overlaid.fit(self.setting)
 
     def copy(self, kind: str) -> None:
         """The numbers as text for `--set`."""
@@ -196,39 +205,33 @@ class ExplorePage(QSplitter):
     def save_study(self, path: Path) -> None:
         """What the kept curves vary, or the slider moved last, as a study file."""
         self._say("computing the study …")
-        self._jobs.do(lambda: self._study_file(path), lambda words: self._say(str(words)), self._failed)
+        setting, kept, variable = self.setting, self.kept, self._variable
+        frequencies: Any = range(1, 251) if self.picture is None else self.picture.line.frequency_hz
+        self._jobs.do(
+            lambda: write_study(path, study_of(setting, kept, variable, frequencies), variable),
+            lambda words: self._say(str(words)),
+            self._failed,
+        )
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _study_file(self, path: Path) -> str:
-        from app.study_answer import header
-        from protocols.studyfile import StudyFile
+    def _fitted(self, fitted: Fitted) -> None:
+        self.go(fitted.setting)
+        self._say(f"Fitted: {fitted.words}")
+        self._silence.stop()  # it stays until a slider is moved
 
-        line = self.picture.line if self.picture is not None else None
-        frequencies: Any = range(1, 251) if line is None else line.frequency_hz
-        study = study_of(self.setting, self.kept, self._variable, frequencies)
-        if path.suffix == ".csv":
-            study.run().to_csv(path)
-        else:
-            with StudyFile(path, header(study)) as file:
-                for start, block in study.blocks():
-                    file.write(start, block)
-        return f"{path.name}: max − min over {self._variable}, {study.shape[0]} values"
-
-    def _laid(self, run: Measured) -> None:
-        self.measured = (*(r for r in self.measured if r.path != run.path), run)
-        self._show_measured()
+    def _fitting(self, fitting: bool) -> None:
+        self.bar.show_fitting(fitting)
+        if fitting:
+            self._say("fitting …")
+            self._silence.stop()
 
     def _failed(self, error: Exception) -> None:
         self._say(str(error), fault=True)
 
-    def _drop(self, run: Measured) -> None:
-        self.measured = tuple(r for r in self.measured if r is not run)
-        self._show_measured()
-
     def _show_measured(self) -> None:
         self.plot.show_measured(self.measured)
-        self.bar.show_measured(self.measured, self._drop)
+        self.bar.show_measured(self.measured, self.overlaid.drop)
         other = [f"{r.label} at {r.peak_to_peak_v:.3g} V" for r in self.measured if self._other_drive(r)]
         if other:
             self._say(
@@ -251,7 +254,7 @@ class ExplorePage(QSplitter):
             return
         self._asked = question
         if self._latest is None:  # not before somebody looks: it loads the linear algebra
-            self._latest = Latest(Answerer().pictures, self._answered.emit, "explore model")
+            self._latest = Latest(Answerer().pictures, self._answered.emit, "explore model", PAINT_S)
         self._latest.ask(question)
 
     def _show(self, question: Question, answer: Picture | Exception) -> None:
@@ -294,50 +297,13 @@ class ExplorePage(QSplitter):
         if name:
             self.save_study(Path(name))
 
-    def _build(self) -> None:
-        scroll = QScrollArea()
-        scroll.setWidget(self.sliders)
-        scroll.setWidgetResizable(True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.viewport().setAutoFillBackground(False)
-        self.sliders.setAutoFillBackground(False)
-        left = QWidget()
-        column = QVBoxLayout(left)
-        column.setContentsMargins(0, 2, 4, 0)
-        column.setSpacing(6)
-        column.addLayout(self.bar.start())
-        column.addWidget(scroll, 1)
-        column.addWidget(self.said)
-        column.addLayout(self.bar.leave())
-        right = QWidget()
-        column = QVBoxLayout(right)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
-        column.addLayout(self.bar.head())
-        column.addLayout(self.bar.runs())
-        rows = QSplitter(Qt.Orientation.Vertical)
-        rows.addWidget(self.plot)
-        below = QWidget()
-        beam = QVBoxLayout(below)
-        beam.setContentsMargins(0, 0, 0, 0)
-        beam.setSpacing(2)
-        beam.addLayout(self.bar.motion())
-        beam.addWidget(self.shape, 1)
-        rows.addWidget(below)
-        rows.setSizes([400, 210])
-        rows.setChildrenCollapsible(False)
-        column.addWidget(rows, 1)
-        self.addWidget(left)
-        self.addWidget(right)
-        self.setStretchFactor(0, 0)
-        self.setStretchFactor(1, 1)
-        self.setSizes([430, 820])
-        self.setChildrenCollapsible(False)
-        left.setMinimumWidth(400)
-
     def _connect(self) -> None:
         bar = self.bar
         self._answered.connect(self._show)
+        self.overlaid.changed.connect(self._show_measured)
+        self.overlaid.fitting.connect(self._fitting)
+        self.overlaid.fitted.connect(self._fitted)
+        self.overlaid.said.connect(self._say)
         self.sliders.moved.connect(self.turn)
         self.sliders.reset.connect(self.reset)
         self.sliders.refused.connect(lambda words: self._say(words, fault=True))
@@ -376,9 +342,3 @@ class ExplorePage(QSplitter):
     def dropEvent(self, event: QDropEvent) -> None:
         self.lay_over(run_urls(event))
         event.acceptProposedAction()
-
-
-def run_urls(event: QDropEvent) -> list[Path]:
-    """Run files that are dragged over a page."""
-    paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
-    return [path for path in paths if path.suffix == ".h5"]

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QAbstractItemView, QFileDialog, QHeaderView, QStac
 from app.catalogue import Catalogue, Scanned
 from app.explore_answer import Measured, read_measured
 from app.export import Format, export
-from app.gui.explore_page import run_urls
+from app.gui.dropped import run_urls
 from app.gui.jobs import Jobs
 from app.gui.run_filter import RunFilter
 from app.gui.run_side import RunSide

@@ -18,6 +18,7 @@ from app.explore_fit import fit_runs
 from app.latest import Latest
 from app.main import main
 from app.model_inputs import changed, read_settings
+from model.identification.setting import FitCancelled
 from model.quantity import ParameterError
 from model.response import amplifier_response
 from model.specimen import Specimen, variables
@@ -145,9 +146,15 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(truth: Setting, be
         tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, 2 * size, 0 * f + 1e-7,
         np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
     )  # fmt: skip
-    found = fit_runs([run], begin)
+    fitted = fit_runs([run], begin)
+    found = fitted.setting
     for name, value in truth.values.items():
         assert found.value(name) == pytest.approx(value, rel=2e-3), name
+
+
+def test_a_fit_can_be_cancelled(tmp_path: Path) -> None:
+    with pytest.raises(FitCancelled):
+        fit_runs([read_measured(finished_run(tmp_path))], Setting(), lambda: True)
 
 
 def test_a_fit_without_a_usable_point_is_a_sentence(tmp_path: Path) -> None:

@@ -1,6 +1,9 @@
 """The Explore page in the real window: a key or a drag moves the curve on the screen."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,9 +11,11 @@ from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
 
+from app.explore_fit import Fitted
 from app.gui.explore_page import ExplorePage
 from app.gui.theme import DARK
 from app.model_inputs import changed, read_settings
+from model.identification.setting import FitCancelled
 from model.response import amplifier_response
 from model.specimen import Specimen
 from tests.app.gui.stage import OpenStage, Stage, until
@@ -168,14 +173,34 @@ def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
     assert on_screen(page)[1].max() == pytest.approx(np.log10(1155), abs=0.01)
 
 
-def test_a_fit_moves_the_sliders(page: ExplorePage, tmp_path: Path) -> None:
-    page._fit = lambda runs, setting: setting.moved("k2", 8e-3)
+def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_path: Path) -> None:
+    page.overlaid.fit_with = lambda runs, setting, _: Fitted(setting.moved("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2")
     page.fit()
     assert "lay a measured run" in page.said.text()
     page.lay_over([finished_run(tmp_path)])
     until(lambda: page.measured, "for the run")
-    page.fit()
+    page.bar.fit.click()
     until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
+    assert page.said.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
+    assert page.bar.fit.text() == "Fit these"
+
+
+def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePage, tmp_path: Path) -> None:
+    def endless(_runs: Any, _setting: Any, cancelled: Callable[[], bool]) -> Fitted:
+        while not cancelled():
+            time.sleep(0.001)
+        raise FitCancelled
+
+    page.overlaid.fit_with = endless
+    page.lay_over([finished_run(tmp_path)])
+    until(lambda: page.measured, "for the run")
+    before = page.setting
+    page.bar.fit.click()
+    assert page.bar.fit.text() == "Cancel the fit"
+    page.bar.fit.click()
+    until(lambda: "cancelled" in page.said.text(), "for the end of it")
+    assert page.setting == before
+    assert page.bar.fit.text() == "Fit these"
 
 
 def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
