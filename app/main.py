@@ -90,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     from app.bench_parser import add_bench_commands, add_fault_option
     from app.campaign_parser import add_campaign_command
     from app.identify_parser import add_identify_commands, add_report_command
+    from app.import_parser import add_import_command
     from app.model_parser import add_model_commands
     from app.protocol_parser import add_protocol_commands
     from app.run_parser import add_run_commands
@@ -167,6 +168,7 @@ def _parser() -> argparse.ArgumentParser:
     add_campaign_command(known, _bench_options)
     add_model_commands(known)
     add_run_commands(known)
+    add_import_command(known)
     add_protocol_commands(known, _bench_options)
     add_identify_commands(known)
     add_report_command(known)

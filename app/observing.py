@@ -20,6 +20,7 @@ from model.identification.observations import (
     MassResonance,
     MembraneSag,
     Observation,
+    Side,
     StaticLoading,
     VoltageSteps,
 )
@@ -95,24 +96,35 @@ def _all(run: Run) -> dict[str, Any]:
 def _response(
     run: Run, columns: Columns, good: NDArray[np.bool_], label: str, elongation_m: float | None
 ) -> FrequencyResponse:
-    good = good & (columns["fundamental_errors"] > 0) & (columns["peak_to_peak_errors"] > 0)
+    sine, width = (
+        good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0) for name in ("fundamental", "peak_to_peak")
+    )
+    good = sine if sine.any() else width  # an imported table may have one of them only
     amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
     map_ = AmplifierTable.of(run.configuration).map
     # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
     room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
     amplitude_v = np.where(amplitude_v < room_v + CARD_ERROR_V, np.minimum(amplitude_v, room_v), amplitude_v)
+    phase = columns["phase"]
+    known: dict[str, Any] = {}
+    if sine.any():
+        turned = np.exp(1j * phase) if np.isfinite(phase[good]).all() else 1.0
+        known |= {"fundamental_m": columns["fundamental"] * turned, "errors_m": columns["fundamental_errors"]}
+    if width[good].all():
+        known |= {
+            "peak_to_peak_m": columns["peak_to_peak"],
+            "peak_to_peak_errors_m": columns["peak_to_peak_errors"],
+        }
+    if np.isfinite(columns["harmonics"]).any():
+        known["harmonics_m"] = columns["harmonics"]
     return FrequencyResponse(
         label,
         columns["frequency"],
-        columns["fundamental"] * np.exp(1j * columns["phase"]),
-        columns["fundamental_errors"],
         drive_amplitude_v=amplitude_v,
         drive_offset_v=offset_v,
         elongation_m=elongation_m,
-        peak_to_peak_m=columns["peak_to_peak"],
-        peak_to_peak_errors_m=columns["peak_to_peak_errors"],
-        harmonics_m=columns["harmonics"],
         good=good,
+        **known,
         **_all(run),
     )
 
@@ -134,50 +146,53 @@ def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Ite
 
 
 def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    errors = columns["frequency_errors"]
+    peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
+    frequency, errors = columns[peak], columns[f"{peak}_errors"]
     yield MassResonance(
         run.path.stem,
         columns["mass"],
-        columns["frequency"],
+        frequency,
         errors,
-        meaning="peak",
-        good=good & (errors > 0) & np.isfinite(columns["frequency"]),
+        meaning="peak" if peak == "frequency" else "undamped",
+        good=good & (errors > 0) & np.isfinite(frequency),
         simulated=run.simulated,
     )
 
 
 def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
     errors = columns["deflection_errors"]
-    direction = columns["direction"]
+    direction = np.nan_to_num(columns["direction"])
+    time = columns["read_time"]
     yield VoltageSteps(
         run.path.stem,
-        columns["drive"],
+        np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"]),
         columns["deflection"],
         errors,
         rising=direction > 0 if (direction != 0).all() else None,
-        time_s=columns["read_time"],
+        time_s=time if np.isfinite(time).all() else None,
         good=good & (errors > 0),
         **_all(run),
     )
 
 
 def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    """Each side by itself; a push is positive, whichever way the sensor counts it."""
-    for side, name in ((1.0, "mfc"), (-1.0, "aluminium")):
-        at = columns["side"] == side
+    """Each side by itself; a push is positive, whichever way the sensor counts it. An unknown side is the mean of both."""
+    sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
+    for side, name in sides:
+        at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
         if not good[at].any():
             continue
         deflection = columns["deflection"][at]
         down = np.sign(np.median(deflection[good[at]])) or 1.0
         # The load's own error is small beside that of the deflection, and moves the point along the line.
         compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
-        errors = np.hypot(columns["deflection_errors"][at], compliance * columns["load_errors"][at])
+        errors = np.hypot(columns["deflection_errors"][at], compliance * np.nan_to_num(columns["load_errors"][at]))
         yield StaticLoading(
             f"{run.path.stem} {name}",
             columns["load"][at],
             down * deflection,
             errors,
-            side="mfc" if side > 0 else "aluminium",
+            side=name,
             good=good[at] & (errors > 0),
             **_all(run),
         )

@@ -26,6 +26,8 @@ class State(StrEnum):
     RUNNING = "running"
     CRASHED = "crashed"
     """It says running, and the program that wrote it is gone."""
+    IMPORTED = "imported"
+    """Nothing was run: its points come from somebody's table."""
     NEWER = "newer version"
     DAMAGED = "damaged"
 
@@ -130,7 +132,7 @@ def read_entry(file: Path, path: str) -> Entry | None:
     """
     try:
         with Run(file) as run:
-            state = State.CRASHED if run.crashed else State(run.status)
+            state = State(run.state)
             found = "; ".join(f"{e.name} {uncertain(e.value, e.standard_error, e.unit)}" for e in run.estimates())
             reason = run.reason
             if state is State.RUNNING and not reason:

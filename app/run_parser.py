@@ -20,7 +20,7 @@ def add_run_commands(known: Any) -> None:
     runs.add_argument("--specimen", help="runs of this specimen")
     runs.add_argument("--protocol", help="runs of this protocol, e.g. sine-dwell")
     runs.add_argument(
-        "--status", help="completed, stopped, failed, unsafe, running, crashed, 'newer version' or damaged"
+        "--status", help="completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged"
     )
     runs.add_argument("--since", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
     runs.add_argument("--search", metavar="WORDS", help="all these words, in names, reasons, results, tags or notes")

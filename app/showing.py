@@ -21,6 +21,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "reason": run.reason,
         "start_time": run.start_time,
         "simulated": run.simulated,
+        "imported": run.imported,
         "sample_rate_hz": run.rate_hz,
         "samples": run.samples,
         "parameters": run.parameters,
@@ -41,7 +42,9 @@ def run_text(run: Run) -> str:
     lines = [
         f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
         f"{run.state}: {run.reason}" if run.reason else run.state,
-        f"begun {run.start_time}, {run.samples} scans at {run.rate_hz:g} Hz ({length}), {size(run.path.stat().st_size)}",
+        _origin(run)
+        or f"begun {run.start_time}, {run.samples} scans at {run.rate_hz:g} Hz ({length}), "
+        f"{size(run.path.stat().st_size)}",
         "",
     ]
     if not len(next(iter(points.values()), ())):
@@ -55,7 +58,7 @@ def run_text(run: Run) -> str:
         lines += [
             ("" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free"))
             + f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
-            f"{Quality(int(q)).words}"
+            f"{Quality(int(q)).words}".replace("nan", "  -")
             for row, (f, p, a, u, phase, thd, q) in enumerate(zip(
                 *(
                     points[name]
@@ -66,7 +69,7 @@ def run_text(run: Run) -> str:
                 strict=True,
             ))
         ]  # fmt: skip
-    elif (kind := PROTOCOLS.get(run.protocol)) is not None and hasattr(kind.point_type, "words"):
+    elif not run.imported and (kind := PROTOCOLS.get(run.protocol)) and hasattr(kind.point_type, "words"):
         lines += [point_line(point) for _, point in points_of(run, kind.point_type)]
     else:
         units = run.units()
@@ -91,6 +94,19 @@ def run_text(run: Run) -> str:
         value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
+
+
+def _origin(run: Run) -> str:
+    """Which columns of which file an imported run was made of; empty for a measured one."""
+    if not (told := run.imported):
+        return ""
+    columns = ", ".join(f"{name} = '{of['column']}' [{of['unit']}]" for name, of in told["columns"].items())
+    when = (
+        f"measured {run.start_time[:10]}"
+        if told["measured"]
+        else f"imported {run.start_time[:10]}, measured nobody tells when"
+    )
+    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in told["cautions"])])
 
 
 def _error(points: dict[str, Any], name: str, row: int) -> float:

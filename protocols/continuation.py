@@ -58,6 +58,8 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
     with Run(path) as run:
         if run.status is Status.RUNNING and not run.crashed:
             raise RunError(f"{path} is still being written; stop that run first")
+        if run.imported:
+            raise RunError(f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own")
         kind = PROTOCOLS.get(run.protocol)
         if kind is None:
             raise RunError(f"{path} is a run of '{run.protocol}', a protocol that is not known here")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class Quality(IntFlag):
-    """No flag set means good. `SIMULATED` is a fact, not a fault."""
+    """No flag set means good. `SIMULATED` and `IMPORTED` are facts, not faults."""
 
     GOOD = 0
     CLIPPED = 1
@@ -28,6 +28,8 @@ class Quality(IntFlag):
     """The same entry was measured again later; that value counts."""
     NO_RESPONSE = 256
     """What was measured lies within 5 standard uncertainties of nothing."""
+    IMPORTED = 512
+    """Taken over from somebody's table: no raw samples stand behind it here. A fact, not a fault."""
 
     @property
     def words(self) -> str:
@@ -37,7 +39,7 @@ class Quality(IntFlag):
     @property
     def usable(self) -> bool:
         """Whether fits and summaries may use the value."""
-        return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED)
+        return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED | Quality.IMPORTED)
 
 
 def usable(flags: Iterable[float]) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ import re
 import shutil
 import socket
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -71,6 +71,10 @@ class Header:
     specimen: str = "unnamed"
     continues: Path | None = None
     """The run this one goes on with: its points are carried over, its raw data is linked to."""
+    imported: Mapping[str, Any] = field(default_factory=dict)
+    """Where the points come from if no bench measured them for this file: source files, hashes, columns."""
+    begun: datetime | None = None
+    """When it was measured, if not now."""
 
 
 def software() -> dict[str, str]:
@@ -126,7 +130,7 @@ class RunFile:
     @classmethod
     def new(cls, folder: Path, header: Header) -> Self:
         """A new file in `folder`, named by time, specimen and protocol; a second one within a second gets a number."""
-        wanted = run_path(folder, header.specimen, header.protocol, datetime.now(UTC))
+        wanted = run_path(folder, header.specimen, header.protocol, header.begun or datetime.now(UTC))
         for attempt in range(1, 1000):
             path = wanted if attempt == 1 else wanted.with_stem(f"{wanted.stem}-{attempt}")
             if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a folder's name is too long
@@ -246,7 +250,7 @@ class RunFile:
             {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
         )
         entry = _group(self._file, "entry", "NXentry", default="points")
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        now = (header.begun or datetime.now(UTC)).isoformat(timespec="milliseconds")
         for name, value, length in (
             ("status", str(Status.RUNNING), 16),
             ("reason", "", TEXT_BYTES),
@@ -264,6 +268,8 @@ class RunFile:
             "host": socket.gethostname(),
         }.items():
             entry.create_dataset(name, data=value)
+        if header.imported:
+            entry["imported"] = json.dumps(plain(header.imported), ensure_ascii=False, allow_nan=False)
         entry["process_id"] = os.getpid()
         entry["simulated"] = header.simulated
         # Relative, so that a folder of runs can be moved.

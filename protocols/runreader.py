@@ -96,8 +96,15 @@ class Run:
 
     @property
     def state(self) -> str:
-        """The status in words, a crash included."""
+        """The status in words, a crash included; `imported` where nothing was run."""
+        if self.imported and self.status is Status.COMPLETED:
+            return "imported"
         return "crashed" if self.crashed else str(self.status)
+
+    @property
+    def imported(self) -> dict[str, Any]:
+        """Source files, hashes and columns of a run that was imported; empty for one that was measured."""
+        return dict(json.loads(self._text("imported"))) if "imported" in self._entry else {}
 
     @property
     def reason(self) -> str:

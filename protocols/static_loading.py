@@ -64,7 +64,7 @@ class LoadPoint:
         """The point in a line, for a log."""
         moved = f"deflection {1e6 * self.deflection:+.2f} ± {1e6 * self.deflection_errors:.2g} µm"
         return (
-            f"{SIDES[self.side]}, {grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
+            f"{SIDES.get(self.side, 'either side')}, {grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
             f"zero moved {1e6 * self.drift:+.2f} µm"
         )
 

@@ -31,6 +31,7 @@ SIGNS = {
     State.UNSAFE: "⚠",
     State.RUNNING: "▶",
     State.CRASHED: "✕",
+    State.IMPORTED: "⇥",
     State.NEWER: "?",
     State.DAMAGED: "✕",
 }
@@ -101,7 +102,7 @@ class RunsModel(QAbstractTableModel):
 
     def _colour(self, state: State) -> str:
         match state:
-            case State.COMPLETED:
+            case State.COMPLETED | State.IMPORTED:
                 return self._theme.good
             case State.STOPPED | State.RUNNING | State.NEWER:
                 return self._theme.warn
