@@ -1,7 +1,6 @@
-"""What `tactor-bench identify`, `compare` and `calibration` do."""
+"""What `tactor-bench identify` and `calibration` do."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -11,54 +10,92 @@ from typing import Any
 import numpy as np
 
 from app import calibrations
-from app.answer import Answer, Column, Table, deliver
+from app.answer import Answer, Column, Table, deliver, tracked
 from app.calibrations import CalibrationError, Calibrations
 from app.commands import version
-from app.config import AmplifierTable
+from app.config import AmplifierTable, ConfigError
+from app.corrected import Correction
 from app.exits import UsageError
+from app.fit_answer import findings, plans, profiled, proposed
+from app.identify_parser import WORST
 from app.identifying import Identified, identify
 from app.observing import ObservingError
 from app.units import UnitError, to_number
 from app.words import uncertain
 from model.amplifier import AmplifierMap
 from model.identification.estimates import Calibration, changes
+from model.identification.fitted import JointFit
 from model.identification.names import quantity
 from model.quantity import ParameterError
-from protocols.layout import ENTRY
-from protocols.quality import usable
+from protocols.plain import plain
 from protocols.runreader import Run, RunError
+
+ADEQUATE = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
+
+
+WRONG_FIRST = "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
+SIMULATED_SHAPES = ", as many as the simulated tactor has"
 
 
 def identify_runs(options: argparse.Namespace) -> int:
     """`tactor-bench identify RUN...`."""
     if options.method == "chain" and (options.free or options.fixed or options.robust):
         raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
+    if options.method == "chain" and (options.profile or options.next):
+        raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
+    if not 0 < options.coverage < 1:
+        raise UsageError(f"--coverage {options.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
     free = [name.strip() for name in options.free.split(",") if name.strip()] if options.free else None
     fixed = dict(_fixed(text) for text in options.fixed)
+    corrected = _correction(options)
     try:
+        notes = [words for path in options.runs if corrected and (words := corrected.words(path))]
         found = identify(
             options.runs,
             options.method,
             free,
             fixed,
             "cauchy" if options.robust else "linear",
-            _amplifier(options.runs),
+            corrected.amplifier.map if corrected else _amplifier(options.runs),
+            opened=corrected.opened if corrected else Run,
+            told=lambda paths: tracked(paths, "reducing anew" if corrected else "reading runs"),
+            n=options.shapes,
         )
-    except (ObservingError, ParameterError, ValueError) as error:
+        answer = _answer(found)
+        if found.fit is not None:
+            answer = _with_plans(answer, found, found.fit, options)
+    except (ObservingError, RunError, ParameterError, ValueError) as error:
         raise UsageError(str(error)) from None
-    notes = [*found.notes]
+    notes.append(f"fitted with {found.shapes} shape functions" + (SIMULATED_SHAPES if found.campaign.simulated else ""))
     if options.accept:
-        notes.append(_accept(found, options))
-    return deliver(_answer(found, notes), options)
+        notes.append(_accept(found, options, corrected))
+    return deliver(replace(answer, notes=(*answer.notes, *notes)), options)
 
 
-def compare_runs(options: argparse.Namespace) -> int:
-    """`tactor-bench compare A B`."""
+def _correction(options: argparse.Namespace) -> Correction | None:
+    if not options.bench:
+        return None
+    if options.bench == "sim":
+        raise UsageError("--bench sim: give the corrected bench file itself")
     try:
-        with Run(options.first) as a, Run(options.second) as b:
-            return deliver(_comparison(a, b), options)
-    except (RunError, ValueError) as error:
+        return Correction.of(Path(options.bench))
+    except ConfigError as error:
         raise UsageError(str(error)) from None
+
+
+def _with_plans(answer: Answer, found: Identified, fit: JointFit, options: argparse.Namespace) -> Answer:
+    """The answer with what else was asked of a joint fit, and the one line of what to measure next."""
+    tables, notes = list(answer.tables), list(answer.notes)
+    if options.profile:
+        tables.append(profiled(fit, options.profile, options.coverage))
+    if fit.parameters:
+        wanted = None if options.next in (None, WORST) else options.next
+        proposals = proposed(fit, wanted)
+        if options.next:
+            tables.append(plans(proposals))
+        wrong = found.adequacy is not None and found.adequacy.adequate is False
+        notes.append(WRONG_FIRST if wrong else f"next best: {proposals[0].words}")
+    return replace(answer, tables=tuple(tables), notes=tuple(notes))
 
 
 def calibration(options: argparse.Namespace) -> int:
@@ -102,7 +139,7 @@ def _amplifier(paths: Sequence[Path]) -> AmplifierMap:
     return maps[0]
 
 
-def _accept(found: Identified, options: argparse.Namespace) -> str:
+def _accept(found: Identified, options: argparse.Namespace, corrected: Correction | None) -> str:
     folder = options.runs[0].parent
     try:
         known = calibrations.read(folder, found.specimen)
@@ -120,6 +157,7 @@ def _accept(found: Identified, options: argparse.Namespace) -> str:
             simulated=found.campaign.simulated,
             fixed=dict(found.fixed),
             note=options.note,
+            reduced=corrected.as_record() if corrected else {},
         )
         path = calibrations.write(folder, found.specimen, Calibrations((*known.versions, accepted), number))
     except (CalibrationError, ParameterError) as error:
@@ -127,7 +165,7 @@ def _accept(found: Identified, options: argparse.Namespace) -> str:
     return f"accepted as version {number} of {found.specimen}, now active, in {path}"
 
 
-def _answer(found: Identified, notes: Sequence[str]) -> Answer:
+def _answer(found: Identified) -> Answer:
     simulated = ", SIMULATED" if found.campaign.simulated else ""
     method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[found.method]
     tables = [_parameters(f"Specimen {found.specimen}: {method}{simulated}", found.estimates)]
@@ -160,13 +198,16 @@ def _answer(found: Identified, notes: Sequence[str]) -> Answer:
                 ),
             )
         )
-    told = [
-        f"{found.verdict}.",
-        *(f"not identifiable from these runs: {words}" for words in found.unidentified),
-        *notes,
-    ]
+    told = [f"{found.verdict}.", *(f"not identifiable from these runs: {words}" for words in found.unidentified)]
+    more: dict[str, Any] = {}
+    if found.adequacy is not None:
+        tables += findings(found.adequacy)
+        told.insert(0, f"{ADEQUATE[found.adequacy.adequate]}: {found.adequacy.words}.")
+        more = {"adequate": found.adequacy.adequate, "adequacy": found.adequacy.words}
+        more["every_finding"] = [plain(finding) for finding in found.adequacy.findings]
+    told += found.notes
     fixed = {name: value for name, value in found.fixed.items() if value is not None}
-    more: dict[str, Any] = {
+    more |= {
         "method": found.method,
         "simulated": found.campaign.simulated,
         "unidentified": list(found.unidentified),
@@ -207,9 +248,22 @@ def _shown(one: Calibration, known: Calibrations) -> Answer:
         "calibration show",
         {name: value for name, value in one.fixed.items() if value is not None},
         (_parameters(title, one.estimates),),
-        (*notes, *([one.note] if one.note else [])),
+        (*notes, *_reduced(one), *([one.note] if one.note else [])),
         more={"version": one.version, "active": known.active, "record": one.as_record()},
     )
+
+
+def _reduced(one: Calibration) -> list[str]:
+    """Which corrected calibration of the instruments a version rests on."""
+    if not one.reduced:
+        return []
+    sensor = one.reduced["sensor"]
+    return [
+        (
+            f"raw samples reduced anew with {one.reduced['bench']} (SHA-256 {one.reduced['sha256'][:16]}...): {sensor['name']} "
+            f"{sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {sensor['calibrated'] or 'nobody tells when'}"
+        )
+    ]
 
 
 def _difference(before: Calibration, after: Calibration) -> Answer:
@@ -226,55 +280,3 @@ def _difference(before: Calibration, after: Calibration) -> Answer:
         ),
     )
     return Answer("calibration diff", {}, (table,))
-
-
-def _comparison(a: Run, b: Run) -> Answer:
-    if a.protocol != b.protocol:
-        raise ValueError(f"{a.path.name} is a {a.protocol} and {b.path.name} a {b.protocol}: compare runs of one kind")
-    from protocols.registry import PROTOCOLS
-
-    kind = PROTOCOLS.get(a.protocol)
-    if kind is None:
-        raise ValueError(f"{a.path.name} is a run of '{a.protocol}', a protocol that is not known here")
-    x, y = kind.axes
-    units, left, right = a.units(), _usable(a), _usable(b)
-    shared = [entry for entry in left if entry in right]
-    if not shared:
-        raise ValueError("these runs have no usable point of the same entry in common")
-    rows: dict[str, list[float | None]] = {"x": [], "first": [], "second": [], "difference": [], "errors": []}
-    for entry in shared:
-        one, two = left[entry], right[entry]
-        error = math.hypot(one.get(f"{y}_errors", 0.0), two.get(f"{y}_errors", 0.0))
-        change = two[y] - one[y]
-        values = (one[x], one[y], two[y], change, change / error if error > 0 else None)
-        for name, value in zip(rows, values, strict=True):
-            rows[name].append(value)
-    shown = {"m": "µm"}.get(units[y], "")
-    table = Table(
-        "points",
-        f"{kind.title}: {b.path.name} less {a.path.name}",
-        (
-            Column(x, units[x].removesuffix("1"), rows["x"]),
-            Column(f"{y} first", units[y], rows["first"], shown=shown),
-            Column(f"{y} second", units[y], rows["second"], shown=shown),
-            Column("difference", units[y], rows["difference"], shown=shown, form="+.3g"),
-            Column("standard errors", "", rows["errors"], form="+.1f"),
-        ),
-    )
-    told = [v for v in rows["errors"] if v is not None]
-    words = f"{len(shared)} points in common"
-    if told:
-        chi = sum(v * v for v in told)
-        words += f"; chi-square of the differences {chi:.1f} for {len(told)} points, statistical errors only"
-    return Answer("compare", {}, (table,), (words,))
-
-
-def _usable(run: Run) -> dict[int, dict[str, float]]:
-    """The usable points by entry, one-valued columns only."""
-    columns = run.points()
-    rows: dict[int, dict[str, float]] = {}
-    for at in np.flatnonzero(usable(columns["quality"])):
-        rows[int(columns[ENTRY][at])] = {
-            name: float(values[at]) for name, values in columns.items() if values.ndim == 1
-        }
-    return rows

@@ -6,6 +6,9 @@ from typing import Any
 
 from app.arguments import path
 
+WORST = "the worst"
+"""What stands for the parameter that is known worst."""
+
 
 def add_identify_commands(known: Any) -> None:
     """Register the commands with the subparsers of the command."""
@@ -28,6 +31,32 @@ def add_identify_commands(known: Any) -> None:
         default=[],
         metavar="NAME=VALUE",
         help="a value to hold; SI or with unit",
+    )
+    identify.add_argument(
+        "--profile",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="an interval by profile for this parameter, where a standard error is too simple; may be given often",
+    )
+    identify.add_argument("--coverage", type=float, default=0.95, help="of profile intervals (default: 0.95)")
+    identify.add_argument(
+        "--next",
+        nargs="?",
+        const=WORST,
+        metavar="NAME",
+        help="what to measure next for this parameter, by default the one known worst: every candidate with its minutes",
+    )
+    identify.add_argument(
+        "--bench",
+        metavar="FILE",
+        help="a bench file with the corrected calibration of sensor or amplifier: raw samples are reduced anew with it",
+    )
+    identify.add_argument(
+        "--shapes",
+        type=int,
+        metavar="N",
+        help="shape functions of the model (default: 20; of a simulated tactor as many as it has)",
     )
     identify.add_argument("--robust", action="store_true", help="let go of outliers (a Cauchy loss) instead of squares")
     identify.add_argument("--accept", action="store_true", help="keep the result as the specimen's calibration")
@@ -99,7 +128,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from app.identify_commands import compare_runs
+    from app.compare_command import compare_runs
 
     return compare_runs(options)
 

@@ -1,6 +1,6 @@
 """Identification of one specimen from its run files, by the paper's chain or by the joint fit, as one kind of result."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -8,8 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.observing import campaign_of
+from app.observing import campaign_of, shapes_of
 from model.amplifier import AmplifierMap
+from model.identification.adequacy import Adequacy, adequacy
 from model.identification.chain import chain
 from model.identification.chain_errors import chain_errors
 from model.identification.chain_method import ChainMethod, Validation
@@ -21,6 +22,7 @@ from model.identification.observations import Campaign
 from model.identification.setting import Loss, Setting
 from model.parameters import Membrane, Tactor
 from model.quantity import quantities
+from protocols.runreader import Run
 
 Method = Literal["chain", "joint"]
 
@@ -55,6 +57,10 @@ class Identified:
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     fit: JointFit | None = field(default=None, repr=False)
+    adequacy: Adequacy | None = None
+    """Of a joint fit: is the misfit noise, or is the model wrong."""
+    shapes: int = Setting.n
+    """Shape functions it was made with; what is drawn of it should have as many."""
 
     @property
     def tactor(self) -> Tactor:
@@ -82,19 +88,24 @@ def identify(
     membrane: Membrane | None = None,
     progress: Callable[..., None] | None = None,
     cancelled: Callable[[], bool] | None = None,
+    opened: Callable[[Path], Run] = Run,
+    told: Callable[[Sequence[Path]], Iterable[Path]] = iter,
+    n: int | None = None,
 ) -> Identified:
-    """Identify the specimen of these runs.
+    """Identify the specimen of these runs; `opened` may correct them; `n` shapes, by default as `observing.shapes_of` says.
 
     Raises:
         ObservingError: the runs do not go together, or tell nothing.
         ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
     """
-    specimen, campaign, left_out = campaign_of(paths)
+    paths = tuple(paths)
+    specimen, campaign, left_out = campaign_of(told(paths), opened)
+    n = n or max(map(shapes_of, paths))
     tactor, membrane = tactor or Tactor(), membrane or Membrane()
     base = defaults(tactor, membrane, None)
     amplifier = amplifier or AmplifierMap()
     if method == "chain":
-        chosen = ChainMethod(tactor=tactor, membrane=membrane, amplifier=amplifier)
+        chosen = ChainMethod(tactor=tactor, membrane=membrane, amplifier=amplifier, n=n)
         found = chain(campaign, chosen)
         estimates, covariance = chain_errors(campaign, chosen, found)
         words = (
@@ -102,11 +113,11 @@ def identify(
         )
         return _result(
             specimen, method, campaign, estimates, covariance, base, words,
-            validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
+            shapes=n, validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
         )  # fmt: skip
     setting = Setting(
         tactor=tactor, membrane=membrane, free=tuple(free) if free else None, fixed=dict(fixed or {}), loss=loss,
-        amplifier=amplifier,
+        amplifier=amplifier, n=n,
     )  # fmt: skip
     fit = joint_fit(campaign, setting, progress, cancelled)
     estimates = fit.estimates()
@@ -116,6 +127,7 @@ def identify(
     return _result(
         specimen, method, campaign, estimates, fit.covariance_of(estimates), base | dict(fixed or {}), fit.verdict,
         misfits=misfits, unidentified=tuple(c.words for c in fit.unidentified), seconds=fit.seconds, fit=fit,
+        adequacy=adequacy(fit), shapes=n,
         notes=(*left_out, *([] if fit.converged else [fit.message])),
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ share - the sensor's gain - is one common error, named by the instrument's seria
 sensor share it and two with different sensors do not.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from model.identification.observations import (
     StaticLoading,
     VoltageSteps,
 )
+from model.identification.setting import Setting
 from model.parameters import Membrane
 from model.quantity import ParameterError
 from protocols.quality import usable
@@ -32,6 +33,9 @@ from protocols.runreader import Run, RunError
 CARD_ERROR_V = 0.02
 """How far the card may see a drive beyond the range it cannot leave."""
 
+SHAPES = 20
+"""Shape functions for a real tactor. A simulated one has as many as its bench says, and no more."""
+
 Columns = dict[str, NDArray[np.float64]]
 
 
@@ -39,8 +43,8 @@ class ObservingError(Exception):
     """Runs cannot be identified together. The sentence says which and why."""
 
 
-def campaign_of(paths: Sequence[Path]) -> tuple[str, Campaign, list[str]]:
-    """The specimen, all its observations, and a sentence for each run that tells nothing.
+def campaign_of(paths: Iterable[Path], opened: Callable[[Path], Run] = Run) -> tuple[str, Campaign, list[str]]:
+    """The specimen, all its observations, and a sentence for each run that tells nothing; `opened` may correct a run.
 
     Raises:
         ObservingError: a file is no run, the runs are of several specimens, or none tells anything.
@@ -50,7 +54,7 @@ def campaign_of(paths: Sequence[Path]) -> tuple[str, Campaign, list[str]]:
     left_out: list[str] = []
     for path in paths:
         try:
-            with Run(path) as run:
+            with opened(path) as run:
                 specimens.setdefault(run.specimen, path)
                 taken = list(observations(run))
         except (RunError, ParameterError) as error:
@@ -68,6 +72,14 @@ def campaign_of(paths: Sequence[Path]) -> tuple[str, Campaign, list[str]]:
         return next(iter(specimens)), Campaign(tuple(found)), left_out
     except ParameterError as error:
         raise ObservingError(str(error)) from error
+
+
+def shapes_of(path: Path) -> int:
+    """With how many shape functions a run is identified: those the simulated tactor has, or enough for a real one."""
+    with Run(path) as run:
+        if not run.simulated:
+            return SHAPES
+        return int(run.configuration.get("simulation", {}).get("modes", Setting.n))
 
 
 def observations(run: Run) -> Iterator[Observation]:

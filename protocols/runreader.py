@@ -208,6 +208,10 @@ class Run:
         if (earlier := self.continues) is not None and earlier.exists():
             with Run(earlier) as before:
                 yield from before.recordings()
+        yield from self.own_recordings()
+
+    def own_recordings(self) -> Iterator[Recording]:
+        """What was kept in this very file, in order."""
         table = self._entry["recordings"][:]
         delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
         entries = table[ENTRY] if ENTRY in table.dtype.names else np.arange(len(table))  # format 1: one each

@@ -14,7 +14,7 @@ from scipy.special import chdtrc, ndtr
 
 from model.drive import series
 from model.identification.departures import Departure, departures
-from model.identification.fitted import DOUBTFUL, JointFit, Residuals
+from model.identification.fitted import DOUBTFUL, JointFit, Residuals, chance
 from model.identification.observations import FrequencyResponse
 from model.identification.receptance import Dense
 
@@ -90,9 +90,9 @@ def _left(fit: JointFit, Q: Array, ways: Sequence[Departure]) -> float:
 
 
 def _verdict(fit: JointFit, findings: list[Finding], tests: int) -> str:
-    chi = f"chi-square {fit.chi_square:.0f} for {fit.freedom} degrees of freedom, p = {fit.probability:.2g}"
+    chi = f"chi-square {fit.chi_square:.0f} for {fit.freedom} degrees of freedom, {chance(fit.probability, 2)}"
     if findings:
-        first = "; ".join(f"{f.words} (p = {f.probability:.1g})" for f in findings[:3])
+        first = "; ".join(f"{f.words} ({chance(f.probability)})" for f in findings[:3])
         more = f"; and {len(findings) - 3} more" if len(findings) > 3 else ""
         return f"the model is wrong for these runs: {first}{more}. {chi}"
     if fit.probability <= DOUBTFUL:

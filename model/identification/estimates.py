@@ -1,7 +1,7 @@
 """Estimates as values, and the calibration of a specimen: the estimates somebody accepted, as a plain versioned record."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from math import isfinite, sqrt
 from typing import Any, Self
 
@@ -63,6 +63,8 @@ class Calibration:
     fixed: Mapping[str, float | None]
     """Every other parameter the estimates rest on; a contact length of None is L - L2."""
     note: str = ""
+    reduced: Mapping[str, Any] = field(default_factory=dict)
+    """The bench file whose calibration the raw samples were reduced with anew; empty where runs were taken as they are."""
 
     def __post_init__(self) -> None:
         P = len(self.estimates)
@@ -95,7 +97,7 @@ class Calibration:
 
     def as_record(self) -> dict[str, Any]:
         """Plain nested values, ready for JSON."""
-        return asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed)}
+        return asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed), "reduced": dict(self.reduced)}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> Self:
@@ -105,7 +107,7 @@ class Calibration:
             ParameterError: a key is missing or unknown, or a value does not fit.
         """
         known = {f.name for f in fields(cls)}
-        given = set(record) - {"kind"}
+        given = set(record) - {"kind"} | {"reduced"}  # older records have none
         if record.get("kind") != "calibration" or given != known:
             lost, strange = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
             raise ParameterError(

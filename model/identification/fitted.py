@@ -39,6 +39,11 @@ def cost_of(rows: Array, loss: Loss) -> float:
     return float(z.sum())
 
 
+def chance(probability: float, digits: int = 1) -> str:
+    """`p = 0.003`; what a computer cannot tell from nothing is not called nothing."""
+    return f"p = {probability:.{digits}g}" if probability > 0 else "p < 1e-300"
+
+
 @dataclass(frozen=True)
 class Combination:
     """A combination of parameters that the runs do not tell: moving along it changes nothing that was measured."""
@@ -184,7 +189,7 @@ class JointFit:
         said = f"chi-square {self.chi_square:.1f} for {self.freedom} degrees of freedom"
         if self.stretch > 1:
             return (
-                f"{said} (p = {self.probability:.1g}): the misfit is {self.stretch:.2g} times what the errors explain; "
+                f"{said} ({chance(self.probability)}): the misfit is {self.stretch:.2g} times what the errors explain; "
                 "standard errors are enlarged by that, which helps only if the misfit is noise: see adequacy"
             )
         if 1 - self.probability < DOUBTFUL:

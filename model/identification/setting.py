@@ -12,6 +12,8 @@ from model.identification.observations import Campaign
 from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError
 
+LEAST_SHAPES, MOST_SHAPES = 3, 60
+
 Loss = Literal["linear", "soft_l1", "cauchy"]
 
 
@@ -55,6 +57,8 @@ class Setting:
     def __post_init__(self) -> None:
         if self.loss not in ("linear", "soft_l1", "cauchy"):
             raise ParameterError(f"loss is {self.loss!r}: choose linear, soft_l1 or cauchy")
+        if not LEAST_SHAPES <= self.n <= MOST_SHAPES:
+            raise ParameterError(f"{self.n} shape functions: choose from {LEAST_SHAPES} to {MOST_SHAPES}")
         for name, value in self.fixed.items():
             known.quantity(name).check(value)
 

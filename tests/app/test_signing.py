@@ -1,0 +1,267 @@
+"""What one needs to sign an identification: is the model adequate, how sure, what next, and with which calibration."""
+
+import hashlib
+import inspect
+import json
+import pkgutil
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import model
+from app import calibrations
+from app.corrected import CorrectedRun, Correction
+from app.identifying import identify
+from app.main import main
+from app.observing import shapes_of
+from app.session import header
+from model.closed_form import exact_response
+from model.identification.chain_method import ChainMethod
+from model.identification.setting import Setting
+from model.parameters import Tactor
+from model.response import amplifier_response
+from protocols.continuation import earlier
+from protocols.membrane_sag import MembraneSag
+from protocols.protocol import Protocol
+from protocols.runfile import RunFile
+from protocols.runner import Runner
+from protocols.runreader import Run, RunError
+from protocols.sine_dwell import SineDwell
+from protocols.static_loading import StaticLoading
+from protocols.voltage_steps import VoltageSteps
+from tests.support import laboratory, run, simulated
+
+DWELL = SineDwell(frequencies_hz=(50, 100, 145, 160, 175, 250), record_s=0.1, peak_to_peak_v=4.0)
+STEPS = VoltageSteps(levels_v=(1.0, 4.5), repeats=2, rest_s=0.3, read_s=0.3, hold_s=0.5)
+SERIAL = "SIM-1"
+
+Made = Callable[..., list[Path]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """A dwell and steps of a simulated bench with this truth; each truth is measured once."""
+    known: dict[str, list[Path]] = {}
+
+    def measured(**truth: Any) -> list[Path]:
+        key = json.dumps(truth, sort_keys=True)
+        if key not in known:
+            folder = tmp_path_factory.mktemp("runs")
+            with laboratory(simulated(**truth)) as lab:
+                known[key] = [run(protocol, folder, lab).path for protocol in (DWELL, STEPS)]
+        return known[key]
+
+    return measured
+
+
+def bench(path: Path, gain_m_per_v: float, serial: str = SERIAL) -> Path:
+    path.write_text(
+        f'name = "corrected"\n[generator]\nresource = "TCPIP::192.0.2.7::5025::SOCKET"\n[sensor]\nname = "laser"\nserial = "{serial}"\n'
+        f'gain_m_per_v = {gain_m_per_v}\ndelay_s = 1e-4\ngain_relative_uncertainty = 0.001\ncalibrated = "2026-11-20"\n'
+    )
+    return path
+
+
+# -- adequacy ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("truth", [{}, {"modes": 20}], ids=["seven modes", "twenty modes"])
+def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[str, Any]) -> None:
+    found = identify(made(**truth))
+    assert found.adequacy is not None
+    assert found.adequacy.adequate is True, found.adequacy.words
+    assert found.shapes == truth.get("modes", 7)
+
+
+@pytest.mark.parametrize(
+    "beyond", [{"hysteresis_width": 0.01}, {"creep_per_decade": 0.01}], ids=["hysteresis", "creep"]
+)
+def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, float], capsys: Any) -> None:
+    runs = made(beyond=beyond)
+    found = identify(runs)
+    assert found.adequacy is not None
+    assert found.adequacy.adequate is False
+    assert main(["identify", *map(str, runs)]) == 0
+    told = capsys.readouterr().out
+    assert "NOT ADEQUATE: the model is wrong for these runs" in told
+    assert "How the runs depart from the model" in told
+    assert "p = 0)" not in told
+    assert "next best: find out why" in told
+
+
+def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None:
+    """Why a real tactor is identified with twenty: what seven lack looks like a clamp that turns."""
+    runs = made(modes=20)
+    few = identify(runs, n=7)
+    assert few.adequacy is not None
+    assert few.adequacy.adequate is False
+    # nothing but the truth of the plant tells how many it has
+    with Run(runs[0]) as measured:
+        assert measured.configuration["simulation"]["modes"] == 20
+
+
+def test_a_real_tactor_is_identified_with_twenty_shapes(made: Made, tmp_path: Path) -> None:
+    (path,) = made()[:1]
+    copy = tmp_path / path.name
+    copy.write_bytes(path.read_bytes())
+    with h5py.File(copy, "r+") as file:
+        file["entry/simulated"][()] = False
+    assert shapes_of(path) == 7
+    assert shapes_of(copy) == 20
+
+
+def test_everything_is_drawn_with_as_many_shapes_and_what_they_lack_is_below_a_line_s_width() -> None:
+    """One default in the whole model; drawn with it, a tactor moves within 0.4 % of the exact solution, 2 % of nothing seen."""
+    defaults = {
+        (name, parameter.default)
+        for info in pkgutil.walk_packages(model.__path__, "model.")
+        for module in [import_module(info.name)]
+        for name, thing in vars(module).items()
+        if inspect.isfunction(thing) and thing.__module__ == info.name
+        for parameter in inspect.signature(thing).parameters.values()
+        if parameter.name == "n" and isinstance(parameter.default, int)
+    }
+    assert len(defaults) > 10
+    assert {default for _, default in defaults} == {Setting.n} == {ChainMethod().n}
+    f = np.linspace(5.0, 250.0, 50)
+    drawn = abs(amplifier_response(Tactor(), f, 2.5).fundamental)
+    assert abs(drawn / abs(1000 * exact_response(Tactor(), f)) - 1).max() < 4e-3
+    fitted = abs(amplifier_response(Tactor(), f, 2.5, n=20).fundamental)
+    assert abs(fitted / abs(1000 * exact_response(Tactor(), f)) - 1).max() < 1.2e-4
+
+
+# -- intervals and plans ----------------------------------------------------------------------------------------------
+
+
+def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: Any) -> None:
+    runs = [str(path) for path in made()]
+    assert main(["identify", *runs, "--profile", "c0", "--coverage", "0.9", "--next", "m_add", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    at = told["parameters"]["name"].index("c0")
+    value, error = told["parameters"]["value"][at], told["parameters"]["standard_error"][at]
+    (low,), (high,) = told["profiles"]["low"], told["profiles"]["high"]
+    assert [float(low), float(high)] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.1 * error)
+    assert told["next"]["run"][0]
+    assert told["adequate"] is True
+    assert main(["identify", *runs]) == 0
+    told = capsys.readouterr().out
+    assert "adequate: the misfit is noise: none of " in told
+    assert "next best: " in told
+    assert "% less a minute" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--profile", "E_m"], "--profile E_m: it was not free in this fit; choose from mu"),
+        (["--next", "E_m"], "E_m was not free in this fit"),
+        (["--profile", "mu", "--coverage", "95"], "--coverage 95: it must lie between 0 and 1"),
+        (["--method", "chain", "--next"], "are for the joint fit"),
+        (["--bench", "nowhere.toml"], "cannot be read"),
+        (["--bench", "sim"], "give the corrected bench file itself"),
+        (["--shapes", "2"], "2 shape functions: choose from 3 to 60"),
+    ],
+)
+def test_what_is_asked_wrongly_is_a_sentence(made: Made, arguments: list[str], words: str, capsys: Any) -> None:
+    assert main(["identify", str(made()[0]), *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+# -- a corrected calibration ------------------------------------------------------------------------------------------
+
+
+def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path: Path, capsys: Any) -> None:
+    """The laser's gain was 2 % off all the time: with the corrected bench file the plant's own coupling comes back."""
+    runs = []
+    for path in made(sensor={"gain_m_per_v": 1.02e-4}):
+        runs.append(tmp_path / path.name)
+        runs[-1].write_bytes(path.read_bytes())
+    before = [hashlib.sha256(path.read_bytes()).hexdigest() for path in runs]
+    truth = Tactor().mu
+    wrong = {e.name: e for e in identify(runs).estimates}["mu"]
+    assert wrong.value / truth == pytest.approx(1 / 1.02, rel=1e-3)
+    corrected = bench(tmp_path / "corrected.toml", 1.02e-4)
+    command = ["identify", *map(str, runs), "--bench", str(corrected), "--accept", "--by", "K. Tanaka"]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert f"{runs[0].name} reduced anew from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in told
+    accepted = calibrations.read(tmp_path, "T1").get()
+    mu = next(e for e in accepted.estimates if e.name == "mu")
+    assert mu.value == pytest.approx(truth, rel=1e-3)
+    assert mu.standard_error / abs(mu.value) == pytest.approx(0.001, rel=0.1)  # the corrected gain's own uncertainty
+    assert accepted.reduced["sha256"] == hashlib.sha256(corrected.read_bytes()).hexdigest()
+    assert accepted.reduced["sensor"]["gain_m_per_v"] == 1.02e-4
+    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in runs] == before
+    assert main(["calibration", "show", "T1", "--folder", str(tmp_path)]) == 0
+    assert "raw samples reduced anew with corrected.toml" in capsys.readouterr().out
+
+
+def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, capsys: Any) -> None:
+    (path,) = made()[:1]
+    copy = tmp_path / path.name
+    copy.write_bytes(path.read_bytes())
+    assert main(["identify", str(copy), "--accept"]) == 0
+    file = tmp_path / "T1.calibrations.json"
+    record = json.loads(file.read_text("utf-8"))
+    del record["versions"][0]["reduced"]
+    file.write_text(json.dumps(record), "utf-8")
+    assert calibrations.read(tmp_path, "T1").get().reduced == {}
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        SineDwell(frequencies_hz=(100, 160), record_s=0.1, wanted=2e-5),
+        VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.3, read_s=0.3, hold_s=0.5),
+        StaticLoading(weights_kg=(0.1, 0.2), repeats=1, sides="MFC up"),
+        MembraneSag(repeats=1),
+    ],
+    ids=lambda protocol: protocol.name,
+)
+def test_with_the_same_calibration_every_point_is_the_same(protocol: Protocol, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        path = run(protocol, tmp_path / "runs", lab).path
+        file = tmp_path / "same.toml"
+        sensor = lab.bench.sensor
+        file.write_text(
+            f'name = "same"\n[generator]\nresource = "TCPIP::192.0.2.7::5025::SOCKET"\n[sensor]\nname = "l"\nserial = "{sensor.serial}"\n'
+            f"gain_m_per_v = {sensor.gain_m_per_v}\ndelay_s = {sensor.delay_s}\n"
+        )
+    with Run(path) as was, Correction.of(file).opened(path) as now:
+        assert isinstance(now, CorrectedRun)
+        measured, again = was.points(), now.points()
+    assert again.keys() == measured.keys()
+    for name, column in measured.items():
+        np.testing.assert_array_equal(again[name], column, err_msg=name)
+
+
+def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path) -> None:
+    protocol = SineDwell(frequencies_hz=(100, 160), record_s=0.1)
+    with laboratory() as lab:
+        first = run(protocol, tmp_path, lab).path
+        before = earlier(first, again=(1,))
+        store = RunFile.new(tmp_path, header(protocol, lab.bench, "T1", first))
+        Runner(protocol, lab.bench, store, lab.operator, [], continuation=before.continuation).run()
+    correction = Correction.of(bench(tmp_path / "c.toml", 1.1e-4))
+    with Run(store.path) as was, correction.opened(store.path) as now:
+        measured, again = was.points(), now.points()
+    last = {int(entry): row for row, entry in enumerate(measured["entry"])}
+    for row, entry in enumerate(again["entry"].tolist()):
+        assert again["fundamental"][row] == pytest.approx(1.1 * measured["fundamental"][last[entry]], rel=1e-9)
+    assert len(again["entry"]) == 2
+    first.unlink()
+    with correction.opened(store.path) as now, pytest.raises(RunError, match="bring the run it goes on with"):
+        now.points()
+
+
+def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys: Any) -> None:
+    other = bench(tmp_path / "other.toml", 1e-4, serial="7")
+    assert main(["identify", *map(str, made()), "--bench", str(other)]) == 2
+    told = capsys.readouterr().err
+    assert "was measured with the sensor of serial number SIM-1, and" in told
+    assert "has serial number 7: give the bench file of that instrument" in told
