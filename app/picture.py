@@ -204,7 +204,8 @@ def _amplifier(run: Run) -> AmplifierMap:
 def _draw_trace(axes: Any, run: Run) -> None:
     recordings = list(run.recordings())
     if not recordings:
-        axes.text(0.5, 0.5, "nothing was recorded", ha="center", transform=axes.transAxes)
+        words = "imported: there are no samples" if run.imported else "nothing was recorded"
+        axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
         return
     last = recordings[-1]
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import h5py
 import pytest
@@ -18,6 +19,7 @@ from model.parameters import Tactor
 from protocols.quality import Quality
 from protocols.sine_dwell import SineDwell
 from protocols.voltage_steps import VoltageSteps
+from tests.runs import finished_run
 from tests.support import laboratory, run, simulated
 
 TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
@@ -129,6 +131,27 @@ def test_two_runs_of_one_specimen_agree(runs: list[Path], capsys: pytest.Capture
     assert max(abs(e) for e in errors) < 4
     assert main(["compare", str(runs[0]), str(runs[2])]) == 2
     assert "compare runs of one kind" in capsys.readouterr().err
+
+
+def test_points_are_compared_at_the_same_setting_not_at_the_same_place(tmp_path: Path, capsys: Any) -> None:
+    """Two dwells with other frequencies, and a table that knows no errors and was driven with less."""
+    few, more = (finished_run(tmp_path / n, "T1", f) for n, f in (("a", (160.0, 250.0)), ("b", (100.0, 160.0, 250.0))))
+    assert main(["compare", str(few), str(more), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["points"]["frequency"] == [160.0, 250.0]
+    assert told["points"]["difference"] == [0.0, 0.0]
+    (tmp_path / "t.csv").write_text("frequency [Hz],pp [um]\n160,900\n")
+    assert main(["import", str(tmp_path / "t.csv"), "--set", "peak_to_peak_v=4", "--out", str(tmp_path / "c")]) == 0
+    (table,) = (tmp_path / "c").glob("*.h5")
+    capsys.readouterr()
+    assert main(["compare", str(more), str(table)]) == 0
+    told = capsys.readouterr().out
+    assert "1 points in common, of 3 and 1 usable ones" in told
+    assert "the drives differ: 5 V in" in told
+    assert "never" not in told
+    lone = finished_run(tmp_path / "d", "T1", (55.0,))
+    assert main(["compare", str(lone), str(more)]) == 2
+    assert "no usable point at the same frequency" in capsys.readouterr().err
 
 
 def test_a_damaged_calibration_file_is_named(tmp_path: Path) -> None:
