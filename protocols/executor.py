@@ -4,23 +4,24 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from drivers.bench import DISPLACEMENT, DRIVE, Bench, channel_skew_s, drive_volts
 from drivers.bench import Armed as ArmedBench
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
-from drivers.ports import Block, Reading
+from drivers.ports import Block, Reading, Scale
+from protocols.counts import converted
 from protocols.events import Answered, Asked, BlockSeen, Event, Noted, Playing, Recorded, SettleEnded
+from protocols.gathering import Gathering
 from protocols.operator import Operator
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.runfile import RunFile
 from protocols.signals import SettlingDetector
 from protocols.steps import Answer, Ask, Await, Awaited, Note, Play, Prompt, Read, Record, Redo, Settle, Settled
-from protocols.values import MOST_SCANS, Planned, Recording, too_long
+from protocols.values import MOST_SCANS, LongRecording, Planned, Recording, too_long
 
 FRESH_S = 0.05
 """After a drive begins, scans older than this may still be on their way to us."""
@@ -191,34 +192,32 @@ class Executor:
         wanted = math.ceil(step.duration_s * armed.rate_hz)
         if wanted > MOST_SCANS:
             raise BenchError(too_long(wanted))
-        blocks = [self._read(armed)]
+        gathering = Gathering(partial(self._units, armed), self._read(armed))
         if step.drive is not None:
-            while blocks[-1].stop - blocks[0].start < step.lead_s * armed.rate_hz:
-                blocks.append(self._read(armed))
+            while gathering.scans < step.lead_s * armed.rate_hz:
+                gathering.add(self._read(armed))
             self._begin(armed, step.drive)
             # The card ran on while the source was told; what it saw meanwhile is the rest before the drive.
-            wanted += max(self._scan_now(armed, FRESH_S) - blocks[0].start, 0)
-        have = sum(block.raw.shape[1] for block in blocks)
-        while have < wanted:
-            blocks.append(self._read(armed))
-            have += blocks[-1].raw.shape[1]
-        with self._bench.watchdog.allow(THINKING_S):
-            drive_v, displacement_m, quality = self._joined(armed, blocks, wanted)
+            wanted += max(self._scan_now(armed, FRESH_S) - gathering.start, 0)
+        while gathering.scans < wanted:
+            gathering.add(self._read(armed))
+        samples, quality = gathering.end(wanted)
         if not settled.settled:
             quality |= Quality.UNSETTLED
-        if blocks[-1].stop - blocks[0].start != have:
-            quality |= Quality.DROPPED
-        recording = Recording(
-            index=self._recordings,
-            rows=(start_row, start_row + wanted),
-            rate_hz=armed.rate_hz,
-            drive=drive or Hold(self._rest_v, step.duration_s),
-            drive_v=drive_v,
-            displacement_m=displacement_m,
-            quality=quality,
-            sensor_delay_s=self._bench.sensor.delay_s - channel_skew_s(armed.scales),
-            entry=entry,
-        )
+        rows = (start_row, start_row + wanted)
+        known: dict[str, Any] = {
+            "index": self._recordings,
+            "rows": rows,
+            "rate_hz": armed.rate_hz,
+            "drive": drive or Hold(self._rest_v, step.duration_s),
+            "quality": quality,
+            "sensor_delay_s": self._bench.sensor.delay_s - channel_skew_s(armed.scales),
+            "entry": entry,
+        }
+        if samples:
+            recording = Recording(drive_v=samples[0], displacement_m=samples[1], **known)
+        else:
+            recording = LongRecording(partial(self._stored, armed.scales, rows), **known)
         self._recordings += 1
         self._store.recording(recording.rows, int(quality), recording.drive, entry)
         self._publish(Recorded(recording.index, recording.rows, int(quality), recording.drive, entry))
@@ -252,16 +251,12 @@ class Executor:
         self._interrupted()
         return block
 
-    def _joined(self, armed: ArmedBench, blocks: Sequence[Block], wanted: int) -> tuple[Any, Any, Quality]:
-        """As `_units`, for the first `wanted` scans of many blocks; block by block, so that nothing is there twice."""
-        drive_v, displacement_m, quality, at = np.empty(wanted), np.empty(wanted), Quality.GOOD, 0
-        for block in blocks:
-            raw = block.raw[:, : wanted - at]
-            here = slice(at, at + raw.shape[1])
-            drive_v[here], displacement_m[here], flags = self._units(armed, raw)
-            quality |= flags
-            at = here.stop
-        return drive_v, displacement_m, quality
+    def _stored(self, scales: Sequence[Scale], rows: tuple[int, int], drive: bool) -> Any:
+        """One channel of these rows of the run's file, in volts or metres."""
+        if drive:
+            return converted(scales[DRIVE].volts, self._store.raw("drive", rows))
+        volts, sensor = scales[DISPLACEMENT].volts, self._bench.sensor
+        return converted(lambda raw: sensor.displacement_m(volts(raw)), self._store.raw("displacement", rows))
 
     def _units(self, armed: ArmedBench, raw: Any) -> tuple[Any, Any, Quality]:
         """Drive in volts, displacement in metres, and what is wrong with these samples."""

@@ -19,7 +19,7 @@ from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.response_curve import must_respond, response_curve
 from protocols.signals.response import LEAST_BINS, FrequencyResponse
-from protocols.steps import Note, Prompt, Record, Step
+from protocols.steps import Prompt, Record, Step
 from protocols.values import Curve, Estimate, Planned, Recording
 
 RINGING_S = 0.3
@@ -132,19 +132,16 @@ class MassResonance(Protocol):
         )
 
     def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
-        recordings = []
         for drive in entry.drives:
-            recording = yield Record(drive.duration_s + RINGING_S, drive)
-            recordings.append(recording)
-        try:
-            peak_hz = self.point(entry.key, recordings, simulated=False).frequency
-        except ValueError:
-            return  # the runner says why when it asks for the point
-        if min(peak_hz / self.low_hz, self.high_hz / peak_hz) < 1 + NEAR_EDGE:
-            yield Note(
-                f"{1e3 * float(entry.key[0]):g} g: the peak at {peak_hz:.1f} Hz lies near the edge of the band in which it is "
-                f"looked for, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
-            )
+            yield Record(drive.duration_s + RINGING_S, drive)
+
+    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return tuple(
+            f"{1e3 * point.mass:g} g: the peak at {point.frequency:.1f} Hz lies near the edge of the band in which it is "
+            f"looked for, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
+            for point in points
+            if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + NEAR_EDGE
+        )
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MassPoint:
         from protocols.signals.mode import fit_mode

@@ -169,6 +169,11 @@ class RunFile:
         self.rows = row + block.raw.shape[1]
         return row
 
+    def raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
+        """The integers of a channel in rows that were appended, (stop - start,)."""
+        with self._storing():
+            return np.asarray(self._file[f"entry/trace/{channel}"][slice(*rows)])
+
     def event(self, event: Event, time_s: float) -> None:
         """Append what happened, as JSON; a long text goes on in further rows."""
         text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()

@@ -1,7 +1,8 @@
 """The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,10 @@ Array = NDArray[np.float64]
 
 
 MOST_SCANS = 50_000_000
-"""Scans of one recording, which is held in memory whole: a gigabyte."""
+"""Scans of one recording, which its analysis holds in memory whole: a gigabyte."""
+
+LONG_SCANS = 1 << 15
+"""A recording from so many scans on is left in the run's file."""
 
 
 def too_long(scans: float) -> str:
@@ -44,6 +48,30 @@ class Recording:
     sensor_delay_s: float = 0.0
     entry: int = 0
     """The entry of the plan it was taken for."""
+
+
+class LongRecording(Recording):
+    """A recording whose samples are read from the run's file each time they are looked at: entries of any length cost nothing.
+
+    Args:
+        read: the samples of a channel in physical units, (samples,): the drive for True, else the displacement.
+        known: the other fields.
+    """
+
+    __slots__ = ("_read",)
+    _read: Callable[[bool], Array]
+
+    def __init__(self, read: Callable[[bool], Array], **known: Any) -> None:
+        for name, value in {**known, "_read": read}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def drive_v(self) -> Array:
+        return self._read(True)
+
+    @property
+    def displacement_m(self) -> Array:
+        return self._read(False)
 
 
 @dataclass(frozen=True, slots=True)

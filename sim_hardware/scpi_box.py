@@ -135,7 +135,8 @@ class ScpiBox:
         """Play these points from now on, 1 being half of what the amplitude says."""
         if self.SPAN_IS_THE_WAVES_OWN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
-        self._core.change(wave=Wave(points, smooth), **settings)
+        # Single precision is finer than any box's converter, and the history keeps every waveform for ever.
+        self._core.change(wave=Wave(points.astype(np.float32), smooth), **settings)
 
 
 def data_of(argument: str, kind: str, low: float, high: float) -> NDArray[np.float64]:
