@@ -1,9 +1,8 @@
-"""The terminal as a front end: progress, sentences, prompts, and machine-readable output."""
+"""The terminal as a front end: progress, sentences, and machine-readable output."""
 
 import json
 import os
 import sys
-import threading
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
@@ -29,12 +28,6 @@ from protocols.events import (
     RunStarted,
     event_record,
 )
-from protocols.operator import ENABLE_HIGH_VOLTAGE
-from protocols.steps import Prompt
-
-TYPED = {ENABLE_HIGH_VOLTAGE.action: "on"}
-"""Prompts of one choice that a bare Enter does not answer, and the word that does: nobody enables high voltage by leaning
-on a key."""
 
 COLOURS = {"completed": "green", "unsafe": "bold red"}
 
@@ -57,8 +50,9 @@ class ConsoleObserver:
     is no instruction to the terminal.
     """
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console, keys: str = "") -> None:
+        """`keys` is what a person may press while it runs, told where the run begins."""
+        self._console, self._keys = console, keys
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),
@@ -87,7 +81,7 @@ class ConsoleObserver:
                     self._say(f"  {role}: {identity}")
             case RunStarted():
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
-                self._say(f"writing {event.path}")
+                self._say(f"writing {event.path}" + (f"; {self._keys}" if self._keys else ""))
             case Armed(high_voltage):
                 on = "high voltage is on, says the operator" if high_voltage else "high voltage is off and stays off"
                 self._say(f"rest is measured; {on}")
@@ -153,70 +147,3 @@ class JsonObserver:
         except OSError as error:  # whoever read it has gone, or its disk is full
             self._read = False
             sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")
-
-
-class ConsoleOperator:
-    """Prompts answered on a terminal: by Enter, by a word (`TYPED`), or by the beginning of one of several choices.
-
-    Only what is typed after a prompt answers it: what lay waiting is thrown away. Reads in a thread, so that the card is
-    emptied meanwhile.
-    """
-
-    def __init__(self) -> None:
-        self._answers: dict[int, str] = {}
-
-    def show(self, ask_id: int, prompt: Prompt) -> None:
-        _forget_type_ahead()
-        sys.stderr.write(f"  {_how(prompt)}; Ctrl-C stops the run\n")
-        threading.Thread(target=self._read, args=(ask_id, prompt), name=f"prompt-{ask_id}", daemon=True).start()
-
-    def answer(self, ask_id: int) -> str | None:
-        return self._answers.pop(ask_id, None)
-
-    def _read(self, ask_id: int, prompt: Prompt) -> None:
-        while line := sys.stdin.readline():
-            meant = _meant(prompt, line.strip())
-            if meant is not None:
-                self._answers[ask_id] = meant
-                return
-            sys.stderr.write(f"  that is no answer: {_how(prompt)}; Ctrl-C stops the run\n")
-        sys.stderr.write("  standard input has ended, so nobody can answer here: the run waits until it is stopped\n")
-
-
-def _how(prompt: Prompt) -> str:
-    """How a prompt is answered, in words."""
-    if word := TYPED.get(prompt.action):
-        return f"type '{word}' and press Enter"
-    if len(prompt.choices) == 1:
-        return "press Enter when it is done"
-    return f"type {' or '.join(f'{choice[0]} ({choice})' for choice in prompt.choices)} and press Enter"
-
-
-def _meant(prompt: Prompt, said: str) -> str | None:
-    """The answer that what was typed means; None where it is none."""
-    if word := TYPED.get(prompt.action):
-        return said if said.casefold() == word else None
-    if len(prompt.choices) == 1:
-        return said or prompt.choices[0]
-    meant = [choice for choice in prompt.choices if said and choice.casefold().startswith(said.casefold())]
-    return meant[0] if len(meant) == 1 else None
-
-
-def _forget_type_ahead() -> None:
-    """Throw away what was typed before it was asked for. A pipe is not a person and keeps its lines."""
-    if not sys.stdin.isatty():
-        return
-    try:
-        import termios
-
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
-    except ImportError:
-        _forget_keys()
-
-
-def _forget_keys() -> None:
-    if sys.platform == "win32":
-        import msvcrt
-
-        while msvcrt.kbhit():
-            msvcrt.getwch()

@@ -52,15 +52,18 @@ def headless(
     if planned and not config.simulated:
         raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
     from app.build import HASTY_BLOCK_S, connect
-    from app.console import ConsoleObserver, ConsoleOperator, JsonObserver, Terminal
+    from app.console import ConsoleObserver, JsonObserver, Terminal
+    from app.console_operator import KEYS, ConsoleOperator, can_listen
     from app.fault_plan import FaultPlan, planned_fault
 
     plan = FaultPlan([planned_fault(text) for text in planned])
-    observer = JsonObserver() if options.json else ConsoleObserver(Terminal())
+    operator = ConsoleOperator()
+    keys = KEYS if can_listen() else ""
+    observer = JsonObserver() if options.json else ConsoleObserver(Terminal(), keys)
     with observer:
         way = plan.around(lambda: connect(config, speed, HASTY_BLOCK_S))
-        front = Headless(Session(way, [observer, plan, *listeners], ConsoleOperator()))
-        with _stop_on_signal(front):
+        front = Headless(Session(way, [observer, operator, plan, *listeners], operator))
+        with _stop_on_signal(front), operator.listening(front.session):
             front.session.start()
             try:
                 yield front

@@ -136,6 +136,11 @@ class Session:
         if self.state in (State.NO_BENCH, State.CLOSED):
             self.finished.set()
 
+    @property
+    def pausing(self) -> bool:
+        """Whether the present run shall be at rest and wait."""
+        return self._pause.is_set()
+
     def stop(self) -> None:
         """Ask the present run to go to rest and end; returns at once."""
         self._cancel.set()

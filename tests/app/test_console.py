@@ -1,5 +1,6 @@
 """The terminal: what is typed and when, what is printed as it is, what a machine reads, and nobody listening."""
 
+import argparse
 import io
 import json
 import os
@@ -15,11 +16,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.console import ConsoleObserver, ConsoleOperator, JsonObserver
+from app.console import ConsoleObserver, JsonObserver
+from app.console_operator import KEYS, ConsoleOperator
+from app.headless import headless
 from app.picture import figure_of
 from app.session import BenchOpened, Refused
 from model.parameters import Tactor
-from protocols.events import Armed, Noted, PointMeasured, RunStarted
+from protocols.events import Answered, Armed, Noted, PointMeasured, RunStarted
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
@@ -80,6 +83,76 @@ def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
     assert waited(lambda: operator.answer(3), 0.2) is None
     keyboard("s\n")
     assert waited(lambda: operator.answer(3), 5) == "stop"
+
+
+class Told:
+    """What is paused and let go on, in order."""
+
+    def __init__(self) -> None:
+        self.wishes: list[str] = []
+
+    @property
+    def pausing(self) -> bool:
+        return self.wishes[-1:] == ["pause"]
+
+    def pause(self) -> None:
+        self.wishes.append("pause")
+
+    def resume(self) -> None:
+        self.wishes.append("resume")
+
+    def after(self, count: int) -> list[str] | None:
+        return list(self.wishes) if len(self.wishes) == count else None
+
+
+@pytest.mark.parametrize("again", ["", "P"])
+def test_p_pauses_and_enter_or_p_goes_on(again: str, keyboard: Any) -> None:
+    told = Told()
+    with ConsoleOperator().listening(told):
+        for count, typed, wish in ((1, "p", "pause"), (2, again, "resume"), (3, "p", "pause")):
+            keyboard(f"{typed}\n")
+            assert waited(lambda n=count: told.after(n), 5)[-1] == wish
+
+
+def test_what_is_typed_at_a_prompt_answers_it_and_pauses_nothing(keyboard: Any, capsys: Any) -> None:
+    operator, told = ConsoleOperator(), Told()
+    with operator.listening(told):
+        keyboard("\nwhat\n")
+        assert waited(lambda: capsys.readouterr().err or None, 5) == f"  nothing is asked now; {KEYS}\n"
+        operator.show(5, DISABLE_HIGH_VOLTAGE)
+        keyboard("p\n")
+        assert waited(lambda: operator.answer(5), 0.2) is None
+        keyboard("\n")
+        assert waited(lambda: operator.answer(5), 5) == "done"
+        operator.show(6, ENABLE_HIGH_VOLTAGE)
+        operator(Answered(6, "seen by the laser"))
+        keyboard("p\n")
+        assert waited(lambda: told.after(1), 5) == ["pause"]
+    assert operator.answer(6) is None
+
+
+def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Path, capsys: Any) -> None:
+    kinds: list[str] = []
+
+    def watch(event: Any) -> None:
+        kinds.append(type(event).__name__)
+        if kinds.count("EntryBegan") == 2 and kinds[-1] == "EntryBegan":
+            keyboard("p\n")
+            waited(lambda: front.session.pausing or None, 5)
+        elif kinds[-1] == "Paused":
+            keyboard("\n")
+
+    options = argparse.Namespace(json=False, bench="sim")
+    with headless(simulated(), None, options, [watch]) as front:
+        front.session.run(SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5), tmp_path, "T1")
+        front.wait()
+        assert front.session.outcome == ("completed", "all points measured")
+    kept = [kind for kind in kinds if kind in ("EntryBegan", "PointMeasured", "Paused", "Resumed")]
+    assert kept == ["EntryBegan", "PointMeasured", "EntryBegan", "Paused", "Resumed", "EntryBegan", "PointMeasured"]
+    told = capsys.readouterr().err
+    assert f".h5; {KEYS}" in told
+    assert "paused: the card sees 2.500 V" in told
+    assert "goes on" in told
 
 
 def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
