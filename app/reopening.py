@@ -1,5 +1,6 @@
 """A run as it was: its response, its model, its traces and what happened, read from its file. No Qt."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -22,11 +23,13 @@ COLUMNS = 2000
 
 @dataclass(frozen=True, slots=True)
 class Traces:
-    """Drive (V) and displacement (um) over the time shown, as low, high, low, high ...; all (2 columns,)."""
+    """Drive (V) and displacement (um) over the time shown, all (N,): as low, high, low, high ..., or every sample."""
 
     time_s: Array
     drive_v: Array
     displacement_um: Array
+    raw: bool = False
+    """Every sample, none left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,10 @@ def read_traces(run: Run, start: int = 0, stop: int | None = None) -> Traces:
     """Smallest and largest of each of `COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
     stop = run.samples if stop is None else min(stop, run.samples)
     per = max(-(-(stop - start) // COLUMNS), 1)
+    if 0 < stop - start <= 2 * COLUMNS:
+        return Traces(
+            run.time_s(start, stop), run.drive_v(start, stop), 1e6 * run.displacement_m(start, stop), raw=True
+        )
     kept: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
     step = max(CHUNK // per, 1) * per
     for first in range(start, stop, step):
@@ -99,6 +106,25 @@ def read_traces(run: Run, start: int = 0, stop: int | None = None) -> Traces:
     if not kept[0]:
         return Traces(np.empty(0), np.empty(0), np.empty(0))
     return Traces(np.repeat(np.concatenate(kept[0]), 2), np.concatenate(kept[1]), np.concatenate(kept[2]))
+
+
+def look_closer(path: Path, from_s: float, to_s: float) -> Traces:
+    """The traces of a part of a run: every sample where they are few enough to be seen.
+
+    Raises:
+        RunError: it cannot be read; the sentence says why.
+    """
+    try:
+        with Run(path) as run:
+            rows = range(run.samples)
+
+            def scanned(row: int) -> float:
+                return float(run.time_s(row, row + 1)[0])
+
+            start, stop = bisect_left(rows, from_s, key=scanned), bisect_right(rows, to_s, key=scanned)
+            return read_traces(run, max(start - 1, 0), stop + 1)
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise RunError(f"{path} is damaged inside: {error}") from None
 
 
 def _points(columns: Mapping[str, Array]) -> list[Any]:

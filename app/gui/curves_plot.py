@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from app.gui.copying import Copying, Shown, as_text, drawn
 from app.gui.form import mark
 from app.gui.plots import Corner, Fill, calm_range, ink, paint, quiet, simulated_mark
 from app.gui.theme import Theme
@@ -49,6 +50,7 @@ class CurvesPlot(QWidget):
         self.drawn: list[tuple[pg.PlotCurveItem, Fill]] = []
         self.mark = simulated_mark(self._plot, self.font())
         self.found = Corner(self._plot, "", self.font(), right=False)
+        self.copying = Copying(self.canvas, self._table)
         self.caption, self.source = QLabel("Curves"), QLabel()
         mark(self.caption, "caption")
         mark(self.source, "note")
@@ -101,6 +103,18 @@ class CurvesPlot(QWidget):
         """Those that have the axes of the newest."""
         last = self._curves[-1] if self._curves else None
         return [c for c in self._curves if last is not None and (c.x, c.y) == (last.x, last.y)]
+
+    def _table(self) -> str:
+        """Every line of the curves, also those that are too many to be drawn."""
+        shown = []
+        for curve in self._shown:
+            across, factor = (shown_unit(curve.columns[name].unit)[0] for name in (curve.x, curve.y))
+            errors = curve.columns.get(f"{curve.y}_errors")
+            x, y = across * curve.columns[curve.x].values, factor * curve.columns[curve.y].values
+            name = f"{curve.name} {curve.label}".strip()
+            shown.append(Shown(name, x, y, None if errors is None else factor * errors.values))
+        across, up = (self._plot.getAxis(side).labelText for side in ("bottom", "left"))
+        return as_text((*shown, *drawn(self.source.text(), self.model)), across, up, self.mark.visible)
 
     def _draw(self) -> None:
         for line, fill in self.drawn:

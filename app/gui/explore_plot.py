@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore import Kept
 from app.explore_answer import Line, Measured, Picture
+from app.gui.copying import Copying, Shown, as_text
 from app.gui.plots import INKS, Corner, ink, paint, quiet, round_step, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
@@ -58,6 +59,7 @@ class ExplorePlot(QWidget):
         self.mark = simulated_mark(self.plot, self.font())
         self.words = Corner(self.plot, "", self.font(), right=False)
         self.mark.show(False)
+        self.copying = [Copying(canvas, self._table) for canvas in (self.canvas, self.below)]
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
@@ -132,6 +134,24 @@ class ExplorePlot(QWidget):
     def show_range(self, top_hz: float) -> None:
         self._top_hz = top_hz
         self._scale()
+
+    def _table(self) -> str:
+        """Curves, kept curves and measured runs; amplitudes also where their axis is logarithmic, phases in degrees."""
+        shown: list[Shown] = []
+        lines: list[tuple[str, Line | Measured]] = []
+        if self._picture is not None:
+            kept = zip((k.label for k in self._kept), self._picture.kept or (), strict=False)
+            lines = [("model", self._picture.line), *kept]
+        simulated = [(f"{run.label}{', SIMULATED' if run.simulated else ''}", run) for run in self._measured]
+        for name, line in (*lines, *simulated):
+            errors = (
+                (line.peak_to_peak_errors, 2 * line.fundamental_errors) if isinstance(line, Measured) else (None, None)
+            )
+            for words, y, error in zip(SERIES, (line.peak_to_peak, line.twice_fundamental), errors, strict=True):
+                um = None if error is None else 1e6 * error
+                shown.append(Shown(f"{name}: {words} (µm)", line.frequency_hz, 1e6 * y, um))
+            shown.append(Shown(f"{name}: phase (°)", line.frequency_hz, np.degrees(line.phase)))
+        return as_text(shown, "frequency (Hz)", "value", self.mark.visible)
 
     def _y(self, um: float) -> float:
         return float(np.log10(max(um, 1e-6))) if self._log else um

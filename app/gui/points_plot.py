@@ -10,6 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from app.gui.copying import Copying, as_text, drawn
 from app.gui.form import mark
 from app.gui.plots import Corner, paint, quiet, simulated_mark
 from app.gui.selection import Selection
@@ -50,6 +51,7 @@ class PointsPlot(QWidget):
             self._plot.addItem(item)
         self.mark = simulated_mark(self._plot, self.font())
         self.found = Corner(self._plot, "", self.font(), right=False)
+        self.copying = Copying(self.canvas, self._table)
         self.caption, self.hint, self.again = QLabel(), QLabel(HINT), QPushButton()
         mark(self.caption, "caption")
         mark(self.hint, "note")
@@ -106,6 +108,10 @@ class PointsPlot(QWidget):
     def show_found(self, outcome: RunEnded | None) -> None:
         """Write what was identified from the points."""
         self.found.say("" if outcome is None else ",   ".join(estimate_words(e) for e in outcome.estimates[:3]))
+
+    def _table(self) -> str:
+        across, up = (self._plot.getAxis(side).labelText for side in ("bottom", "left"))
+        return as_text(drawn(self.caption.text(), self.scatter, self._bars), across, up, self.mark.visible)
 
     def _draw(self) -> None:
         if self._kind is None:

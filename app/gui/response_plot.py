@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
+from app.gui.copying import Copying, Shown, as_text, drawn
 from app.gui.curve_band import CurveBand
 from app.gui.form import mark
 from app.gui.plots import Corner, calm_range, paint, quiet, simulated_mark
@@ -70,6 +71,7 @@ class ResponsePlot(QWidget):
         self.shown = [QCheckBox(series.words) for series in SERIES]
         self.hint = QLabel()
         self.hint.setToolTip(HINT_TIP)
+        self.copying = Copying(self.canvas, self._table)
         self.strip = Strip(self._plot, AXIS_WIDTH, theme)
         self.below = QComboBox()
         self.below.addItems([f"below: {words}" for words in SHOWS])
@@ -208,6 +210,17 @@ class ResponsePlot(QWidget):
     def _show_below(self, at: int) -> None:
         self.strip.shows = SHOWS[at]
         self.strip.draw(self._points, self._curve)
+
+    def _table(self) -> str:
+        """What is drawn, as numbers."""
+        shown: list[Shown] = []
+        for at, series in enumerate(SERIES):
+            shown += drawn(f"{series.words}, measured", self.scatters[at], self._bars[at])
+            shown += drawn(f"{series.words}, {self.band.source.text()}", self._lines[at])
+            if (ends := self.band.fills[at].ends) is not None and self.band.fills[at].isVisible():
+                names = (f"{series.words}, {self.band.box.text()}, {end} end" for end in ("lower", "upper"))
+                shown += [Shown(name, ends[0], end) for name, end in zip(names, ends[1:], strict=True)]
+        return as_text(shown, "frequency (Hz)", "amplitude (µm)", self.mark.visible)
 
     def _ink(self, at: int) -> str:
         return (self._theme.measured, self._theme.second)[at]

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBox
 
 from app.gui.log_pane import LogPane
 from app.gui.response_plot import ResponsePlot
-from app.gui.run_plots import RunTraces
+from app.gui.run_traces import RunTraces
 from app.gui.theme import Theme
 from app.overlay import Curve
 from app.reopening import Reopened

@@ -21,7 +21,7 @@ from app.gui.runs_table import COLUMNS, RunsModel
 from app.gui.theme import Theme
 from app.notes import Notes, read_tags, write_notes
 from app.overlay import Overlay, Question
-from app.reopening import Reopened, reopen
+from app.reopening import Reopened, Traces, look_closer, reopen
 from app.run_entry import Entry
 from app.view import View
 from protocols.runreader import Run, RunError
@@ -272,6 +272,18 @@ class RunsPage(QStackedWidget):
         self.setCurrentWidget(self.opened)
         self.opened.back.setFocus()
 
+    def _look_closer(self, from_s: float, to_s: float) -> None:
+        """What is looked at closely is read from the file; only where it is still looked at when its turn comes."""
+        run, traces = self.opened.run, self.opened.traces
+        if run is None:
+            return
+
+        def show(part: Traces) -> None:
+            if self.opened.run is run and traces.seen == (from_s, to_s):
+                traces.show_part(part)
+
+        self._reads.do(lambda: look_closer(run.path, from_s, to_s), show, self._failed)
+
     def _failed(self, error: Exception) -> None:
         self._scanning = False
         self.side.say(str(error), fault=True)
@@ -325,6 +337,7 @@ class RunsPage(QStackedWidget):
         self.side.open_pressed.connect(self.open)
         self.side.explore_pressed.connect(self.explore)
         self.side.export_pressed.connect(self._ask_to_export)
+        self.opened.traces.looked_at.connect(self._look_closer)
         self.opened.back_pressed.connect(self.back)
         self.opened.explore_pressed.connect(self.explore)
         for keys, do in (

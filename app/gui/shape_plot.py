@@ -7,6 +7,7 @@ import pyqtgraph as pg
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore_answer import PHASES, Shape
+from app.gui.copying import Copying, as_text, drawn
 from app.gui.plots import Corner, paint, quiet, round_step
 from app.gui.theme import Theme
 
@@ -37,6 +38,7 @@ class ShapePlot(QWidget):
         for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
             self.plot.addItem(item)
         self.words = Corner(self.plot, "", self.font(), right=False)
+        self.copying = Copying(self.canvas, self._table)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.canvas)
@@ -57,6 +59,12 @@ class ShapePlot(QWidget):
         for clamp in self._clamps:
             clamp.setPen(pg.mkPen(theme.dim, width=6))
         self.words.colour(theme.text)
+
+    def _table(self) -> str:
+        shown = list(drawn("the beam", self.beam))
+        for name, line in zip(("lowest", "highest"), self._envelope, strict=True):
+            shown += drawn(name, line)
+        return as_text(shown, "along the beam (mm)", "deflection (µm), by the model", simulated=False)
 
     def show_shape(self, shape: Shape, frequency_hz: float) -> None:
         """Another motion."""

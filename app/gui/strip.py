@@ -7,6 +7,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
+from app.gui.copying import Copying, as_text, drawn
 from app.gui.plots import calm_range, few_ticks, paint, quiet
 from app.gui.theme import Theme
 from app.overlay import Curve
@@ -37,6 +38,8 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         self.scatter = pg.ScatterPlotItem(size=8, antialias=True)
         for item in (self._line, self._bars, self.scatter):
             self._plot.addItem(item)
+        self._simulated = False
+        self.copying = Copying(self, self._table)
         self._theme = theme
         self.hide()
 
@@ -48,9 +51,14 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         self._line.setPen(pg.mkPen(theme.model, width=1.5))
         self._bars.setData(pen=pg.mkPen(theme.measured))
 
+    def _table(self) -> str:
+        shown = [*drawn("measured", self.scatter, self._bars), *drawn("model", self._line)]
+        return as_text(shown, "frequency (Hz)", self._plot.getAxis("left").labelText, self._simulated)
+
     def draw(self, points: Sequence[Any], curve: Curve | None) -> None:
         """Draw what is wanted of points and curve."""
         self.setVisible(self.shows != NOTHING)
+        self._simulated = any(Quality.SIMULATED in Quality(p.quality) for p in points)
         if self.shows == NOTHING:
             return
         x = np.array([p.frequency for p in points])

@@ -8,6 +8,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
+from app.gui.copying import Copying, as_text, drawn
 from app.gui.feed import SPANS, LiveFeed, Span
 from app.gui.plots import Corner, calm_range, few_ticks, paint, quiet, simulated_mark, trace_pen
 from app.gui.theme import Theme
@@ -65,6 +66,7 @@ class TimePlot(QWidget):
             for plot, words in ((self._driven, "drive at the amplifier (V)"), (self._moved, "displacement (µm)"))
         ]
         self.marks = [simulated_mark(plot, self.font()) for plot in (self._driven, self._moved)]
+        self.copying = Copying(self._canvas, self._table)
         self._build()
         self.set_theme(theme)
         self._spans.idToggled.connect(self._chosen)
@@ -139,6 +141,12 @@ class TimePlot(QWidget):
             self._moved.setYRange(*wanted, padding=0)
             step = few_ticks(*wanted)
             self._moved.getAxis("left").setTickSpacing(step, step)
+
+    def _table(self) -> str:
+        shown = [*drawn("displacement (µm)", self.curves[1]), *drawn("drive at the amplifier (V)", self.curves[0])]
+        return as_text(
+            shown, f"s before {self._axis_words.text().partition(' before ')[2]}", "value", self.marks[0].visible
+        )
 
     def _chosen(self, _at: int, checked: bool) -> None:
         if not checked:

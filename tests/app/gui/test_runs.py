@@ -128,6 +128,32 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert len(view.response._lines[0].getData()[0]) > 100
 
 
+def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
+    page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.reopening.COLUMNS", 100)
+    choose(page, "T7")
+    page.open()
+    until(lambda: page.currentWidget() is page.opened, "for the run")
+    traces = page.opened.traces
+    whole_s, whole_um = traces.curves[0].getData()
+    assert len(whole_s) == 200
+    for _ in range(4):
+        QTest.keyClick(page.window(), Qt.Key.Key_Minus, Qt.KeyboardModifier.ControlModifier)
+    traces._plots[0].setXRange(0.1, 0.13, padding=0)
+    until(lambda: len(traces.curves[0].getData()[0]) < 190, "for the samples")
+    seen_s, seen_um = traces.curves[0].getData()
+    with Run(next(folder.glob("*_T7_*"))) as run:
+        at = (run.time_s() > 0.0999) & (run.time_s() < 0.1301)
+        times, moved = run.time_s()[at], 1e6 * run.displacement_m()[at]
+    np.testing.assert_allclose(np.interp(times, seen_s, seen_um), moved)
+    assert set(times.round(6)) <= set(seen_s.round(6))
+    assert "every sample" in traces._plots[1].getAxis("bottom").labelText
+    QTest.keyClick(page.window(), Qt.Key.Key_0, Qt.KeyboardModifier.ControlModifier)
+    until(lambda: len(traces.curves[0].getData()[0]) == 200, "for the whole")
+    np.testing.assert_array_equal(traces.curves[0].getData()[1], whole_um)
+
+
 def test_several_are_compared(page: RunsPage) -> None:
     choose(page, "T7", "T8")
     heights = sorted(float(item.getData()[1][0]) for item in page.side.plot.items)

@@ -1,0 +1,100 @@
+"""What a plot shows, taken elsewhere: a picture or its numbers on the clipboard, from buttons in its corner or by a key."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QGuiApplication, QKeySequence, QShortcut
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
+
+from app.gui.form import mark
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One thing a plot shows: x, y and where there is one its standard error, each (N,), in the units of the axes."""
+
+    name: str
+    x: Array
+    y: Array
+    errors: Array | None = None
+
+
+def as_text(shown: Iterable[Shown], x_label: str, y_label: str, simulated: bool) -> str:
+    """A table with tabs between its columns, as spreadsheets take it; it begins with SIMULATED where that is so."""
+    lines = ["SIMULATED"] if simulated else []
+    lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
+    for one in shown:
+        errors = np.full(len(one.y), np.nan) if one.errors is None else one.errors
+        lines += [
+            f"{one.name}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
+            for x, y, error in zip(one.x, one.y, errors, strict=True)
+            if np.isfinite(x) and np.isfinite(y)
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def drawn(name: str, item: Any, bars: Any = None) -> Iterable[Shown]:
+    """What an item of a plot shows, with the bars that belong to it; nothing where it is hidden or empty."""
+    x, y = item.getData()
+    if item.isVisible() and x is not None and len(x):
+        errors = None if bars is None else np.asarray(bars.opts["height"], float) / 2
+        yield Shown(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
+
+
+class Copying(QWidget):
+    """Two buttons in the lower corner of a canvas, there while the mouse is over it. With the keyboard in it: Ctrl+P, Ctrl+D.
+
+    No menu that drops down: that would keep the Stop key to itself.
+
+    Args:
+        canvas: what is copied.
+        text: its numbers as a table.
+    """
+
+    def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
+        super().__init__(canvas)
+        self._canvas, self._text = canvas, text
+        self.picture, self.data = QPushButton("Copy picture"), QPushButton("Copy data")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(4)
+        for button, do, key, words in (
+            (self.picture, self.copy_picture, "Ctrl+P", "This plot as a picture on the clipboard"),
+            (self.data, self.copy_data, "Ctrl+D", "What this plot shows as a table on the clipboard"),
+        ):
+            mark(button, "choice")
+            button.setToolTip(f"{words}: {key} while the keyboard is in the plot")
+            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            button.clicked.connect(do)
+            row.addWidget(button)
+            shortcut = QShortcut(QKeySequence(key), canvas, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
+            shortcut.activated.connect(do)
+        canvas.installEventFilter(self)
+        self.hide()
+
+    def copy_picture(self) -> None:
+        """The plot as it is seen, without these buttons."""
+        seen = self.isVisible()
+        self.hide()
+        QGuiApplication.clipboard().setPixmap(self._canvas.grab())
+        self.setVisible(seen)
+
+    def copy_data(self) -> None:
+        """The numbers."""
+        QGuiApplication.clipboard().setText(self._text())
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is self._canvas and event.type() in (QEvent.Type.Enter, QEvent.Type.Leave, QEvent.Type.Resize):
+            if event.type() is not QEvent.Type.Resize:
+                self.setVisible(event.type() is QEvent.Type.Enter)
+            self.adjustSize()
+            at = self._canvas.rect().bottomRight() - self.rect().bottomRight()
+            self.move(at.x() - 6, at.y() - 4)
+            self.raise_()
+        return False

@@ -1,0 +1,67 @@
+"""Every plot gives what it shows to the clipboard: a picture, and a table whose numbers are those of the points."""
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtTest import QTest
+
+from app.gui.copying import Copying
+from tests.app.gui.happenings import LIVE, OPENED, point
+from tests.app.gui.stage import Stage, until
+
+CONTROL = Qt.KeyboardModifier.ControlModifier
+
+
+def pasted() -> str:
+    return QGuiApplication.clipboard().text()
+
+
+def test_every_canvas_of_the_window_can_be_copied(stage: Stage) -> None:
+    until(lambda: len(stage.window.pages.made) == stage.window.pages.count(), "for the pages")
+    canvases = stage.window.findChildren(pg.GraphicsView)
+    assert len(canvases) >= 9
+    assert [c for c in canvases if c.findChild(Copying) is None] == []
+
+
+def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE, point(0, 100.0), point(1, 160.0))
+    until(stage.window.measure.response.band.source.text, "for the curve")
+    canvas = stage.window.measure.response.canvas
+    canvas.setFocus()
+    QTest.keyClick(canvas, Qt.Key.Key_D, CONTROL)
+    first, head, *rows = pasted().splitlines()
+    assert first == "SIMULATED"
+    assert head.split("\t") == ["series", "frequency (Hz)", "amplitude (µm)", "standard error"]
+    table = [row.split("\t") for row in rows]
+    assert [row[1:] for row in table if row[0] == "max − min, measured"] == [["100", "900", "2"], ["160", "840", "2"]]
+    curve = [(float(x), float(y)) for name, x, y, _ in table if name == "max − min, curve: the paper's values"]
+    x, y = np.array(curve).T
+    assert 145 < x[y.argmax()] < 157
+
+
+def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
+    canvas = stage.window.measure.response.canvas
+    copying = stage.window.measure.response.copying
+    copying.show()
+    with_buttons = canvas.grab().toImage()
+    copying.copy_picture()
+    image = QGuiApplication.clipboard().image()
+    assert image.size() == with_buttons.size()
+    assert image != with_buttons
+    assert copying.isVisible()
+
+
+def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_2, CONTROL)
+    page = stage.window.explore
+    until(lambda: page.picture is not None and page.picture.shape is not None, "for the curve")
+    page.plot.copying[0].copy_data()
+    linear = pasted()
+    page.bar.series[3].click()
+    page.plot.copying[0].copy_data()
+    assert pasted() == linear
+    top = max(float(row.split("\t")[2]) for row in linear.splitlines() if row.startswith("model: max"))
+    assert abs(top - 1155) < 2
