@@ -104,19 +104,34 @@ def add_report_command(known: Any) -> None:
     report = known.add_parser(
         "report",
         help="the report of a specimen: PDF and HTML",
-        description="One page to sign, and an appendix with every run: parameters with errors beside the paper's, the response "
-        "with its band and residuals, margin over the skin's threshold, instruments, hashes of the run files. The same files "
-        "give the same bytes.",
-        epilog="example: tactor-bench report T7 --out reports",
+        description="One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
+        "with errors beside the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
+        "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be told to be. The same "
+        "files give the same bytes.",
+        epilog="example: tactor-bench report T7 --limits limits.toml --out reports",
     )
-    report.add_argument("specimen")
+    report.add_argument("specimen", nargs="?")
     report.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
     report.add_argument("--out", type=path, default=Path(), metavar="FOLDER", help="where it goes (default: here)")
+    report.add_argument(
+        "--limits",
+        type=path,
+        metavar="FILE",
+        help="limits to be met (default: limits.toml beside the runs, if it is there)",
+    )
+    report.add_argument("--golden", metavar="SPECIMEN", help="the specimen that the limits compare with")
+    report.add_argument(
+        "--new-limits",
+        type=path,
+        metavar="FILE",
+        help="write a commented example of limits into this file, and nothing else",
+    )
+    report.add_argument("--json", action="store_true", help="its numbers as one JSON object, SI units")
     report.set_defaults(command=_report)
 
 
 def _report(options: argparse.Namespace) -> int:
-    from app.report_command import report
+    from app.report.command import report
 
     return report(options)
 

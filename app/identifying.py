@@ -101,6 +101,31 @@ def identify(
     paths = tuple(paths)
     specimen, campaign, left_out = campaign_of(told(paths), opened)
     n = n or max(map(shapes_of, paths))
+    return identify_campaign(
+        specimen, campaign, method, free, fixed, loss, amplifier, tactor, membrane, progress, cancelled, left_out, n
+    )
+
+
+def identify_campaign(
+    specimen: str,
+    campaign: Campaign,
+    method: Method = "joint",
+    free: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    loss: Loss = "linear",
+    amplifier: AmplifierMap | None = None,
+    tactor: Tactor | None = None,
+    membrane: Membrane | None = None,
+    progress: Callable[..., None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    left_out: Sequence[str] = (),
+    n: int = Setting.n,
+) -> Identified:
+    """As `identify`, from observations that were read already; `left_out` are sentences that go into the notes.
+
+    Raises:
+        ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
+    """
     tactor, membrane = tactor or Tactor(), membrane or Membrane()
     base = defaults(tactor, membrane, None)
     amplifier = amplifier or AmplifierMap()

@@ -77,9 +77,14 @@ def campaign_of(paths: Iterable[Path], opened: Callable[[Path], Run] = Run) -> t
 def shapes_of(path: Path) -> int:
     """With how many shape functions a run is identified: those the simulated tactor has, or enough for a real one."""
     with Run(path) as run:
-        if not run.simulated:
-            return SHAPES
-        return int(run.configuration.get("simulation", {}).get("modes", Setting.n))
+        return shapes_in(run)
+
+
+def shapes_in(run: Run) -> int:
+    """The same of an open run."""
+    if not run.simulated:
+        return SHAPES
+    return int(run.configuration.get("simulation", {}).get("modes", Setting.n))
 
 
 def observations(run: Run) -> Iterator[Observation]:

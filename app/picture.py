@@ -202,12 +202,11 @@ def _amplifier(run: Run) -> AmplifierMap:
 
 
 def _draw_trace(axes: Any, run: Run) -> None:
-    recordings = list(run.recordings())
-    if not recordings:
+    last = run.last_recording()
+    if last is None:
         words = "imported: there are no samples" if run.imported else "nothing was recorded"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
         return
-    last = recordings[-1]
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))
     t = 1e3 * np.arange(shown) / last.rate_hz
     axes.plot(t, 1e6 * last.displacement_m[:shown], color="tab:red", lw=0.8)

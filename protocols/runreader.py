@@ -213,22 +213,31 @@ class Run:
 
     def own_recordings(self) -> Iterator[Recording]:
         """What was kept in this very file, in order."""
-        table = self._entry["recordings"][:]
         delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
-        entries = table[ENTRY] if ENTRY in table.dtype.names else np.arange(len(table))  # format 1: one each
-        for index, row in enumerate(table):
-            rows = (int(row["start_row"]), int(row["stop_row"]))
-            yield Recording(
-                index=index,
-                rows=rows,
-                rate_hz=self.rate_hz,
-                drive=from_record(json.loads(row["drive"].decode())),
-                drive_v=self.drive_v(*rows),
-                displacement_m=self.displacement_m(*rows),
-                quality=Quality(int(row["quality"])),
-                sensor_delay_s=delay_s,
-                entry=int(entries[index]),
-            )
+        for index, row in enumerate(self._entry["recordings"][:]):
+            yield self._recording(index, row, delay_s)
+
+    def last_recording(self) -> Recording | None:
+        """The last of what this file keeps, without reading the rest; None where it keeps nothing."""
+        table = self._entry["recordings"]
+        if not len(table):
+            return None
+        delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
+        return self._recording(len(table) - 1, table[-1], delay_s)
+
+    def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
+        rows = (int(row["start_row"]), int(row["stop_row"]))
+        return Recording(
+            index=index,
+            rows=rows,
+            rate_hz=self.rate_hz,
+            drive=from_record(json.loads(row["drive"].decode())),
+            drive_v=self.drive_v(*rows),
+            displacement_m=self.displacement_m(*rows),
+            quality=Quality(int(row["quality"])),
+            sensor_delay_s=delay_s,
+            entry=int(row[ENTRY]) if ENTRY in row.dtype.names else index,  # format 1: one each
+        )
 
     def points(self) -> dict[str, Array]:
         """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""

@@ -1,6 +1,5 @@
 """From run files to parameters: what the simulated tactor is made of comes back, with errors that hold; and is kept."""
 
-import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -158,21 +157,3 @@ def test_a_damaged_calibration_file_is_named(tmp_path: Path) -> None:
     calibrations.calibrations_path(tmp_path, "T1").write_text('{"format": "tactor-bench-calibrations", "versions": 3}')
     with pytest.raises(CalibrationError, match="restore it from a copy"):
         calibrations.read(tmp_path, "T1")
-
-
-def test_the_report_is_the_same_bytes_twice_and_says_what_it_rests_on(runs: list[Path], tmp_path: Path) -> None:
-    for out in ("a", "b"):
-        assert main(["report", "T1", "--folder", str(runs[0].parent), "--out", str(tmp_path / out)]) == 0
-    for name in ("T1_report.pdf", "T1_report.html"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-    page = (tmp_path / "a" / "T1_report.html").read_text("utf-8")
-    assert page.count("SIMULATED") >= 1
-    assert "paper&#x27;s Table I" in page
-    for path in runs:
-        assert path.name in page
-        assert hashlib.sha256(path.read_bytes()).hexdigest()[:16] in page
-
-
-def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", "T9", "--folder", str(tmp_path)]) == 2
-    assert "there is no run of specimen 'T9'" in capsys.readouterr().err

@@ -1,0 +1,126 @@
+"""The report as HTML: the same words, tables and figures in one file that needs nothing beside it."""
+
+from collections.abc import Iterable
+from html import escape
+from io import StringIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from app.report.blocks import Block, Grid, Plot, Report, Words
+from app.report.drawing import LEGEND, draw
+from app.whole_file import write_whole
+
+WIDTH = 7.0
+"""Of a picture, inches."""
+
+STYLE = """
+body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #111; background: #fff; line-height: 1.4; }
+table { border-collapse: collapse; margin: 0 0 .5rem; width: 100%; }
+caption { text-align: left; font-weight: bold; padding: .8rem 0 .3rem; }
+th, td { border-bottom: 1px solid #ccc; padding: .2rem .8rem .2rem 0; text-align: left; vertical-align: top; font-size: .85rem; }
+tr.bad td, p.bad { color: #b00018; font-weight: bold; } p.good { color: #006030; font-weight: bold; }
+td.code { font-family: monospace; overflow-wrap: anywhere; }
+.note, figcaption { font-size: .8rem; color: #444; margin: 0 0 1.2rem; } figure { margin: 1rem 0; } h3 { margin-bottom: .2rem; }
+.banner { color: #c00018; border: 4px solid #c00018; padding: .5rem 1rem; font-weight: bold; }
+.mark { position: fixed; inset: 0; display: flex; align-items: center; justify-content: center; text-align: center; pointer-events: none;
+  color: red; opacity: .12; font-size: 5rem; font-weight: bold; transform: rotate(-25deg); }
+.sign { display: flex; gap: 2rem; margin: 2rem 0; } .sign span { flex: 1; border-bottom: 1px solid #111; padding-top: 2rem; }
+svg { max-width: 100%; height: auto; }
+@media print { h2 { break-before: page; } figure, tr { break-inside: avoid; } }
+"""
+
+
+class Html:
+    """Collects the report; `close` writes it whole, or not at all where something went wrong before.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+
+    def __init__(self, report: Report, path: Path) -> None:
+        self._path = path
+        self._title = escape(f"Specimen {report.specimen}")
+        self._parts = [*_head(report)]
+        for block in report.first:
+            self._parts += _block(block)
+        self._parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
+        for section in report.appendix:
+            self._parts.append(f"<h2>{escape(section.title)}</h2>")
+            for block in section.blocks:
+                self._parts += _block(block)
+        self._parts.append("<h2>Every run</h2>")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            body = "\n".join(self._parts)
+            write_whole(
+                self._path,
+                f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{self._title}</title>'
+                f"<style>{STYLE}</style></head><body>\n{body}\n</body></html>\n",
+            )
+
+    def picture(self, name: str, figure: Any) -> None:
+        """A run's own picture, laid out."""
+        self._parts.append(f"<h3>{escape(name)}</h3>")
+        self._parts.append(_svg(figure, f"Run {name}"))
+
+
+def _head(report: Report) -> Iterable[str]:
+    yield f"<h1>Specimen {escape(report.specimen)}</h1>"
+    if report.marks:
+        words = " ".join(report.marks)
+        what = ": no number here was measured on a real specimen" if words == "SIMULATED" else ""
+        yield f"<div class='mark' aria-hidden='true'>{escape(words)}</div>"
+        yield f"<p class='banner'>{escape(words + what)}</p>"
+    yield f"<p>{escape(report.subtitle)}</p>"
+    yield f"<p class='note'>fingerprint of the run files {report.fingerprint}; {escape(report.code)}</p>"
+
+
+def _block(block: Block) -> Iterable[str]:
+    match block:
+        case Words():
+            yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
+        case Plot():
+            yield _plot(block)
+        case Grid():
+            yield _grid(block)
+            if block.note:
+                yield f"<p class='note'>{escape(block.note)}</p>"
+
+
+def _plot(plot: Plot) -> str:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height = plot.inches * plot.rows + LEGEND
+    figure = Figure(figsize=(WIDTH, height))
+    FigureCanvasAgg(figure)
+    draw(figure, plot, (0.0, 0.0, WIDTH, height))
+    caption = f"<figcaption>{escape(plot.caption)}</figcaption>" if plot.caption else ""
+    return f"<figure><h3>{escape(plot.title)}</h3>{_svg(figure, plot.title)}{caption}</figure>"
+
+
+def _grid(grid: Grid) -> str:
+    heads = "".join(f"<th>{escape(head)}</th>" for head in grid.heads)
+    cell = "<td class='code'>{}</td>" if grid.code else "<td>{}</td>"
+    rows = "".join(
+        f"<tr{' class=bad' if at in grid.bad else ''}>{''.join(cell.format(escape(text)) for text in row)}</tr>"
+        for at, row in enumerate(grid.rows)
+    )
+    return f"<table><caption>{escape(grid.title)}</caption><tr>{heads}</tr>{rows}</table>"
+
+
+def _svg(figure: Any, title: str) -> str:
+    import matplotlib as mpl
+
+    store = StringIO()
+    with mpl.rc_context({"svg.hashsalt": "tactor-bench", "svg.fonttype": "none"}):
+        figure.savefig(store, format="svg", metadata={"Date": None, "Creator": None})
+    text = store.getvalue()
+    return text[text.index("<svg") :].replace("<svg ", f'<svg role="img" aria-label="{escape(title)}" ', 1)

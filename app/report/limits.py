@@ -1,0 +1,193 @@
+"""The limits a lab sets on its specimens: a TOML file, validated whole, and what it says of one specimen."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from annotated_types import Interval, Unit
+from pydantic import Field, ValidationError, create_model, model_validator
+
+from app.config import LARGEST, faults
+from app.report.blocks import Outcome
+from app.report.merits import MERITS, Merit, half_interval
+from app.report.numbers import plain, printed_unit, stated
+from app.table import Table
+from app.words import shown_unit
+
+BESIDE = "limits.toml"
+"""The name of a file of limits beside the runs."""
+
+Rule = Literal["guarded", "simple"]
+
+EXAMPLE = """\
+# Limits for 'tactor-bench report'. Beside the runs under the name limits.toml it is found by itself; any other file is named
+# with --limits FILE. A value may carry a unit, in quotes: low = "150 Hz". Plain numbers are SI.
+
+# "guarded": the whole 95 % interval must lie within the limits, or the verdict is 'cannot tell'. "simple": the value alone counts.
+rule = "guarded"
+
+# The specimen that within_golden compares with: its runs in the same folder are identified in the same way.
+# golden = "T0"
+
+[limits.resonance]              # as measured: parabola through the three highest points of the free dwell
+low = "150 Hz"
+high = "170 Hz"
+
+[limits.amplitude_at_resonance] # max - min at full drive
+low = "0.9 mm"
+
+[limits.smallest_margin]        # over the threshold of the skin, 50 um, from 5 to 250 Hz
+low = 4
+
+# [limits.k2]
+# within_golden = "5 %"
+
+# What else a limit can be set on: {names}
+"""
+
+
+class LimitsError(Exception):
+    """A file of limits is wrong. The text lists every fault with line and remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What is asked of one number, SI; None where nothing is."""
+
+    low: float | None = None
+    high: float | None = None
+    within_golden: float | None = None
+    """How far it may be from the golden unit's, relative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """A file of limits."""
+
+    limits: Mapping[str, Limit]
+    rule: Rule = "guarded"
+    golden: str = ""
+    source: str = ""
+    """Where they stand."""
+
+
+class _Limit(Table):
+    @model_validator(mode="after")
+    def _asks_something(self) -> "_Limit":
+        asked = self.model_dump()
+        low, high = asked["low"], asked["high"]
+        if all(value is None for value in asked.values()):
+            raise ValueError("asks nothing; give low, high or within_golden")
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"low {low:g} is above high {high:g}; nothing could pass")
+        return self
+
+
+def _table(name: str, unit: str) -> type[_Limit]:
+    number = Annotated[float | None, Unit(unit)]
+    share = Annotated[float | None, Unit("1"), Interval(gt=0)]
+    fields: dict[str, Any] = {"low": (number, None), "high": (number, None), "within_golden": (share, None)}
+    return create_model(f"Limit of {name}", __base__=_Limit, **fields)
+
+
+_FIELDS: dict[str, Any] = {name: (_table(name, merit.unit) | None, None) for name, merit in MERITS.items()}
+_Named = create_model("Limits", __base__=Table, **_FIELDS)
+
+
+class _File(Table):
+    golden: Annotated[str, "the specimen that within_golden compares with"] = ""
+    rule: Annotated[Rule, "whether the 95 % interval or the value alone must lie within"] = "guarded"
+    limits: _Named = Field(default_factory=_Named)
+
+
+def read_limits(path: Path) -> Limits:
+    """The limits in a file.
+
+    Raises:
+        LimitsError: it is missing or wrong; every fault is listed.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
+        raise LimitsError(f"the limits {path} cannot be read: {reason}") from error
+    if len(text) > LARGEST:
+        raise LimitsError(f"{path} is longer than {LARGEST / 1e6:g} MB and no file of limits")
+    try:
+        read = _File.model_validate(tomllib.loads(text)).model_dump()
+    except ValidationError as error:
+        lines = "\n".join(faults(error, text))
+        raise LimitsError(f"{path} has faults:\n{lines}\nA limit can be set on: {', '.join(MERITS)}") from error
+    except (ValueError, RecursionError) as error:
+        raise LimitsError(f"{path} is not valid TOML: {error}") from error
+    asked = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
+    if not asked:
+        raise LimitsError(f"{path} sets no limit; 'tactor-bench report --new-limits FILE' writes an example")
+    return Limits(asked, read["rule"], read["golden"], str(path))
+
+
+def example() -> str:
+    """A commented file of limits."""
+    return EXAMPLE.format(names=", ".join(MERITS))
+
+
+def judge(asked: Limits, found: Mapping[str, Merit], golden: Mapping[str, Merit]) -> tuple[Outcome, ...]:
+    """Each limit with its verdict; what was not measured cannot pass."""
+    return tuple(
+        outcome
+        for name, limit in asked.limits.items()
+        for outcome in _judged(name, limit, asked, found.get(name), golden.get(name))
+    )
+
+
+def _judged(name: str, limit: Limit, asked: Limits, merit: Merit | None, golden: Merit | None) -> list[Outcome]:
+    out = []
+    value = "not told by these runs" if merit is None else stated(merit.value, merit.standard_error, merit.unit)
+    if limit.low is not None or limit.high is not None:
+        words = _words(limit, MERITS[name].unit)
+        if merit is None:
+            out.append(Outcome(name, words, value, "cannot tell", "these runs do not tell it"))
+        else:
+            low = -float("inf") if limit.low is None else limit.low
+            high = float("inf") if limit.high is None else limit.high
+            out.append(Outcome(name, words, value, *_verdict(merit.value, half_interval(merit), low, high, asked.rule)))
+    if limit.within_golden is not None:
+        words = f"within {100 * limit.within_golden:g} % of {asked.golden}"
+        if merit is None or golden is None or golden.value == 0:
+            why = "these runs do not tell it" if merit is None else f"the runs of {asked.golden} do not tell it"
+            out.append(Outcome(name, words, value, "cannot tell", why))
+        else:
+            ratio = merit.value / golden.value - 1
+            both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
+            half = half_interval(Merit(name, ratio, sum(e * e for e in both) ** 0.5))
+            text = f"{value}: {100 * ratio:+.2f} ± {100 * half:.2f} % (95 %)".replace("-", "−")
+            out.append(
+                Outcome(
+                    name, words, text, *_verdict(ratio, half, -limit.within_golden, limit.within_golden, asked.rule)
+                )
+            )
+    return out
+
+
+def _verdict(
+    value: float, half: float, low: float, high: float, rule: Rule
+) -> tuple[Literal["pass", "fail", "cannot tell"], str]:
+    if rule == "simple":
+        half = 0.0
+    if low <= value - half and value + half <= high:
+        return "pass", ""
+    if value + half < low or value - half > high:
+        return "fail", ""
+    return "cannot tell", "the 95 % interval crosses the limit"
+
+
+def _words(limit: Limit, unit: str) -> str:
+    factor, shown = shown_unit(unit)
+    low, high = (None if v is None else plain(factor * v) for v in (limit.low, limit.high))
+    shown = f" {printed_unit(shown)}".rstrip()
+    if low is not None and high is not None:
+        return f"{low} to {high}{shown}"
+    return f"at least {low}{shown}" if low is not None else f"at most {high}{shown}"

@@ -1,0 +1,27 @@
+"""One small specimen for all tests of the report: measured once, gathered once."""
+
+from pathlib import Path
+
+import pytest
+
+from app.report.blocks import Report
+from app.report.content import gather
+from app.report.specimen import Specimen
+from app.report.taken import Taken
+from tests.app.report.specimen import DWELL, STEPS, TRUTH
+from tests.support import laboratory, run, simulated
+
+
+@pytest.fixture(scope="package")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short dwell and short steps."""
+    folder = tmp_path_factory.mktemp("runs")
+    with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0}, seed=5)) as lab:
+        for protocol in (DWELL, STEPS):
+            run(protocol, folder, lab)
+    return folder
+
+
+@pytest.fixture(scope="package")
+def gathered(folder: Path) -> tuple[Report, Specimen, tuple[Taken, ...]]:
+    return gather(folder, "T1")

@@ -1,0 +1,151 @@
+"""Limits on a specimen: a file validated whole, verdicts that mind the uncertainty, and an exit code."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from app.main import main
+from app.report import command
+from app.report.blocks import Words, blocks_of
+from app.report.limits import Limit, Limits, LimitsError, judge, read_limits
+from app.report.merits import MERITS, Merit
+from app.report.numbers import plain, probability, stated
+
+
+def test_a_file_of_limits_is_read_with_its_units(tmp_path: Path) -> None:
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        'golden = "T0"\nrule = "simple"\n[limits.resonance]\nlow = "0.15 kHz"\nhigh = 170\n'
+        '[limits.k2]\nwithin_golden = "5 %"\n[limits.latency]\nhigh = "0.6 ms"\n'
+    )
+    read = read_limits(path)
+    assert (read.golden, read.rule) == ("T0", "simple")
+    assert read.limits["resonance"] == Limit(pytest.approx(150.0), 170.0)
+    assert read.limits["k2"] == Limit(within_golden=pytest.approx(0.05))
+    assert read.limits["latency"] == Limit(high=pytest.approx(6e-4))
+
+
+def test_every_fault_is_listed_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        'rule = "loose"\n[limits.resonanse]\nlow = 3\n[limits.k2]\nlow = "3 kg"\n[limits.c0]\nlow = 3\nhigh = 2\n'
+        "[limits.mu]\n[limits.resonance]\nlowest = 3\n"
+    )
+    with pytest.raises(LimitsError) as told:
+        read_limits(path)
+    said = str(told.value)
+    for words in (
+        "line 1: rule", "line 2: limits.resonanse: unknown key", "line 5: limits.k2.low", "low 3 is above high 2",
+        "line 9: limits.mu: asks nothing", "line 11: limits.resonance.lowest: unknown key", "amplitude_at_resonance",
+    ):  # fmt: skip
+        assert words in said, said
+
+
+@pytest.mark.parametrize(
+    ("text", "says"), [("[limits", "not valid TOML"), ("", "sets no limit"), ("\0\udc80", "cannot be read")]
+)
+def test_what_is_no_file_of_limits_is_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "limits.toml"
+    path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(LimitsError, match=says):
+        read_limits(path)
+    with pytest.raises(LimitsError, match="cannot be read: No such file"):
+        read_limits(tmp_path / "none.toml")
+
+
+RESONANCE = {"resonance": Merit("resonance", 150.5, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("limit", "rule", "verdict"),
+    [
+        (Limit(low=149.0, high=170.0), "guarded", "pass"),
+        (Limit(low=150.0), "guarded", "cannot tell"),
+        (Limit(low=151.0), "guarded", "cannot tell"),
+        (Limit(low=152.0), "guarded", "fail"),
+        (Limit(high=149.0), "guarded", "fail"),
+        (Limit(low=150.0), "simple", "pass"),
+        (Limit(low=151.0), "simple", "fail"),
+        (Limit(within_golden=0.05), "guarded", "pass"),
+        (Limit(within_golden=0.01), "guarded", "cannot tell"),
+        (Limit(within_golden=0.001), "guarded", "fail"),
+    ],
+)
+def test_a_verdict_minds_the_uncertainty(limit: Limit, rule: str, verdict: str) -> None:
+    golden = {"resonance": Merit("resonance", 153.0, 0.5)}
+    (outcome,) = judge(Limits({"resonance": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
+    assert outcome.verdict == verdict, outcome
+
+
+def test_what_was_not_measured_does_not_pass() -> None:
+    asked = Limits({"k2": Limit(low=1e-3), "resonance": Limit(within_golden=0.5)}, golden="T0")
+    k2, resonance = judge(asked, RESONANCE, {})
+    assert (k2.verdict, resonance.verdict) == ("cannot tell", "cannot tell")
+    assert "T0" in resonance.why
+
+
+@pytest.mark.parametrize(
+    ("text", "is_"),
+    [
+        (stated(-1.33e-5, 2.5e-8, "N m/V"), "(−13.300 ± 0.025) × 10⁻⁶ N m/V"),
+        (stated(54812.0, 312.0, "kg/(m s)"), "54812 ± 312 kg/(m s)"),
+        (stated(7.73e-3, 1e-5, "kg"), "7.730 ± 0.010 g"),
+        (stated(3.0, 0.0, "1"), "3"),
+        (plain(1.4e-3, 3), "1.4 × 10⁻³"),
+        (probability(3.2e-8), "3 × 10⁻⁸"),
+        (probability(0.0), "< 10⁻¹⁰"),
+    ],
+)
+def test_numbers_are_printed_to_what_their_errors_allow(text: str, is_: str) -> None:
+    assert text.replace("\N{NO-BREAK SPACE}", " ") == is_
+
+
+def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "--new-limits", "limits.toml"]) == 0
+    assert main(["report", "--new-limits", "limits.toml"]) == 2
+    example = Path("limits.toml").read_text("utf-8")
+    for name in MERITS:
+        assert name in example
+    report = ["report", "T1", "--folder", str(folder), "--out", "out", "--json", "--limits"]
+    assert set(read_limits(Path("limits.toml")).limits) == {"resonance", "amplitude_at_resonance", "smallest_margin"}
+    Path("strict.toml").write_text(
+        'golden = "T1"\n[limits.resonance]\nlow = "160 Hz"\n[limits.mu]\nwithin_golden = "9 %"\n'
+    )
+    capsys.readouterr()
+    said: list[str] = []
+    monkeypatch.setattr(
+        command, "write", lambda content, *_: said.extend(b.text for b in blocks_of(content, Words)) or ()
+    )
+    assert main([*report, "strict.toml"]) == 1
+    told = capsys.readouterr()
+    assert "fail: resonance is" in told.err
+    assert "at least 160 Hz" in told.err
+    record = json.loads(told.out)
+    assert record["passed"] is False
+    assert [o["verdict"] for o in record["limits"]] == ["fail", "pass"]
+    assert "NOT PASSED: of 2 limits 1 not met." in said
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--golden", "T0"], "--golden needs limits"),
+        (["--limits", "gone.toml"], "cannot be read"),
+        (["--limits", "k2.toml"], "names none"),
+        (["--limits", "k2.toml", "--golden", "T0"], "no run of specimen 'T0'"),
+    ],
+)
+def test_what_is_asked_wrongly_is_a_sentence(
+    folder: Path, tmp_path: Path, options: list[str], says: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("k2.toml").write_text('[limits.k2]\nwithin_golden = "5 %"\n')
+    assert main(["report", "T1", "--folder", str(folder), *options]) == 2
+    assert says in capsys.readouterr().err
+    assert main(["report"]) == 2
+    assert "a specimen is missing" in capsys.readouterr().err

@@ -1,0 +1,222 @@
+"""The report of a specimen: what it says is so, every page says SIMULATED, limits are judged, the bytes are the same twice."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from matplotlib.backends.backend_pdf import PdfPages
+
+from app.main import main
+from app.report import command
+from app.report.blocks import Grid, Plot, Report, Words, blocks_of
+from app.report.content import ReportError, gather
+from app.report.merits import felt, quick
+from app.report.specimen import Specimen
+from app.report.taken import Taken
+from model.amplifier import AmplifierMap
+from model.closed_form import exact_response
+from model.parameters import Membrane, Tactor
+from protocols.quality import Quality
+from protocols.runreader import Run
+from protocols.wiring_check import WiringCheck
+from tests.app.report.specimen import TRUTH
+from tests.support import laboratory, run
+
+
+@pytest.fixture
+def copy(folder: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(folder, tmp_path / "runs"))
+
+
+def texts(report: Report) -> str:
+    """All words and all cells of a report."""
+    words = [block.text for block in blocks_of(report, Words)]
+    cells = [cell for grid in blocks_of(report, Grid) for row in grid.rows for cell in row]
+    return "\n".join([*words, *cells])
+
+
+def change(path: Path, act: Callable[[Any], None]) -> None:
+    with h5py.File(path, "r+") as file:
+        act(file["entry"])
+
+
+def replaced(entry: Any, name: str, value: Any) -> None:
+    del entry[name]
+    entry[name] = value
+
+
+def test_two_reports_of_the_same_files_are_the_same_bytes_and_every_page_says_simulated(
+    folder: Path, gathered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages: list[list[str]] = []
+    written = PdfPages.savefig
+
+    def save(pdf: PdfPages, figure: Any = None, **more: Any) -> None:
+        pages.append([text.get_text() for text in figure.texts])
+        written(pdf, figure, **more)
+
+    monkeypatch.setattr(PdfPages, "savefig", save)
+    assert main(["report", "T1", "--folder", str(folder), "--out", str(tmp_path / "a")]) == 0
+    (tmp_path / "b").mkdir()
+    command.write(*gathered, tmp_path / "b")  # gathered by itself, from the same files
+    for name in ("T1_report.pdf", "T1_report.html"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert not list(tmp_path.glob("*/*.part"))
+    half = len(pages) // 2
+    assert half >= 5
+    for at, page in enumerate(pages[:half], 1):
+        assert page.count("SIMULATED") == 2, page  # in its head and across it
+        assert any(f"page {at} of {half}" in text for text in page)
+    html = (tmp_path / "a" / "T1_report.html").read_text("utf-8")
+    assert "class='mark'" in html
+    assert "class='banner'>SIMULATED" in html
+    for path in folder.glob("*.h5"):
+        assert path.name in html
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in html
+
+
+def test_what_the_first_page_says_is_what_the_plant_is(gathered: tuple[Report, Specimen, tuple[Taken, ...]]) -> None:
+    report, known, _ = gathered
+    assert report.marks == ("SIMULATED",)
+    merits = {m["name"]: m for m in report.record["merits"]}  # type: ignore[attr-defined]
+    for name in ("mu", "c0"):
+        assert merits[name]["value"] == pytest.approx(getattr(TRUTH, name), rel=2e-3)
+    # The peak as measured, against the twelve interface conditions solved at every frequency.
+    f = np.arange(130.0, 165.0, 0.25)
+    exact = 2 * 1000.0 * np.abs(exact_response(TRUTH, f))
+    assert merits["resonance"]["value"] == pytest.approx(f[exact.argmax()], abs=2.0)
+    assert merits["amplitude_at_resonance"]["value"] == pytest.approx(exact.max(), rel=0.01)
+    assert merits["amplitude_at_resonance"]["standard_error"] > 0.0019 * exact.max()  # 0.2 % of the sensor's gain
+    at_top = 2 * 1000.0 * float(np.abs(exact_response(TRUTH, np.array([250.0])))[0]) / 50e-6
+    assert merits["smallest_margin"]["value"] == pytest.approx(at_top, rel=0.01)
+    assert known.tells_free
+
+
+def test_margin_and_latency_of_the_papers_tactor_are_the_settled_numbers() -> None:
+    table = Specimen(Tactor(), Membrane(), AmplifierMap(), None)
+    soon = quick(table)
+    assert soon is not None
+    assert soon.latency is not None
+    assert soon.latency.value == pytest.approx(0.56e-3, abs=0.01e-3)
+    assert soon.overshoot == pytest.approx(0.51, abs=0.005)
+    free, pressed = felt(table, None), felt(table, 6.35e-3)
+    assert free is not None
+    assert pressed is not None
+    assert free.margin == pytest.approx(291.8 / 50, rel=2e-3)
+    assert free.usable == ((5.0, 250.0),)
+    assert np.interp(
+        200.0, np.concatenate((np.linspace(5, 37.5, 14), np.linspace(40, 250, 85))), pressed.band.centre
+    ) == (pytest.approx(91.9e-6, rel=5e-3))
+
+
+def test_r_and_residuals_are_those_of_the_drawn_points(gathered: tuple[Report, Specimen, tuple[Taken, ...]]) -> None:
+    report, _, _ = gathered
+    plots = {plot.title: plot for plot in blocks_of(report, Plot)}
+    (dots,) = plots["Fig. 9: frequency response"].panels[0].dots
+    assert dots.model is not None
+    (table,) = [g for g in blocks_of(report, Grid) if g.title == "Validation curves"]
+    row = next(row for row in table.rows if row[0].startswith("Fig. 9"))
+    assert float(row[2]) == pytest.approx(np.corrcoef(dots.y, dots.model)[0, 1], abs=1e-4)
+    assert float(row[5].split()[0]) == pytest.approx(float(np.sqrt(np.mean((dots.y - dots.model) ** 2))), rel=5e-3)
+    assert (np.abs(dots.y - dots.model) < dots.half).all()
+
+
+def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> None:
+    path = next(copy.glob("*sine-dwell.h5"))
+
+    def flag(entry: Any) -> None:
+        entry["points/quality"][4] = int(Quality.CLIPPED | Quality.SIMULATED)
+        entry["points/peak_to_peak"][4] *= 3
+        entry["points/fundamental"][4] *= 3
+
+    change(path, flag)
+    report, _, _ = gather(copy, "T1")
+    assert "1 clipped" in texts(report)
+    (dots,) = next(p for p in blocks_of(report, Plot) if "Fig. 9" in p.title).panels[0].dots
+    assert dots.good.tolist() == [True, True, True, True, False]
+    mu = next(m for m in report.record["merits"] if m["name"] == "mu")  # type: ignore[attr-defined]
+    assert mu["value"] == pytest.approx(TRUTH.mu, rel=3e-3)
+
+
+def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy: Path) -> None:
+    first = next(copy.glob("*sine-dwell.h5"))
+    later = copy / "20991231T000000Z_T1_sine-dwell.h5"
+    shutil.copy(first, later)
+    change(later, lambda entry: replaced(entry, "continues", first.name))
+    (copy / "20991231T000001Z_T1_sweep.h5").write_bytes(first.read_bytes()[:20_000])
+    report, _, runs = gather(copy, "T1")
+    said = texts(report)
+    assert f"its points are carried on in {later.name}" in said
+    assert "20991231T000001Z_T1_sweep.h5" in said
+    assert "cut off" in said
+    assert sum(bool(r.observations) and not r.left_out for r in runs) == 2
+
+
+def test_real_runs_are_not_marked_and_simulated_ones_beside_them_take_no_part(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = next(copy.glob("*sine-dwell.h5"))
+    change(real, lambda entry: replaced(entry, "simulated", False))
+    report, _, runs = gather(copy, "T1")
+    assert report.marks == ()
+    assert [bool(r.left_out) for r in runs] == [False, True]
+    assert "it is simulated, and there are real runs" in texts(report)
+    monkeypatch.setattr(Run, "imported", property(lambda run: run.path == real), raising=False)
+    assert gather(copy, "T1")[0].marks == ("IMPORTED",)
+
+
+def test_an_expired_calibration_stands_out(copy: Path) -> None:
+    for path in copy.glob("*.h5"):
+
+        def expire(entry: Any) -> None:
+            known = json.loads(entry["configuration"].asstr()[()])
+            known["sensor"] |= {"calibrated": "2019-05-04", "expires": "2020-05-04"}
+            replaced(entry, "configuration", json.dumps(known))
+            replaced(entry, "instrument/displacement_sensor/calibrated", "2019-05-04")
+
+        change(path, expire)
+    report, _, _ = gather(copy, "T1")
+    (grid,) = [g for g in blocks_of(report, Grid) if g.title == "Instruments"]
+    (bad,) = [grid.rows[i] for i in grid.bad]
+    assert bad[0] == "sensor"
+    assert bad[3:5] == ("2019-05-04", "2020-05-04, before 2 runs")
+    assert "in 2 runs the calibration of an instrument had expired" in texts(report)
+
+
+def test_a_specimen_whose_runs_tell_nothing_of_the_model_still_has_its_report(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        run(WiringCheck(record_s=0.5, wait_s=0.2), tmp_path, lab)
+    report, known, _ = gather(tmp_path, "T1")
+    assert "Nothing is identified: no run tells anything about the model" in texts(report)
+    assert not blocks_of(report, Plot)
+    assert not known.told
+
+
+def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", "T9", "--folder", str(tmp_path)]) == 2
+    assert "there is no run of specimen 'T9'" in capsys.readouterr().err
+    with pytest.raises(ReportError, match="there is no run of specimen 'T9'"):
+        gather(tmp_path, "T9")
+
+
+def test_interrupted_it_leaves_what_was_there(
+    folder: Path, gathered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "T1_report.pdf").write_text("before")
+    report, known, runs = gathered
+    monkeypatch.setattr(command, "gather", lambda *_: (replace(report, first=(), appendix=()), known, runs))
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "figure_of", interrupted)
+    assert main(["report", "T1", "--folder", str(folder), "--out", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "tactor-bench: interrupted\n"
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("T1_report.pdf", "before")]
