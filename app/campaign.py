@@ -8,30 +8,21 @@ the files, and a program that was killed leaves nothing behind that has to be me
 import json
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import ValidationError
 
-from app.campaign_plan import CARRIED, PAPER, Item, known
+from app.campaign_file import CampaignError, campaign_path, read_record, write_record
+from app.campaign_plan import CARRIED, PAPER, Item, Plan, known
 from app.campaign_runs import Made, Shelf
-from app.campaign_standing import Listed, Next, Standing, basis_of, stand
-from app.whole_file import write_whole
+from app.campaign_standing import GOOD, Listed, Next, basis_of, stand
 from model.amplifier import AmplifierMap
 from protocols.events import Status
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
-from protocols.runfile import safe_name
 from protocols.values import Estimate
-
-SUFFIX = ".campaign.json"
-VERSION = 1
-
-
-class CampaignError(Exception):
-    """A campaign cannot be opened, changed or kept. The sentence says which, why and what to do."""
 
 
 class Campaign:
@@ -42,11 +33,11 @@ class Campaign:
         self.specimen = str(record["specimen"])
         self.simulated = bool(record["simulated"])
         self.created = str(record["created"])
-        self.items = tuple(Item.from_record(item) for item in record["items"])
+        self._plan = Plan(tuple(Item.from_record(item) for item in record["items"]))
         self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
         self._shelf = Shelf(path.parent)
         self._writing: tuple[str, Path] | None = None
-        """Item and file of the run that this program is making: no second hand may open that file."""
+        """Item ("" for a run that is none of ours) and file that this program is writing: no second hand may open it."""
         self._lock = threading.RLock()
 
     @classmethod
@@ -73,21 +64,32 @@ class Campaign:
         Raises:
             CampaignError: there is none, or its file cannot be understood.
         """
-        path = campaign_path(folder, specimen)
+        return cls.at(campaign_path(folder, specimen), specimen)
+
+    @classmethod
+    def at(cls, path: Path, specimen: str = "") -> Self:
+        """The campaign of a file.
+
+        Raises:
+            CampaignError: there is none, or its file cannot be understood.
+        """
         try:
-            record = json.loads(path.read_text("utf-8"))
-            if record["kind"] != "campaign" or record["version"] > VERSION:
-                raise CampaignError(f"{path} is of a newer version of this program; install that")
-            return cls(path, record)
+            return cls(path, read_record(path))
         except FileNotFoundError:
+            of = f"of {specimen} in {path.parent}" if specimen else f"at {path}"
             raise CampaignError(
-                f"there is no campaign of {specimen} in {folder}; begin one: tactor-bench campaign new --specimen {specimen}"
+                f"there is no campaign {of}; begin one: tactor-bench campaign new --specimen {specimen or 'NAME'}"
             ) from None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise CampaignError(
                 f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); mend the file, or take it "
                 "away and begin anew. The runs themselves are untouched"
             ) from None
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        """What it consists of, in order."""
+        return self._plan.items
 
     # -- how it stands -------------------------------------------------------------------------------------------------
 
@@ -97,8 +99,8 @@ class Campaign:
             name, file = self._writing or ("", None)
             made = self._shelf.runs(self.created, leave=file)
             runs = {item.name: self._of(item, made) for item in self.items}
-            if file is not None:
-                item = self._item(name)
+            if file is not None and name:
+                item = self._plan.item(name)
                 runs[name].append(Made(file, self.specimen, item.protocol, {}, Status.RUNNING))
             titles = {name: kind.title for name, kind in PROTOCOLS.items()}
             return stand(self.items, titles, runs, self._based_on)
@@ -112,7 +114,7 @@ class Campaign:
 
     def line(self, name: str) -> Listed:
         """One item as it stands. Raises CampaignError for an unknown name."""
-        self._item(name)
+        self._plan.item(name)
         return next(line for line in self.listed() if line.item.name == name)
 
     def protocol(self, item: Item) -> Protocol:
@@ -145,7 +147,7 @@ class Campaign:
     def carried(self, item: Item) -> dict[str, Estimate]:
         """The accepted estimates of everything the item rests on, by name; of two the later item's counts."""
         lines = {line.item.name: line for line in self.listed()}
-        wanted = self._below(item)
+        wanted = self._plan.below(item)
         found: dict[str, Estimate] = {}
         for name, line in lines.items():
             if name in wanted:
@@ -154,18 +156,22 @@ class Campaign:
 
     def counting(self) -> list[Path]:
         """The runs that count, in the order of their items."""
-        good = (Standing.DONE, Standing.STALE)
-        return [line.run for line in self.listed() if line.standing in good and line.run is not None]
+        return [line.run for line in self.listed() if line.standing in GOOD and line.run is not None]
 
     # -- what a person changes -----------------------------------------------------------------------------------------
 
     def began(self, name: str, run: Path) -> None:
         """A run of an item has been begun by this program: keep what it is based on."""
         with self._lock:
-            item, self._writing = self._item(name), (name, run)
+            item, self._writing = self._plan.item(name), (name, run)
             lines = {line.item.name: line for line in self.listed()}
             self._based_on[run.name] = {n: basis_of(lines[n]) for n in item.needs if lines[n].run is not None}
             self._save()
+
+    def leave(self, run: Path) -> None:
+        """A run is being written here that is none of this campaign's items: its file is left alone."""
+        with self._lock:
+            self._writing = ("", run)
 
     def ended(self) -> None:
         """The run that this program has begun is over, and its file closed."""
@@ -180,6 +186,13 @@ class Campaign:
         """Measure an item again: runs until now do not count."""
         self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
 
+    def accept(self, name: str) -> None:
+        """A person has looked at what the run of an item found, and takes it."""
+        line = self.line(name)
+        if line.run is None or line.standing not in GOOD:
+            raise CampaignError(f"{name} has no run that could be accepted: it is {line.standing}")
+        self._change(name, accepted=(*line.item.accepted, line.run.name))
+
     def reject(self, name: str) -> None:
         """Do not accept the run of an item; the one before it counts, or the item is missing."""
         line = self.line(name)
@@ -187,20 +200,29 @@ class Campaign:
             raise CampaignError(f"{name} has no run that could be rejected")
         self._change(name, rejected=(*line.item.rejected, line.run.name))
 
-    def move(self, name: str, before: str) -> None:
-        """Put an item before another one.
+    def move(self, name: str, before: str = "") -> None:
+        """Put an item before another one, or at the end. Raises CampaignError where it may not stand there."""
+        with self._lock:
+            self._plan.move(name, before)
+            self._save()
 
-        Raises:
-            CampaignError: something would come before what it needs.
-        """
-        moved, rest = self._item(name), [item for item in self.items if item.name != name]
-        place = next((i for i, item in enumerate(rest) if item.name == self._item(before).name), len(rest))
-        items = (*rest[:place], moved, *rest[place:])
-        for i, item in enumerate(items):
-            if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
-                raise CampaignError(f"{name} cannot stand before {before}: {item.name} needs {later[0]} before it")
-        self.items = items
-        self._save()
+    @property
+    def can_undo(self) -> bool:
+        return self._plan.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        return self._plan.can_redo
+
+    def undo(self) -> bool:
+        """Take the last change of the plan back; whether there was one. Runs are never touched."""
+        with self._lock:
+            return self._plan.undo() and self._save()
+
+    def redo(self) -> bool:
+        """Make the change again that was taken back; whether there was one."""
+        with self._lock:
+            return self._plan.redo() and self._save()
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
@@ -218,43 +240,18 @@ class Campaign:
             and all(run.parameters.get(name) == value for name, value in settings.items())
         ]
 
-    def _below(self, item: Item) -> set[str]:
-        """Everything an item rests on."""
-        found: set[str] = set()
-        for need in item.needs:
-            found |= {need} | self._below(self._item(need))
-        return found
-
-    def _item(self, name: str) -> Item:
-        for item in self.items:
-            if item.name == name:
-                return item
-        raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
-
     def _change(self, name: str, **values: Any) -> None:
         with self._lock:
-            changed = replace(self._item(name), **values)
-            self.items = tuple(changed if item.name == name else item for item in self.items)
+            self._plan.change(name, **values)
             self._save()
 
-    def _save(self) -> None:
+    def _save(self) -> Literal[True]:
         record = {
-            "kind": "campaign",
-            "version": VERSION,
             "specimen": self.specimen,
             "simulated": self.simulated,
             "created": self.created,
             "items": [item.as_record() for item in self.items],
             "based_on": self._based_on,
         }
-        text = json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self.path, text)
-        except OSError as error:
-            raise CampaignError(f"the campaign {self.path} cannot be written: {error.strerror}") from None
-
-
-def campaign_path(folder: Path, specimen: str) -> Path:
-    """Where a specimen's campaign stands: beside its runs."""
-    return folder / f"{safe_name(specimen)}{SUFFIX}"
+        write_record(self.path, record)
+        return True

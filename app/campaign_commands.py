@@ -7,9 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app.campaign import Campaign, CampaignError
-from app.campaign_queue import CampaignRehearsal, Conductor, rehearse_campaign
-from app.campaign_standing import Listed, Next, Standing
+from app.campaign import Campaign
+from app.campaign_file import CampaignError
+from app.campaign_queue import CampaignRehearsal, Conductor, first, following, of_this_bench, rehearse_campaign
+from app.campaign_standing import Listed
+from app.campaign_words import DOES, MARKS
 from app.commands import chosen_bench
 from app.exits import DONE, UsageError
 from app.headless import exit_code, headless
@@ -17,15 +19,6 @@ from app.words import duration, size, uncertain
 from drivers.errors import BenchError
 from protocols.plain import plain
 from protocols.runreader import RunError
-
-MARKS = {
-    Standing.DONE: "✓",
-    Standing.STALE: "↻",
-    Standing.FAILED: "✗",
-    Standing.UNFINISHED: "…",
-    Standing.RUNNING: "▶",
-    Standing.SKIPPED: "–",
-}
 
 
 def campaign(options: argparse.Namespace) -> int:
@@ -43,6 +36,8 @@ def campaign(options: argparse.Namespace) -> int:
                 return _run(known, options)
             case "skip":
                 known.skip(options.item, options.reason)
+            case "accept":
+                known.accept(options.item)
             case "repeat":
                 known.repeat(options.item)
             case "reject":
@@ -56,59 +51,22 @@ def campaign(options: argparse.Namespace) -> int:
 
 def _run(known: Campaign, options: argparse.Namespace) -> int:
     config, speed = chosen_bench(options)
-    if config.simulated != known.simulated:
-        kinds = ("a real bench", "a simulated bench")
-        raise UsageError(f"the campaign of {known.specimen} is of {kinds[known.simulated]}; give that with --bench")
-    line: Listed | None = _first(known, options)
+    of_this_bench(known, config.simulated)
+    line: Listed | None = first(known, options.item or "", options.hands_free, options.verb == "resume")
     conductor, on = Conductor(known), options.all or options.hands_free
     with headless(config, speed, options, [conductor], options.faults) as front:
         while line is not None:
             if not options.json:
-                words = "go on with" if line.next is Next.RESUME else "measure"
-                sys.stderr.write(f"campaign of {known.specimen}: {words} {line.item.name} ({line.title})\n")
+                does = DOES[line.next].lower()
+                sys.stderr.write(f"campaign of {known.specimen}: {does} {line.item.name} ({line.title})\n")
             conductor.begin(front.session, line)
             front.wait()
             if exit_code(front.session) != DONE or front.stopped.is_set() or not on:
                 break
-            before, line = line, known.next(options.hands_free)
-            if line is not None and line.item.name == before.item.name:  # it does not pass, however often
-                break
+            line = following(known, line, options.hands_free)
     if not options.json:
         _show(known, as_json=False)
     return exit_code(front.session)
-
-
-def _first(known: Campaign, options: argparse.Namespace) -> Listed:
-    """The item to begin with.
-
-    Raises:
-        UsageError: there is nothing to do, or not with this item.
-    """
-    if options.item:
-        line = known.line(options.item)
-        if line.next is Next.NOTHING:
-            raise UsageError(
-                f"{options.item} is {line.standing}: {line.reason}. To measure it again: tactor-bench campaign repeat "
-                f"{options.item} --specimen {known.specimen}"
-            )
-        if line.next is Next.WAIT:
-            raise UsageError(f"{options.item} has to wait: it is {line.standing}, {line.reason}")
-    elif options.verb == "resume":
-        broken = [line for line in known.listed() if line.next is Next.RESUME]
-        if not broken:
-            raise UsageError(
-                "nothing was broken off that could be gone on with; 'campaign run' measures what comes next"
-            )
-        line = broken[0]
-    elif (found := known.next(options.hands_free)) is not None:
-        line = found
-    else:
-        left = [line.item.name for line in known.listed() if line.next is not Next.NOTHING]
-        hands = f"without hands; left: {', '.join(left)}" if left else "any more"
-        raise UsageError(f"there is nothing to do {hands}")
-    if options.verb == "resume" and line.next is not Next.RESUME:
-        raise UsageError(f"{line.item.name} was not broken off (it is {line.standing}: {line.reason})")
-    return line
 
 
 def _rehearse(known: Campaign, options: argparse.Namespace) -> int:
@@ -172,6 +130,7 @@ def _record(line: Listed) -> dict[str, Any]:
         "needs": line.item.needs,
         "state": line.standing,
         "reason": line.reason,
+        "accepted": line.accepted,
         "next": line.next,
         "run": line.run and str(line.run),
         "estimates": {name: asdict(estimate) for name, estimate in estimates.items()},
@@ -180,7 +139,8 @@ def _record(line: Listed) -> dict[str, Any]:
 
 def _text(line: Listed) -> str:
     mark = MARKS.get(line.standing, " ")
-    words = [f"{mark} {line.item.name:10} {line.standing:10} {line.title:16} {line.reason}"]
+    accepted = "accepted, " if line.accepted else ""
+    words = [f"{mark} {line.item.name:10} {line.standing:10} {line.title:16} {accepted}{line.reason}"]
     if line.run is not None:
         words.append(f"    {line.run.name}")
     words += [f"    {e.name}: {uncertain(e.value, e.standard_error, e.unit)}" for e in line.estimates]

@@ -16,6 +16,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "resume": ("go on with the item that was broken off", "ITEM"),
     "skip": ("leave an item out", "ITEM!"),
     "repeat": ("measure an item again: its runs until now do not count", "ITEM!"),
+    "accept": ("say that what the run of an item found has been looked at and is taken", "ITEM!"),
     "reject": ("do not accept the run of an item that counts now", "ITEM!"),
     "move": ("put an item before another one", "ITEM!"),
 }

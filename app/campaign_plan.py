@@ -1,9 +1,10 @@
 """What a campaign consists of: measurements in an order, what each needs before it, and the paper's own as the default."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from app.campaign_file import CampaignError
 from protocols.steps import Prompt
 
 
@@ -20,6 +21,7 @@ class Item:
         skipped: why it is left out; empty where it is not.
         since: earlier runs (ISO, UTC) do not count.
         rejected: names of run files that do not count.
+        accepted: names of run files whose results a person has looked at and taken.
     """
 
     name: str
@@ -30,6 +32,7 @@ class Item:
     skipped: str = ""
     since: str = ""
     rejected: tuple[str, ...] = ()
+    accepted: tuple[str, ...] = ()
 
     def as_record(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
@@ -38,7 +41,7 @@ class Item:
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Item":
         """The item that `as_record` described. Raises TypeError or KeyError where it is none."""
-        lists = {name: tuple(record[name]) for name in ("needs", "rejected")}
+        lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted") if name in record}
         prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
         return cls(**{**record, **lists, "prepare": prepare})
 
@@ -80,3 +83,76 @@ def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ..
         for item in items
         if item.name not in lost
     )
+
+
+class Plan:
+    """The items in their order, and every change of them, which can be taken back. Kept nowhere."""
+
+    def __init__(self, items: tuple[Item, ...]) -> None:
+        self.items = items
+        self._past: list[tuple[Item, ...]] = []
+        self._future: list[tuple[Item, ...]] = []
+
+    def item(self, name: str) -> Item:
+        """One item. Raises CampaignError where there is none of that name."""
+        for item in self.items:
+            if item.name == name:
+                return item
+        raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
+
+    def below(self, item: Item) -> set[str]:
+        """Names of everything an item rests on."""
+        found: set[str] = set()
+        for need in item.needs:
+            found |= {need} | self.below(self.item(need))
+        return found
+
+    def change(self, name: str, **values: Any) -> None:
+        """Give an item other values."""
+        changed = replace(self.item(name), **values)
+        self._become(tuple(changed if item.name == name else item for item in self.items))
+
+    def move(self, name: str, before: str = "") -> None:
+        """Put an item before another one, or at the end.
+
+        Raises:
+            CampaignError: something would come before what it needs.
+        """
+        moved, rest = self.item(name), [item for item in self.items if item.name != name]
+        before = before and self.item(before).name
+        place = next((i for i, item in enumerate(rest) if item.name == before), len(rest))
+        items = (*rest[:place], moved, *rest[place:])
+        for i, item in enumerate(items):
+            if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
+                where = f"before {before}" if before else "at the end"
+                raise CampaignError(f"{name} cannot stand {where}: {item.name} needs {later[0]} before it")
+        self._become(items)
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._future)
+
+    def undo(self) -> bool:
+        """Take the last change back; whether there was one."""
+        return self._step(self._past, self._future)
+
+    def redo(self) -> bool:
+        """Make the change again that was taken back; whether there was one."""
+        return self._step(self._future, self._past)
+
+    def _become(self, items: tuple[Item, ...]) -> None:
+        if items != self.items:
+            self._past.append(self.items)
+            self._future.clear()
+            self.items = items
+
+    def _step(self, back: list[tuple[Item, ...]], forth: list[tuple[Item, ...]]) -> bool:
+        if not back:
+            return False
+        forth.append(self.items)
+        self.items = back.pop()
+        return True

@@ -35,6 +35,10 @@ class Standing(StrEnum):
     SKIPPED = "skipped"
 
 
+GOOD = (Standing.DONE, Standing.STALE)
+"""There is a run that counts."""
+
+
 class Next(StrEnum):
     """What an item asks for."""
 
@@ -60,6 +64,11 @@ class Listed:
     """When that run was begun, ISO, UTC."""
     estimates: tuple[Estimate, ...] = ()
     """Of the run that counts; what the items after it are based on."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether a person has looked at what the run that counts found, and taken it."""
+        return self.run is not None and self.run.name in self.item.accepted
 
 
 def stand(

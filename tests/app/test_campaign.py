@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from app.campaign import Campaign, CampaignError, campaign_path
+from app.campaign import Campaign
 from app.campaign_estimates import believed, identified
+from app.campaign_file import CampaignError, campaign_path
 from app.campaign_plan import PAPER, Item, known
 from app.campaign_queue import Conductor, rehearse_campaign
 from app.campaign_runs import Made
@@ -19,7 +20,7 @@ from app.campaign_standing import Next, Standing, stand
 from app.main import main
 from app.session import Session
 from model.parameters import Tactor
-from protocols.events import Asked, Event, Noted
+from protocols.events import Asked, Event, Noted, RunStarted
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run
 from protocols.steps import Prompt
@@ -307,3 +308,46 @@ def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
         assert (told.lowest_specimen_v, told.highest_specimen_v) == (-500, 1500)
         campaign.skip("dwell")
         assert rehearse_campaign(campaign, lab.bench).highest_specimen_v == 900
+
+
+def test_what_was_found_can_be_accepted_and_that_is_kept(measured) -> None:
+    campaign, _ = measured
+    assert not campaign.line("steps").accepted
+    campaign.accept("steps")
+    assert Campaign.at(campaign.path).line("steps").accepted
+    campaign.reject("steps")
+    assert not campaign.line("steps").accepted
+    with pytest.raises(CampaignError, match="steps has no run that could be accepted: it is missing"):
+        campaign.accept("steps")
+
+
+def test_every_change_of_the_plan_can_be_taken_back(tmp_path: Path) -> None:
+    campaign = Campaign.new(tmp_path, "T1", True, (*QUICK, Item("free", "sine-dwell")))
+    plans = [campaign.items]
+    for change in (
+        lambda: campaign.move("free", "wiring"),
+        lambda: campaign.skip("steps"),
+        lambda: campaign.move("free"),
+    ):
+        change()
+        plans.append(campaign.items)
+    for before in reversed(plans[:-1]):
+        assert campaign.undo()
+        assert [(i.name, i.skipped) for i in Campaign.at(campaign.path).items] == [(i.name, i.skipped) for i in before]
+    assert not campaign.undo()
+    for after in plans[1:]:
+        assert campaign.redo()
+        assert campaign.items == after
+    assert not campaign.redo()
+    campaign.undo()
+    campaign.skip("dwell")
+    assert not campaign.can_redo
+
+
+def test_the_conductor_leaves_runs_alone_that_are_not_its_own(tmp_path: Path) -> None:
+    campaign = Campaign.new(tmp_path, "T1", True, QUICK)
+    conductor = Conductor(campaign)
+    (tmp_path / "20990101T000000Z_T1_wiring-check.h5").write_text("being written: nobody may open it")
+    conductor(RunStarted("wiring-check", str(tmp_path / "20990101T000000Z_T1_wiring-check.h5"), 1.0, 1, True))
+    assert campaign.line("wiring").standing is Standing.MISSING
+    assert not json.loads(campaign.path.read_text("utf-8"))["based_on"]

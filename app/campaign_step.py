@@ -1,0 +1,103 @@
+"""The next step of a campaign as a person is told it: what, why, what it will take, and what can be answered. No Qt."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from app.campaign_sheet import Row, Sheet
+from app.campaign_standing import Next, Standing
+from app.campaign_words import DOES, estimate_words, rehearsal_words, why_next
+from app.words import duration
+
+MOST_ESTIMATES = 6
+
+
+class Do(StrEnum):
+    """What a person may do about it; the first of a step is what is wanted."""
+
+    RUN = "run"
+    FREE = "run without hands"
+    ACCEPT = "accept"
+    REJECT = "reject"
+    HALT = "halt the queue"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What stands large above the list."""
+
+    heading: str
+    why: str = ""
+    detail: str = ""
+    does: tuple[Do, ...] = ()
+    about: str = ""
+    """The item it is about."""
+
+
+def step_of(sheet: Sheet, running: str = "", busy: bool = False, queue: bool = False) -> Step:
+    """What comes next.
+
+    Args:
+        sheet: the campaign now.
+        running: the item whose run this campaign has begun and that goes on; empty for none.
+        busy: whether any run goes on.
+        queue: whether what needs no hands follows by itself.
+    """
+    if running or busy:
+        return _going_on(sheet, running, queue)
+    if (found := sheet.pending) is not None:
+        return _to_accept(sheet, found)
+    if sheet.refusal:
+        return Step("The bench cannot do what is left", sheet.refusal)
+    if (row := sheet.next) is not None:
+        return _to_run(sheet, row)
+    return _nothing(sheet)
+
+
+def progress_words(sheet: Sheet, running: str = "", run_left_s: float = 0.0) -> str:
+    """`3 of 7 done, about 1 h 05 min and 42 prompts left`."""
+    words = f"{sheet.done} of {sheet.wanted} done"
+    if not sheet.left:
+        return words
+    left_s = sheet.left_s(running) + run_left_s
+    prompts = sum(told.prompts for told in sheet.left)
+    return f"{words}, about {duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
+
+
+def _going_on(sheet: Sheet, running: str, queue: bool) -> Step:
+    row = sheet.row(running)
+    if row is None:
+        return Step("A run of the Measure page is going on", "The campaign goes on when it has ended.")
+    follows = "What needs no hands follows by itself." if queue else ""
+    return Step(f"Measuring {row.name}: {row.line.title}", follows, "", (Do.HALT,) if queue else (), row.name)
+
+
+def _to_accept(sheet: Sheet, row: Row) -> Step:
+    told = [estimate_words(estimate) for estimate in row.line.estimates]
+    more = f" … and {len(told) - MOST_ESTIMATES} more" if len(told) > MOST_ESTIMATES else ""
+    found = (
+        ";  ".join(told[:MOST_ESTIMATES]) + more if told else "It tells no parameter; its points are in the run file."
+    )
+    rest = [other.name for other in sheet.rows if row.name in other.line.item.needs]
+    why = f"{_and(rest)} will rest on it." if rest else "Nothing else rests on it."
+    goes = (Do.ACCEPT, Do.REJECT) + ((Do.RUN,) if sheet.next is not None else ())
+    return Step(f"Accept what {row.name} found?", f"{row.line.title}. {why}", found, goes, row.name)
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def _to_run(sheet: Sheet, row: Row) -> Step:
+    heading = f"{DOES[row.line.next]} {row.name}: {row.line.title}"
+    detail = f"{rehearsal_words(row.told)[:1].upper()}{rehearsal_words(row.told)[1:]}." if row.told else ""
+    does = (Do.RUN, Do.FREE) if sheet.free is not None else (Do.RUN,)
+    return Step(heading, why_next(row.line), detail, does, row.name)
+
+
+def _nothing(sheet: Sheet) -> Step:
+    if all(row.line.standing in (Standing.DONE, Standing.SKIPPED) for row in sheet.rows):
+        left_out = [row.name for row in sheet.rows if row.line.standing is Standing.SKIPPED]
+        but = f"Left out: {', '.join(left_out)}. " if left_out else ""
+        return Step("Everything is measured", f"{but}The report: tactor-bench report {sheet.specimen} --out reports")
+    waits = [f"{row.name}: {row.line.reason}" for row in sheet.rows if row.line.next is Next.WAIT]
+    return Step("Nothing can be measured now", "; ".join(waits))
