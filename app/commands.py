@@ -193,8 +193,13 @@ def _open_window(
     from app.build import connect
     from app.gui.application import open_window
 
+    def bench(name: str) -> tuple[Any, BenchConfig]:
+        other = load_bench(name)
+        pace = other.truth.speed if other.simulated else 1.0
+        return lambda: connect(other, pace), other
+
     return open_window(
-        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart=autostart
+        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart, benches=bench
     )
 
 

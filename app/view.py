@@ -166,6 +166,15 @@ class View:
         return self.connected and not self.busy and not self.unsafe
 
     @property
+    def why_not(self) -> str:
+        """Why no run can begin; empty where one can."""
+        if self.busy:
+            return "a run is going on"
+        if self.unsafe:
+            return "read and acknowledge the message first"
+        return "" if self.connected else "there is no bench"
+
+    @property
     def can_pause(self) -> bool:
         return self.busy and self.state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
 

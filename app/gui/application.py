@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -21,6 +21,10 @@ from app.view import UNSAFE_EXIT
 from protocols.protocol import Protocol
 
 UNITS_MS = 500
+SEEN = "window/seen"
+"""In the settings: somebody has had this window before."""
+
+Benches = Callable[[str], tuple[Connect, BenchConfig]]
 
 
 def application() -> QApplication:
@@ -44,6 +48,7 @@ def open_window(
     autostart: bool = False,
     settings: QSettings | None = None,
     make_session: MakeSession = Session,
+    benches: Benches | None = None,
 ) -> int:
     """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
@@ -56,20 +61,45 @@ def open_window(
         autostart: begin a run as soon as the bench is there.
         settings: where window, folder and specimen are remembered; None is the user's own place.
         make_session: tests give one that needs no bench.
+        benches: opens another bench by its file, where the window may change to one; raises ConfigError.
     """
-    app = application()
-    window = MainWindow(
-        Link(connect, make_session), config, protocol, folder, specimen, settings or QSettings(), autostart
-    )
-    window.show()
+    application()
+    kept = settings or QSettings()
     # Units in the form are read by pint, which takes half a second to import: neither when somebody presses a key, nor
     # while the window is painted for the first time.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
-    QTimer.singleShot(UNITS_MS, window, units.start)
-    with _leave_on_signal(window):
-        app.exec()
+    newcomer = not autostart and not kept.contains(SEEN)
+    kept.setValue(SEEN, True)
+    leads = False
+    while True:
+        wanted: list[tuple[Connect, BenchConfig]] = []
+
+        def change(name: str, wanted: list[tuple[Connect, BenchConfig]] = wanted) -> None:
+            if benches is not None:
+                wanted.append(benches(name))
+
+        window = MainWindow(Link(connect, make_session), config, protocol, folder, specimen, kept, autostart, change)
+        if newcomer:
+            window.room.show_first()
+        if leads:
+            window.try_it()
+        code = _until_closed(window, units)
+        if not wanted or code == UNSAFE_EXIT:
+            break
+        connect, config = wanted[-1]
+        leads, newcomer, autostart = newcomer and config.simulated, False, False
     if units.ident is not None:
         units.join()
+    return code
+
+
+def _until_closed(window: MainWindow, units: threading.Thread) -> int:
+    app = application()
+    window.show()
+    if units.ident is None:
+        QTimer.singleShot(UNITS_MS, window, units.start)
+    with _leave_on_signal(window):
+        app.exec()
     view = window.view
     window.deleteLater()
     QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSettings, Qt, QTimer, Signal
-from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeySequence, QShortcut
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QFileDialog, QLabel, QSplitter, QWidget
 
 from app.explore import DRIVE, SLIDERS, TITLES, History, Kept, Setting, difference, preset, study_of
@@ -19,6 +19,7 @@ from app.gui.explore_layout import columns
 from app.gui.explore_plot import ExplorePlot
 from app.gui.form import mark
 from app.gui.jobs import Jobs
+from app.gui.keys import HERE, bind
 from app.gui.overlaid_runs import Fit, OverlaidRuns
 from app.gui.shape_plot import ShapePlot
 from app.gui.sliders import SliderPanel
@@ -74,6 +75,7 @@ class ExplorePage(QSplitter):
         self.setChildrenCollapsible(False)
         self._connect()
         self.setAcceptDrops(True)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._series()
         self._show_setting()
 
@@ -95,6 +97,10 @@ class ExplorePage(QSplitter):
         """Take other colours."""
         self.plot.set_theme(theme)
         self.shape.set_theme(theme)
+
+    def enter(self) -> None:
+        """Take the keyboard."""
+        self.setFocus()
 
     def refresh(self) -> None:
         """Called at every tick while the page is seen."""
@@ -324,16 +330,14 @@ class ExplorePage(QSplitter):
             (bar.study, self._ask_for_study),
         ):
             button.clicked.connect(do)
-        for sequence, button in (
-            ("Ctrl+Z", bar.undo),
-            ("Ctrl+Shift+Z", bar.redo),
-            ("Ctrl+Y", bar.redo),
-            ("Ctrl+K", bar.keep),
-            ("Ctrl+Shift+C", bar.copy_json),
-            ("Ctrl+O", bar.lay),
+        for words, button, keys in (
+            ("Undo", bar.undo, ("Ctrl+Z",)),
+            ("Redo", bar.redo, ("Ctrl+Shift+Z", "Ctrl+Y")),
+            ("Keep the present curve", bar.keep, ("Ctrl+K",)),
+            ("Copy every parameter as JSON", bar.copy_json, ("Ctrl+Shift+C",)),
+            ("Lay a run over the curves", bar.lay, ("Ctrl+O",)),
         ):
-            shortcut = QShortcut(QKeySequence(sequence), self, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(button.click)
+            bind(self, words, button.click, *keys, context=HERE, repeats=True)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if run_urls(event):

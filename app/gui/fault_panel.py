@@ -1,7 +1,6 @@
 """For lessons on the simulated bench: what can be broken, ticked to break it, and a band that says what is broken."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
     QFrame,
@@ -18,6 +17,7 @@ from PySide6.QtWidgets import (
 from app.fault_plan import FaultPlan
 from app.gui.form import mark
 from app.gui.jobs import Jobs
+from app.gui.keys import bind
 from app.view import View
 from sim_hardware.faults import FAULTS
 
@@ -55,10 +55,8 @@ class FaultPanel(QWidget):
         self.list, self._sheet = QScrollArea(), QWidget()
         self.boxes = {name: QCheckBox(f"{words[0].upper()}{words[1:]}") for name, words in FAULTS.items()}
         self._build()
-        for key, button in (("F9", self.opener), ("Shift+F9", self.mend)):
-            shortcut = QShortcut(QKeySequence(key), parent)
-            shortcut.setAutoRepeat(False)
-            shortcut.activated.connect(button.click)
+        bind(parent, "Break something on the simulated bench, or close the list", self.opener.click, Qt.Key.Key_F9)
+        bind(parent, "Mend all that was broken", self.mend.click, "Shift+F9")
 
     def show_view(self, view: View) -> None:
         """Another bench is whole until it says otherwise."""

@@ -18,7 +18,7 @@ class Jobs(QObject):
     def __init__(self, name: str, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
-        self._closed = False
+        self.closed = False
         self.waiting = 0
         """Jobs that are not back yet."""
         self._done.connect(self._bring)
@@ -30,15 +30,15 @@ class Jobs(QObject):
         failed: Callable[[Exception], object] | None = None,
     ) -> None:
         """Do `work` beside the window, then tell `then`, in the window's thread, what came of it."""
-        if self._closed:
+        if self.closed:
             return
         self.waiting += 1
         future = self._pool.submit(work)
-        future.add_done_callback(lambda done: None if self._closed else self._done.emit((then, failed), done))
+        future.add_done_callback(lambda done: None if self.closed else self._done.emit((then, failed), done))
 
     def close(self) -> None:
         """Finish what has begun, leave the rest, tell nobody."""
-        self._closed = True
+        self.closed = True
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _bring(self, hearers: tuple[Any, Any], done: Future[Any]) -> None:

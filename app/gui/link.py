@@ -16,6 +16,7 @@ from drivers.bench import Bench
 from protocols.events import BlockSeen, BlockTaken, RunEnded, StreamStarted
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
+from protocols.steps import Prompt
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
@@ -30,7 +31,14 @@ class SessionLike(Protocol):
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Measurement, folder: Path, specimen: str, earlier: "Earlier | None" = None) -> None: ...
+    def run(
+        self,
+        protocol: Measurement,
+        folder: Path,
+        specimen: str,
+        earlier: "Earlier | None" = None,
+        prepare: Sequence[Prompt] = (),
+    ) -> None: ...
 
     def pause(self) -> None: ...
 
@@ -53,6 +61,8 @@ class Link:
         """Hands that break and mend a simulated bench."""
         self._connect, self._make_session = self.faults.around(connect), make_session
         self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
+        self.listeners: list[Observer] = []
+        """Told every event but the samples, in the bench thread, before the window hears it."""
         self.session = self._begin()
 
     def reconnect(self) -> bool:
@@ -79,7 +89,11 @@ class Link:
             self.feed.begin(event.rate_hz, event.scales, self.session.bench.sensor)
         elif isinstance(event, RunEnded):
             self.mailbox.forget()
-        self._heard.put(Heard(event, datetime.now().astimezone(), self.feed.streamed_s))
+        try:
+            for listener in self.listeners:
+                listener(event)
+        finally:
+            self._heard.put(Heard(event, datetime.now().astimezone(), self.feed.streamed_s))
 
     def _begin(self) -> SessionLike:
         return self._make_session(self._connect, [self.observe], self.mailbox)

@@ -87,6 +87,9 @@ class MeasurePage(QSplitter):
         """Want the model's curve from now on: its numerics take a while to import."""
         self._begun = True
 
+    def enter(self) -> None:
+        """Nothing here needs the keyboard but what one writes in."""
+
     def refresh(self) -> None:
         """What moves between events: called at every tick."""
         self.right.refresh()

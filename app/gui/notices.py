@@ -3,9 +3,10 @@
 import time
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtGui import QShortcut
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
+from app.gui.keys import bind
 from app.gui.notice import Choice, Notice
 from app.gui.prompt_notice import PromptNotice
 from app.view import View
@@ -62,16 +63,11 @@ class Notices(QWidget):
         self._since_s = 0.0
         self._no_bench = False
         self._keys: list[QShortcut] = []
-        for keys, do in (
-            ((Qt.Key.Key_Return, Qt.Key.Key_Enter), self._enter),
-            (("Ctrl+K",), self._read),
-            ((Qt.Key.Key_F6,), self._connect),
-        ):
-            for key in keys:
-                shortcut = QShortcut(QKeySequence(key), parent)
-                shortcut.setAutoRepeat(False)
-                shortcut.activated.connect(do)
-                self._keys.append(shortcut)
+        self._keys += bind(
+            parent, "Answer what is asked above the pages", self._enter, Qt.Key.Key_Return, Qt.Key.Key_Enter
+        )
+        bind(parent, "Acknowledge or dismiss a message", self._read, "Ctrl+K")
+        bind(parent, "Connect to the bench again", self._connect, Qt.Key.Key_F6)
         self._arrange()
 
     def show_view(self, view: View) -> None:
@@ -126,7 +122,7 @@ class Notices(QWidget):
     def _arrange(self) -> None:
         shown = [n for n in (self.unsafe, self.closing, self.prompt, self.trouble) if not n.isHidden()]
         self.setVisible(bool(shown))
-        for key in self._keys[:2]:
+        for key in self._keys:
             key.setEnabled(self._asks(self.closing) or self._asks(self.prompt))
 
     def _asks(self, notice: Notice) -> bool:

@@ -1,11 +1,12 @@
 """The window's pages behind tabs; a single page needs none."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
-from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QTabWidget, QVBoxLayout, QWidget
 
+from app.gui.keys import bind
 from app.gui.theme import Theme
 from app.view import View
 
@@ -18,6 +19,9 @@ class Page(Protocol):
     def set_theme(self, theme: Theme) -> None: ...
 
     def refresh(self) -> None: ...
+
+    def enter(self) -> None:
+        """It is looked at from now on: take the keyboard, without which its keys do nothing."""
 
 
 class Pages(QTabWidget):
@@ -43,10 +47,9 @@ class Pages(QTabWidget):
             self._places.append(layout)
             at = self.addTab(place, title)
             self.setTabToolTip(at, f"Ctrl+{at + 1}")
-            shortcut = QShortcut(QKeySequence(f"Ctrl+{at + 1}"), self)
-            shortcut.activated.connect(lambda at=at: self.setCurrentIndex(at))
+            bind(self, f"Page {title}", partial(self.setCurrentIndex, at), f"Ctrl+{at + 1}")
         self.page(0)
-        self.currentChanged.connect(self.page)
+        self.currentChanged.connect(lambda at: self.page(at).enter())
 
     def page(self, at: int) -> Page:
         """A page, made by now."""

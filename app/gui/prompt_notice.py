@@ -1,10 +1,11 @@
 """What a person must do now: large words, a drawing of the set-up, what the laser sees, and one key for each answer."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtGui import QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.gui.form import mark
+from app.gui.keys import bind
 from app.gui.notice import Choice, Notice
 from app.gui.setup_drawing import SetupDrawing
 from protocols.events import Asked
@@ -67,10 +68,7 @@ class PromptNotice(Notice):
         self._answers.insertWidget(self._answers.count() - 2, button)
         self.buttons.append(button)
         if key != "Enter":
-            shortcut = QShortcut(QKeySequence(key), self, context=Qt.ShortcutContext.WindowShortcut)
-            shortcut.setAutoRepeat(False)
-            shortcut.activated.connect(button.click)
-            self._keys.append(shortcut)
+            self._keys += bind(self, f"Answer: {words}", button.click, key)
 
     def _stop(self) -> None:
         self.stopped.emit()

@@ -140,15 +140,7 @@ class RunPanel(QWidget):
         self.rehearsal.setVisible(not view.busy)
         self.told.allow(view.busy)
         self._can_run = view.can_run
-        self._why = (
-            "a run is going on"
-            if view.busy
-            else "read and acknowledge the message first"
-            if view.unsafe
-            else "there is no bench"
-            if not view.connected
-            else ""
-        )
+        self._why = view.why_not
         self._judge()
 
     def show_cautions(self, words: Sequence[str]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QItemSelectionModel, Qt, Signal
-from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QFileDialog, QHeaderView, QStackedWidget, QTableView
 
 from app.catalogue import Catalogue, Scanned
@@ -13,6 +13,7 @@ from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.gui.dropped import run_urls
 from app.gui.jobs import Jobs
+from app.gui.keys import HERE, bind
 from app.gui.run_filter import RunFilter
 from app.gui.run_side import RunSide
 from app.gui.run_view import RunView
@@ -30,7 +31,7 @@ MOST_COMPARED = 24
 
 
 class RunsTable(QTableView):
-    """Enter opens what is chosen."""
+    """Enter opens what is chosen; not by a shortcut, because Enter answers a prompt first."""
 
     opened = Signal()
 
@@ -88,6 +89,10 @@ class RunsPage(QStackedWidget):
         self.side.set_theme(theme)
         self.opened.set_theme(theme)
 
+    def enter(self) -> None:
+        """Take the keyboard."""
+        (self.opened.back if self.currentWidget() is self.opened else self.table).setFocus()
+
     def refresh(self) -> None:
         """Called at every tick while the page is seen."""
         if self.catalogue is None or self.catalogue.folder != self._folder() or self._due:
@@ -127,7 +132,10 @@ class RunsPage(QStackedWidget):
         if not chosen[0].readable:
             self.side.say(chosen[0].reason, fault=True)
             return
-        path = self._path(chosen[0])
+        self.open_path(self._path(chosen[0]))
+
+    def open_path(self, path: Path) -> None:
+        """A run, as it was."""
         self.side.say("opening …")
         self._reads.do(lambda: reopen(path), self._reopened, self._failed)
 
@@ -340,16 +348,14 @@ class RunsPage(QStackedWidget):
         self.opened.traces.looked_at.connect(self._look_closer)
         self.opened.back_pressed.connect(self.back)
         self.opened.explore_pressed.connect(self.explore)
-        for keys, do in (
-            ("/", self._search),
-            ("Ctrl+F", self._search),
-            ("E", self.explore),
-            ("Ctrl+E", lambda: self._ask_to_export("csv")),
-            ("F2", self.side.tags.setFocus),
-            ("Ctrl+C", self._copy_paths),
+        for words, do, keys in (
+            ("Search", self._search, ("/", "Ctrl+F")),
+            ("Lay what is chosen over the model's curve", self.explore, ("E",)),
+            ("Export what is chosen", lambda: self._ask_to_export("csv"), ("Ctrl+E",)),
+            ("Tags and note", self.side.tags.setFocus, ("F2",)),
+            ("Copy the paths of what is chosen", self._copy_paths, ("Ctrl+C",)),
         ):
-            shortcut = QShortcut(QKeySequence(keys), self, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(do)
+            bind(self, words, do, *keys, context=HERE, repeats=True)
 
     def _stop_scan(self) -> None:
         self._stop = True

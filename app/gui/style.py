@@ -8,6 +8,26 @@ def sheet(theme: Theme) -> str:
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
     QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
+    QLabel[kind="step"] {{ font-size: 19pt; font-weight: bold; }}
+    QLabel[kind="step-why"] {{ font-size: 11pt; }}
+    QLabel[kind="step-detail"] {{ font-size: 11pt; font-weight: bold; }}
+    QLabel[kind="large"] {{ font-size: 11pt; }}
+    QLabel[kind="welcome"] {{ font-size: 22pt; font-weight: bold; }}
+    QLabel[kind="key"] {{
+        background: {theme.field}; border: 1px solid {theme.dim}; border-bottom-width: 2px; border-radius: 4px;
+        padding: 1px 6px; font-weight: bold;
+    }}
+    QLabel[kind="command"] {{
+        background: {theme.window}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 8px;
+        font-family: monospace;
+    }}
+    QLabel[kind="danger"] {{ color: {theme.bad}; font-weight: bold; }}
+    QLabel[kind="hint"] {{ color: {theme.text}; font-size: 11pt; }}
+    QListWidget {{
+        background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 6px; outline: none;
+        font-size: 11pt;
+    }}
+    QListWidget:focus {{ border: 2px solid {theme.accent}; }}
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
     QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
     QLabel[kind="small"] {{ font-size: 8pt; }}

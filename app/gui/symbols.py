@@ -87,6 +87,18 @@ def _pause(painter: QPainter, box: QRectF) -> None:
         painter.drawRect(_polygon(box, (x, 0.12), (x + 0.22, 0.88)).boundingRect())
 
 
+def _again(painter: QPainter, box: QRectF) -> None:
+    """A circle with an arrow head: round once more."""
+    _pen(painter, box)
+    painter.drawArc(box.adjusted(2, 2, -2, -2), 60 * 16, 290 * 16)
+    painter.drawPolyline(_polygon(box, (0.48, 0.02), (0.74, 0.14), (0.6, 0.4)))
+
+
+def _play(painter: QPainter, box: QRectF) -> None:
+    painter.setBrush(painter.pen().color())
+    painter.drawPolygon(_polygon(box, (0.2, 0.08), (0.92, 0.5), (0.2, 0.92)))
+
+
 SYMBOLS: dict[str, Draw] = {
     "bolt": _bolt,
     "rest": _rest,
@@ -96,6 +108,8 @@ SYMBOLS: dict[str, Draw] = {
     "nothing": _nothing,
     "dots": _dots,
     "open": _open,
+    "again": _again,
+    "play": _play,
     "tick": _rest,
     "cross": _cross,
     "hand": _hand,

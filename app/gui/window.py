@@ -2,38 +2,35 @@
 
 from collections.abc import Callable
 from datetime import datetime
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeySequence, QPaintEvent, QResizeEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
-from app.config import BenchConfig
+from app.config import BenchConfig, ConfigError
 from app.gui.bench_bar import BenchBar
+from app.gui.book import CAMPAIGN, MEASURE, Book
 from app.gui.fault_panel import FaultPanel
+from app.gui.keys import bind
 from app.gui.link import Link
-from app.gui.measure_page import MeasurePage
 from app.gui.notices import Notices
-from app.gui.pages import Pages
+from app.gui.room import Room
 from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
-from app.overlay import Overlay
-from app.presets import Presets, presets_path
 from app.reducer import reduce
 from app.session import Refused, watchdog_notes
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
-from drivers.bench import Bench
 from protocols.events import Noted
 from protocols.protocol import Protocol
+from protocols.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
+    from app.campaign_queue import Order
+    from app.gui.campaign_page import CampaignPage
     from app.gui.explore_page import ExplorePage
     from app.gui.runs_page import RunsPage
-
-EXPLORE, RUNS = 1, 2
-"""Places of the pages."""
 
 FRAME_MS = 16
 UNSEEN_MS = 500
@@ -55,27 +52,24 @@ class MainWindow(QMainWindow):
         specimen: str | None,
         settings: QSettings,
         autostart: bool = False,
+        change_bench: Callable[[str], object] | None = None,
     ) -> None:
         super().__init__()
         self.link, self._settings, self._autostart = link, settings, autostart
+        self._change_bench = change_bench
         self._leaving = self._at_once = self._gone = self._opened = False
         self.view = opening(config.amplifier.map, config.name, config.simulated, _names(config))
         self.theme = system_theme()
-        self.overlay = Overlay(amplifier=config.amplifier.map)
         self.bar = BenchBar(self.theme)
         self.notices = Notices(self)
         self.faults = FaultPanel(link.faults, self) if config.simulated else None
-        presets = Presets(presets_path())
-        self.measure = MeasurePage(
-            protocol, link.feed, self.overlay, config.amplifier.map, self._bench, presets, self.theme
-        )
-        self.pages = Pages(
-            [("Measure", lambda: self.measure), ("Explore", self._make_explore), ("Runs", self._make_runs)]
-        )
+        self.pages = Book(protocol, link, config, settings, self.theme)
+        self.measure, self.overlay = self.pages.measure, self.pages.overlay
+        self.room = Room(self.pages)
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
-        for note in watchdog_notes(self._folder):
+        for note in watchdog_notes(self.pages.folder):
             link.observe(note)
         self.set_theme(self.theme)
         self._show()
@@ -88,13 +82,25 @@ class MainWindow(QMainWindow):
     # -- what the operator wants ---------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Begin a run with what the form says, if it may begin."""
+        """Begin what the campaign has next where that is seen, else a run with what the form says, if it may begin."""
+        self.room.uncover()
+        if self.pages.currentIndex() == CAMPAIGN:
+            self.campaign.run()
+            return
         protocol = self.measure.panel.protocol
         if protocol is None or not self.measure.panel.ready or self._leaving:
             return
-        folder = self._folder
+        folder = self.pages.folder
         self._tell(RunAsked(protocol.title))
-        self.link.session.run(protocol, folder, self.measure.panel.specimen.text().strip() or "unnamed")
+        self.link.session.run(protocol, folder, self.pages.specimen or "unnamed")
+
+    def carry_out(self, order: "Order") -> None:
+        """Begin a run of the campaign, if it may still begin."""
+        if not self.view.can_run or self._leaving:
+            return
+        conductor = self.campaign.begun(order)
+        self._tell(RunAsked(order.protocol.title))
+        conductor.give(self.link.session, order)
 
     def stop(self) -> None:
         """Go to rest and end the run. The bench hears it first, then the screen."""
@@ -105,8 +111,8 @@ class MainWindow(QMainWindow):
         """Stop, always; where nothing runs the page seen goes a step back besides."""
         idle = not self.view.busy
         self.stop()
-        if idle and self.pages.currentIndex() == RUNS:
-            self.runs.back()
+        if idle:
+            self.room.back()
 
     def pause(self) -> None:
         """Go to rest and wait there, or go on."""
@@ -132,7 +138,7 @@ class MainWindow(QMainWindow):
             self.link.observe(Refused(str(error)))
             return
         self._tell(RunAsked(before.protocol.title))
-        self.link.session.run(before.protocol, self._folder, before.specimen, before)
+        self.link.session.run(before.protocol, self.pages.folder, before.specimen, before)
 
     def answer(self, words: str = "done") -> None:
         """The operator has done what the prompt says, or chosen another of its answers."""
@@ -148,6 +154,29 @@ class MainWindow(QMainWindow):
         if self.link.reconnect():
             self._tell(ConnectAsked())
             self.link.session.start()
+
+    def try_it(self) -> None:
+        """A sine dwell on the simulated bench, from its first volt to its file, with a line that says what is seen."""
+        if not self.view.simulated:
+            self.change_bench("sim")
+            return
+        self.room.uncover()
+        self.pages.setCurrentIndex(MEASURE)
+        self.measure.panel.fill(SineDwell())
+        self.room.hint.begin()
+        self._autostart = True
+
+    def change_bench(self, name: str) -> None:
+        """Let go of this bench and open another: a bench file, or the simulated one."""
+        if self.view.busy or self._change_bench is None:
+            self.room.first.say("A run is going on: let it end, or stop it, first." if self.view.busy else "")
+            return
+        try:
+            self._change_bench(name)
+        except ConfigError as error:
+            self.room.first.say(str(error))
+            return
+        self.leave()
 
     def leave(self, at_once: bool = False) -> None:
         """Go to rest, let go of the bench, close. `at_once` closes even over an unsafe sentence nobody has read."""
@@ -167,8 +196,7 @@ class MainWindow(QMainWindow):
         if view is not self.view:
             self.view = view
             self._show()
-        if RUNS in self.pages.made:
-            self.runs.writing(getattr(self.link.session, "path", None) if view.busy else None)
+        self.pages.writing(getattr(self.link.session, "path", None) if view.busy else None)
         # The runner asks after it has told.
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
         if view.busy:
@@ -191,12 +219,7 @@ class MainWindow(QMainWindow):
             self._opened = True
             self.measure.begin()
             self.link.session.start()
-            for at in (EXPLORE, RUNS):  # while the bench connects, so that looking at one is no wait
-                QTimer.singleShot(0, self, partial(self._make_ahead, at))
-
-    def _make_ahead(self, at: int) -> None:
-        if not self._leaving:  # what is made after the end would not be ended
-            self.pages.page(at)
+            self.pages.make_ahead()  # while the bench connects, so that looking at one is no wait
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
@@ -210,12 +233,7 @@ class MainWindow(QMainWindow):
         if self._gone:
             self._timer.stop()
             self._save()
-            self.overlay.close()
-            self.measure.end()
-            if EXPLORE in self.pages.made:
-                self.explore.end()
-            if RUNS in self.pages.made:
-                self.runs.end()
+            self.pages.end()
             if self.faults is not None:
                 self.faults.end()
             event.accept()
@@ -248,26 +266,25 @@ class MainWindow(QMainWindow):
         self.bar.show_view(self.view)
         self.notices.show_view(self.view)
         self.notices.show_prompt(self.view.prompt, self.link.mailbox.waiting)
+        self.room.hint.show_view(self.view)
         self.pages.show_view(self.view)
         if self.faults is not None:
             self.faults.show_view(self.view)
 
-    def _explore(self, paths: list[Path]) -> None:
-        self.pages.setCurrentIndex(EXPLORE)
-        self.explore.lay_over(paths)
-
-    def _bench(self) -> Bench | None:
-        return self.link.session.bench
+    @property
+    def campaign(self) -> "CampaignPage":
+        """The page about the measurements of one specimen, made by now."""
+        return self.pages.campaign
 
     @property
     def explore(self) -> "ExplorePage":
         """The page about the model, made by now."""
-        return cast("ExplorePage", self.pages.page(EXPLORE))
+        return self.pages.explore
 
     @property
     def runs(self) -> "RunsPage":
         """The page about the runs of the folder, made by now."""
-        return cast("RunsPage", self.pages.page(RUNS))
+        return self.pages.runs
 
     # -- building ------------------------------------------------------------------------------------------------------
 
@@ -283,15 +300,15 @@ class MainWindow(QMainWindow):
             self.pages.setCornerWidget(self.faults.corner)
             self.faults.told.connect(lambda words: self.link.observe(Noted(words)))
         layout.addWidget(self.notices)
-        inner = QVBoxLayout()
-        inner.setContentsMargins(10, 0, 10, 8)
-        inner.addWidget(self.pages)
-        layout.addLayout(inner, 1)
+        layout.addWidget(self.room, 1)
         self.setCentralWidget(centre)
         self.bar.stop_pressed.connect(self.stop)
         self.bar.pause_pressed.connect(self.pause)
         self.measure.panel.run_pressed.connect(self.run)
         self.measure.again_pressed.connect(self.measure_again)
+        self.pages.ordered.connect(self.carry_out)
+        self.room.try_pressed.connect(self.try_it)
+        self.room.bench_chosen.connect(self.change_bench)
         for wish, do in (
             (self.notices.answered, self.answer),
             (self.notices.stop_pressed, self.stop),
@@ -302,56 +319,21 @@ class MainWindow(QMainWindow):
         ):
             wish.connect(do)
 
-    def _make_explore(self) -> "ExplorePage":
-        from app.explore_fit import fit_runs  # neither page is seen when the window opens
-        from app.gui.explore_page import ExplorePage
-
-        page = ExplorePage(self.theme, fit_runs)
-        page.restore(self._settings)
-        return page
-
-    def _make_runs(self) -> "RunsPage":
-        from app.gui.runs_page import RunsPage
-
-        page = RunsPage(lambda: self._folder, self.overlay, self.theme)
-        page.explore_asked.connect(self._explore)
-        return page
-
     def _connect_keys(self) -> None:
-        keys: tuple[tuple[tuple[Qt.Key | str, ...], Callable[[], None]], ...] = (
-            ((Qt.Key.Key_Escape,), self.escape),
-            ((Qt.Key.Key_F12,), self.stop),
-            ((Qt.Key.Key_F5, "Ctrl+R"), self.run),
-            ((Qt.Key.Key_F8,), self.pause),
-        )
-        for sequences, do in keys:
-            for sequence in sequences:
-                shortcut = QShortcut(QKeySequence(sequence), self)
-                shortcut.setAutoRepeat(False)
-                shortcut.activated.connect(do)
-
-    @property
-    def _folder(self) -> Path:
-        return Path(self.measure.panel.folder.text().strip()).expanduser()
+        bind(self, "Stop: go to rest and end the run; else a step back", self.escape, Qt.Key.Key_Escape)
+        bind(self, "Stop: go to rest and end the run", self.stop, Qt.Key.Key_F12)
+        bind(self, "Run what the page shows", self.run, Qt.Key.Key_F5, "Ctrl+R")
+        bind(self, "Pause at rest, or go on", self.pause, Qt.Key.Key_F8)
 
     def _restore(self, folder: Path | None, specimen: str | None) -> None:
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
-        self.measure.restore(self._settings)
-        kept = self._settings.value("run/folder", "runs")
-        self.measure.panel.folder.setText(str(folder if folder is not None else kept))
-        self.measure.panel.specimen.setText(
-            str(specimen if specimen is not None else self._settings.value("run/specimen", ""))
-        )
+        self.pages.restore(folder, specimen)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())
-        self._settings.setValue("run/folder", self.measure.panel.folder.text())
-        self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
-        self.measure.save(self._settings)
-        if EXPLORE in self.pages.made:
-            self.explore.save(self._settings)
+        self.pages.save()
         self._settings.sync()
 
     def _follow_system(self, *_: object) -> None:

@@ -1,7 +1,8 @@
 """A real window over a session that only listens: tests tell it what happened and press its keys."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,12 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QEvent, Qt
 from PySide6.QtTest import QTest
 
+from app.build import Laboratory, connect
+from app.config import BenchConfig
+from app.gui.link import Link
 from app.gui.window import MainWindow
 from app.session import SessionEvent
+from protocols.events import PointMeasured
 from protocols.protocol import Protocol
 
 PATIENCE_S = 20.0
@@ -41,6 +46,7 @@ class ListeningSession:
     bench: Any = None
     runs: list[tuple[Protocol, Path, str]] = field(default_factory=list)
     continued: list[Any] = field(default_factory=list)
+    prepared: list[Any] = field(default_factory=list)
     stops: int = 0
     pauses: int = 0
     resumes: int = 0
@@ -50,8 +56,10 @@ class ListeningSession:
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Protocol, folder: Path, specimen: str, earlier: Any = None) -> None:
+    def run(self, protocol: Protocol, folder: Path, specimen: str, earlier: Any = None, prepare: Any = ()) -> None:
         self.runs.append((protocol, folder, specimen))
+        if prepare:
+            self.prepared.append(prepare)
         if earlier is not None:
             self.continued.append(earlier)
 
@@ -84,6 +92,26 @@ class Stage:
 
     def press(self, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
         press(self.window, key, modifier)
+
+
+class Bench(Link):
+    """The simulated bench on its virtual clock, with hands that may break it when a point arrives."""
+
+    def __init__(self, config: BenchConfig) -> None:
+        self.laboratory: Laboratory | None = None
+        self.at_a_point: Callable[[Laboratory], None] = lambda _: None
+
+        @contextmanager
+        def open_bench() -> Iterator[Laboratory]:
+            with connect(config, None) as self.laboratory:
+                yield self.laboratory
+
+        super().__init__(open_bench)
+
+    def observe(self, event: SessionEvent) -> None:
+        super().observe(event)
+        if isinstance(event, PointMeasured) and self.laboratory is not None:
+            self.at_a_point(self.laboratory)
 
 
 OpenStage = Callable[..., Stage]

@@ -24,7 +24,7 @@ from tests.runs import finished_run
 
 @pytest.fixture
 def page(stage: Stage) -> ExplorePage:
-    stage.press(Qt.Key.Key_2, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
     explore = stage.window.explore
     assert explore.isVisible()
     settled(explore)

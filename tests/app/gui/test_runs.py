@@ -38,7 +38,7 @@ def page(open_stage: OpenStage, folder: Path) -> RunsPage:
 
 
 def shown(stage: Stage, count: int = 3) -> RunsPage:
-    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     runs = stage.window.runs
     until(
         lambda: runs.catalogue is not None and runs.model.rowCount() == count and not runs._jobs.waiting, "for the list"

@@ -1,7 +1,6 @@
 """The whole way: a key pressed in the window, volts on the simulated bench, points on the screen, a file on the disk."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,38 +8,15 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.build import Laboratory, connect
 from app.config import BenchConfig
-from app.gui.link import Link
 from app.gui.window import MainWindow
-from app.session import SessionEvent
 from drivers.bench import BY_HAND
-from protocols.events import PointMeasured, Status
+from protocols.events import Status
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
-from tests.app.gui.stage import end, press, until
+from tests.app.gui.stage import Bench, end, press, until
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
-
-
-class Bench(Link):
-    """The simulated bench on its virtual clock, with hands that may break it when a point arrives."""
-
-    def __init__(self, config: BenchConfig) -> None:
-        self.laboratory: Laboratory | None = None
-        self.at_a_point: Callable[[Laboratory], None] = lambda _: None
-
-        @contextmanager
-        def open_bench() -> Iterator[Laboratory]:
-            with connect(config, None) as self.laboratory:
-                yield self.laboratory
-
-        super().__init__(open_bench)
-
-    def observe(self, event: SessionEvent) -> None:
-        super().observe(event)
-        if isinstance(event, PointMeasured) and self.laboratory is not None:
-            self.at_a_point(self.laboratory)
 
 
 @pytest.fixture

@@ -1,0 +1,185 @@
+"""The window's four pages: made when they are first looked at, kept between starts, ended with the window."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from PySide6.QtCore import QSettings, QTimer, Signal
+
+from app.config import BenchConfig
+from app.gui.campaign_desk import CampaignDesk
+from app.gui.jobs import Jobs
+from app.gui.link import Link
+from app.gui.measure_page import MeasurePage
+from app.gui.pages import Pages
+from app.gui.theme import Theme
+from app.overlay import Overlay
+from app.presets import Presets, presets_path
+from protocols.protocol import Protocol
+
+if TYPE_CHECKING:
+    from app.campaign_queue import Order
+    from app.gui.campaign_page import CampaignPage
+    from app.gui.explore_page import ExplorePage
+    from app.gui.runs_page import RunsPage
+
+MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
+"""Places of the pages."""
+
+
+class Book(Pages):
+    """Knows each page by its name; the pages know nothing of each other."""
+
+    ordered = Signal(object)
+    """An `Order` of the campaign that the session shall carry out now."""
+
+    def __init__(self, protocol: Protocol, link: Link, config: BenchConfig, settings: QSettings, theme: Theme) -> None:
+        overlay = Overlay(amplifier=config.amplifier.map)
+        measure = MeasurePage(
+            protocol,
+            link.feed,
+            overlay,
+            config.amplifier.map,
+            lambda: link.session.bench,
+            Presets(presets_path()),
+            theme,
+        )
+        makers: tuple[tuple[str, Callable[[], Any]], ...] = (
+            ("Measure", lambda: measure),
+            ("Campaign", self._make_campaign),
+            ("Explore", self._make_explore),
+            ("Runs", self._make_runs),
+        )
+        super().__init__(makers)
+        self.measure, self.overlay = measure, overlay
+        self._link, self._settings, self._first_theme = link, settings, theme
+        self._jobs = Jobs("pages", self)
+
+    # -- the pages -----------------------------------------------------------------------------------------------------
+
+    @property
+    def campaign(self) -> CampaignPage:
+        """The page about the measurements of one specimen, made by now."""
+        return cast("CampaignPage", self.page(CAMPAIGN))
+
+    @property
+    def explore(self) -> ExplorePage:
+        """The page about the model, made by now."""
+        return cast("ExplorePage", self.page(EXPLORE))
+
+    @property
+    def runs(self) -> RunsPage:
+        """The page about the runs of the folder, made by now."""
+        return cast("RunsPage", self.page(RUNS))
+
+    @property
+    def folder(self) -> Path:
+        """Where run files go."""
+        return Path(self.measure.panel.folder.text().strip()).expanduser()
+
+    @property
+    def specimen(self) -> str:
+        return self.measure.panel.specimen.text().strip()
+
+    # -- what the window does with them --------------------------------------------------------------------------------
+
+    def make_ahead(self) -> None:
+        """Make the pages before somebody looks at them. What they import takes a second, which the window does not wait."""
+
+        def load() -> None:
+            for name in ("campaign_page", "explore_page", "runs_page"):
+                importlib.import_module(f"app.gui.{name}")
+
+        self._jobs.do(load, lambda _: [QTimer.singleShot(0, self, partial(self._make, at)) for at in range(RUNS + 1)])
+
+    def back(self) -> None:
+        """A step back on the page that is seen."""
+        if self.currentIndex() == RUNS:
+            self.runs.back()
+        elif self.currentIndex() == CAMPAIGN:
+            self.campaign.back()
+
+    def writing(self, path: Path | None) -> None:
+        """The file that this program is writing."""
+        if RUNS in self.made:
+            self.runs.writing(path)
+        if CAMPAIGN in self.made:
+            self.campaign.desk.writing = path
+
+    def restore(self, folder: Path | None, specimen: str | None) -> None:
+        """Be as it was; a folder or specimen that is given counts more."""
+        self.measure.restore(self._settings)
+        kept = self._settings.value("run/folder", "runs")
+        self.measure.panel.folder.setText(str(folder if folder is not None else kept))
+        self.measure.panel.specimen.setText(
+            str(specimen if specimen is not None else self._settings.value("run/specimen", ""))
+        )
+
+    def save(self) -> None:
+        """Remember how everything is."""
+        self._settings.setValue("run/folder", self.measure.panel.folder.text())
+        self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
+        self.measure.save(self._settings)
+        for page in self._that_can("save"):
+            page.save(self._settings)
+
+    def end(self) -> None:
+        """End what works beside the window."""
+        self._jobs.close()
+        self.overlay.close()
+        self.measure.end()
+        for page in self._that_can("end"):
+            page.end()
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _make(self, at: int) -> None:
+        if not self._jobs.closed:  # what is made after the end would not be ended
+            self.page(at)
+
+    def _that_can(self, what: str) -> Iterator[Any]:
+        return (page for at, page in self.made.items() if at != MEASURE and hasattr(page, what))
+
+    def _make_campaign(self) -> CampaignPage:
+        from app.gui.campaign_page import CampaignPage
+
+        desk = CampaignDesk(lambda: self._link.session.bench, self.overlay.amplifier)
+        self._link.listeners.append(desk.hear)
+        page = CampaignPage(
+            desk, self._link.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
+        )
+        desk.setParent(page)
+        desk.ordered.connect(self._take)
+        page.open_asked.connect(self._open)
+        page.restore(self._settings)
+        return page
+
+    def _make_explore(self) -> ExplorePage:
+        from app.explore_fit import fit_runs  # not seen when the window opens
+        from app.gui.explore_page import ExplorePage
+
+        page = ExplorePage(self._first_theme, fit_runs)
+        page.restore(self._settings)
+        return page
+
+    def _make_runs(self) -> RunsPage:
+        from app.gui.runs_page import RunsPage
+
+        page = RunsPage(lambda: self.folder, self.overlay, self._first_theme)
+        page.explore_asked.connect(self._lay_over)
+        return page
+
+    def _take(self, order: Order) -> None:
+        self.ordered.emit(order)
+
+    def _open(self, path: Path) -> None:
+        self.setCurrentIndex(RUNS)
+        self.runs.open_path(path)
+
+    def _lay_over(self, paths: list[Path]) -> None:
+        self.setCurrentIndex(EXPLORE)
+        self.explore.lay_over(paths)

@@ -1,0 +1,124 @@
+"""A campaign that is open: what comes next above, the list on the left, and beside it the chosen item or the live plots."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QSplitter, QStackedWidget, QVBoxLayout, QWidget
+
+from app.gui.campaign_head import CampaignHead
+from app.gui.campaign_list import CampaignList
+from app.gui.campaign_side import CampaignSide
+from app.gui.campaign_step_pane import StepPane
+from app.gui.keys import HERE, bind
+from app.gui.live_pane import LivePane
+from app.gui.theme import Theme
+from app.view import View
+from protocols.registry import PROTOCOLS
+from protocols.sine_dwell import SineDwell
+
+if TYPE_CHECKING:
+    from PySide6.QtGui import QShortcut
+
+    from app.campaign_sheet import Known, Row, Sheet
+    from app.campaign_step import Step
+
+
+class CampaignBoard(QWidget):
+    """Shows; what a person wants is told as signals."""
+
+    wanted = Signal(str, str)
+    """What shall be done (a word of `campaign_side.BUTTONS` or `campaign_step.Do`), and with which item ("": none)."""
+    moved = Signal(str, str)
+
+    def __init__(self, live: LivePane, theme: Theme) -> None:
+        super().__init__()
+        self.sheet: Sheet | None = None
+        self.step: Step | None = None
+        self._known: Known | None = None
+        self._busy = False
+        self.head, self.pane = CampaignHead(), StepPane()
+        self.list, self.side, self.live = CampaignList(theme), CampaignSide(), live
+        self.beside = QStackedWidget()
+        self.beside.addWidget(self.side)
+        self.beside.addWidget(self.live)
+        columns = QSplitter()
+        columns.addWidget(self.list)
+        columns.addWidget(self.beside)
+        columns.setSizes([520, 700])
+        columns.setChildrenCollapsible(False)
+        self.list.setMinimumWidth(330)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 4, 0, 0)
+        layout.setSpacing(8)
+        layout.addWidget(self.head)
+        layout.addWidget(self.pane)
+        layout.addWidget(columns, 1)
+        self.list.moved.connect(self.moved)
+        self.list.chosen_changed.connect(self._show_side)
+        self.list.entered_key.connect(lambda: self._want("accept"))
+        self.side.pressed.connect(self._want)
+        self.pane.pressed.connect(self._answer)
+        self.keys = self._bind()
+
+    def show_sheet(self, sheet: Sheet, known: Known | None, view: View, running: str, queue: bool) -> None:
+        """Show how everything stands."""
+        from app.campaign_step import step_of  # HDF5 comes with it; by now a thread beside has imported it
+
+        about = self.step.about if self.step is not None else ""
+        self.sheet, self._known, self._busy = sheet, known, view.busy
+        self.step = step_of(sheet, running, view.busy, queue)
+        self.pane.show_step(self.step, "" if view.busy else view.why_not)
+        self.list.show_sheet(sheet, running)
+        if self.step.about and self.step.about != about:
+            self.list.choose(self.step.about)
+        row = sheet.row(running)
+        self.live.show_view(view, PROTOCOLS.get(row.line.item.protocol, SineDwell) if row is not None else SineDwell)
+        self.beside.setCurrentWidget(self.live if view.busy else self.side)
+        for key in self.keys:
+            key.setEnabled(not view.busy)  # an answer to a prompt may have the same letter
+        self._show_side()
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self.list.set_theme(theme)
+        self.live.set_theme(theme)
+
+    @property
+    def chosen(self) -> Row | None:
+        return self.sheet.row(self.list.chosen) if self.sheet is not None else None
+
+    def _show_side(self) -> None:
+        if self.sheet is not None:
+            self.side.show_row(self.chosen, self._known, self.sheet.specimen, self._busy)
+
+    def _want(self, what: str) -> None:
+        self.wanted.emit(what, self.list.chosen)
+
+    def _answer(self, what: str) -> None:
+        """A button of the step: what is accepted or rejected is what it asks about, and what runs is what comes next."""
+        about = self.step.about if self.step is not None and what in ("accept", "reject") else ""
+        self.wanted.emit(what, about)
+
+    def _bind(self) -> list[QShortcut]:
+        return [
+            key
+            for words, what, name in (
+                ("Run the chosen measurement", "run", "Shift+F5"),
+                ("Leave the chosen measurement out, or take it in again", "skip", "S"),
+                ("Measure the chosen one again", "repeat", "M"),
+                ("Accept what the chosen one found (also Enter)", "accept", "A"),
+                ("Reject what the chosen one found", "reject", "X"),
+                ("Open the run of the chosen one", "open", "O"),
+            )
+            for key in bind(self, words, partial(self._want, what), name, context=HERE)
+        ] + [
+            key
+            for words, by, name in (
+                ("Move the chosen one up", -1, "Alt+Up"),
+                ("Move the chosen one down", 1, "Alt+Down"),
+            )
+            for key in bind(self, words, partial(self.list.step, by), name, context=HERE, repeats=True)
+        ]

@@ -1,0 +1,73 @@
+"""Keys, each with its words: the sheet that tells them is made from the shortcuts themselves, so that it cannot be wrong."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QObject, Qt
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import QWidget
+
+EVERYWHERE = "Everywhere"
+HERE = Qt.ShortcutContext.WidgetWithChildrenShortcut
+"""A key of one page: it works while the page has the keyboard."""
+
+Key = Qt.Key | str
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the sheet: what is done, and the keys that do it."""
+
+    words: str
+    keys: tuple[str, ...]
+
+
+def bind(
+    parent: QWidget,
+    words: str,
+    do: Callable[[], object],
+    *keys: Key,
+    context: Qt.ShortcutContext = Qt.ShortcutContext.WindowShortcut,
+    repeats: bool = False,
+) -> list[QShortcut]:
+    """Let keys do something; `words` say what, on the sheet of keys."""
+    made = []
+    for key in keys:
+        shortcut = QShortcut(QKeySequence(key), parent, context=context)
+        shortcut.setWhatsThis(words)
+        shortcut.setAutoRepeat(repeats)
+        shortcut.activated.connect(do)
+        made.append(shortcut)
+    return made
+
+
+def lines_of(window: QWidget, pages: Sequence[object]) -> dict[str, tuple[Line, ...]]:
+    """Every key of a window in groups: those that work everywhere, and those of the pages given, by their titles."""
+    groups: dict[str, dict[str, list[str]]] = {title: {} for title in (EVERYWHERE, *map(_title, pages))}
+    for shortcut in window.findChildren(QShortcut):
+        owner = _owner(shortcut)
+        title = EVERYWHERE if owner is None else _title(owner)
+        if owner is not None and owner not in pages:
+            continue
+        keys = groups.setdefault(title, {}).setdefault(shortcut.whatsThis(), [])
+        name = shortcut.key().toString(QKeySequence.SequenceFormat.NativeText)
+        if name not in keys:
+            keys.append(name)
+    return {
+        title: tuple(Line(words, tuple(keys)) for words, keys in group.items())
+        for title, group in groups.items()
+        if group
+    }
+
+
+def _owner(shortcut: QObject) -> QObject | None:
+    """The page that a shortcut belongs to; None for one of the window."""
+    parent = shortcut.parent()
+    while parent is not None and not _title(parent):
+        parent = parent.parent()
+    return parent
+
+
+def _title(thing: object) -> str:
+    title = getattr(thing, "title", "")
+    return title if isinstance(title, str) else ""

@@ -1,0 +1,259 @@
+"""The Campaign page in the real window, by keys alone: volts on the simulated bench, states on the screen, changes on the disk."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QMimeData, QPoint, QPointF, QSettings, Qt
+from PySide6.QtGui import QDragMoveEvent, QDropEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.campaign import Campaign
+from app.campaign_file import campaign_path
+from app.campaign_plan import PAPER, Item
+from app.campaign_standing import Next, Standing
+from app.config import BenchConfig
+from app.gui.campaign_page import CampaignPage
+from app.gui.window import MainWindow
+from protocols.runreader import Run
+from protocols.sine_dwell import SineDwell
+from protocols.steps import Prompt
+from protocols.wiring_check import WiringCheck
+from sim_hardware.contract.volts import volts_are_safe
+from tests.app.gui.happenings import LIVE, OPENED, STOPPED
+from tests.app.gui.stage import Bench, OpenStage, Stage, end, press, until
+
+CTRL, ALT, SHIFT = (
+    Qt.KeyboardModifier.ControlModifier,
+    Qt.KeyboardModifier.AltModifier,
+    Qt.KeyboardModifier.ShiftModifier,
+)
+FREE = Prompt("remove-membrane", "Take the membrane off.", hands_on=True)
+QUICK = (
+    Item("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
+    Item("dwell", "sine-dwell", {"frequencies_hz": (120, 150, 160), "record_s": 0.2}, ("wiring",)),
+    Item("again", "sine-dwell", {"frequencies_hz": (100,), "record_s": 0.2}, ("dwell",), (FREE,)),
+)
+
+Carry = Callable[[Qt.Key, Qt.KeyboardModifier], None]
+
+
+def settle(page: CampaignPage) -> None:
+    until(lambda: page.desk.sheet is not None and not page.desk.working, "for the campaign")
+
+
+def states(page: CampaignPage) -> list[str]:
+    assert page.desk.sheet is not None
+    return [row.state for row in page.desk.sheet.rows]
+
+
+def on_disk(folder: Path) -> dict[str, dict]:
+    return {item["name"]: item for item in json.loads(campaign_path(folder, "T7").read_text("utf-8"))["items"]}
+
+
+@pytest.fixture
+def bench(config: BenchConfig) -> Bench:
+    return Bench(config)
+
+
+@pytest.fixture
+def window(
+    qt: QApplication,
+    bench: Bench,
+    config: BenchConfig,
+    settings: QSettings,
+    tmp_path: Path,
+    no_widget_left_behind: None,
+) -> Iterator[MainWindow]:
+    """A window whose last campaign was not finished."""
+    Campaign.new(tmp_path, "T7", True, QUICK)
+    settings.setValue("campaign/open", str(campaign_path(tmp_path, "T7")))
+    window = MainWindow(bench, config, SineDwell(), tmp_path, "T7", settings)
+    window.show()
+    window.activateWindow()
+    assert QTest.qWaitForWindowActive(window, 5000)
+    until(lambda: window.view.connected, "for the bench")
+    yield window
+    assert bench.laboratory is not None
+    report = bench.laboratory.control.report()
+    end(window)
+    volts_are_safe(report)
+
+
+def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow, bench: Bench, tmp_path: Path) -> None:
+    press(window, Qt.Key.Key_2, CTRL)
+    page = window.campaign
+    settle(page)
+    board = page.board
+    assert board.pane.heading.text() == "Measure wiring: Wiring check"
+    assert "−20 … +60 V on the specimen" in board.pane.detail.text()
+    assert "0 of 3 done" in board.head.progress.text()
+
+    def carry_out(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
+        press(window, key, modifier)
+        until(lambda: window.view.busy, "for a run")
+        assert board.beside.currentWidget() is board.live
+        until(lambda: not window.view.busy, "for its end")
+        settle(page)
+
+    carry_out(Qt.Key.Key_F5)
+    assert states(page)[0] == "done, to be accepted"
+    assert board.pane.heading.text() == "Accept what wiring found?"
+    assert "µm/V" in board.pane.detail.text()
+    assert " ± " in board.side.words
+    QTest.keyClick(board.list, Qt.Key.Key_Return)
+    settle(page)
+    (accepted,) = on_disk(tmp_path)["wiring"]["accepted"]
+    assert (tmp_path / accepted).exists()
+    assert board.pane.heading.text() == "Measure dwell: Sine dwell"
+
+    bench.at_a_point = lambda _: bench.session.stop()
+    carry_out(Qt.Key.Key_F5)
+    assert states(page)[1] == "unfinished"
+    assert board.pane.heading.text() == "Go on with dwell: Sine dwell"
+    bench.at_a_point = lambda _: None
+    carry_out(Qt.Key.Key_F5)
+    dwell = page.desk.sheet.row("dwell").line
+    with Run(dwell.run) as run:
+        assert run.continues is not None
+        assert {*map(int, run.points()["entry"])} == {0, 1, 2}
+
+    assert board.list.chosen == "dwell"
+    press(window, Qt.Key.Key_X)
+    settle(page)
+    assert on_disk(tmp_path)["dwell"]["rejected"] == [dwell.run.name]
+    press(window, Qt.Key.Key_Z, CTRL)
+    settle(page)
+    assert on_disk(tmp_path)["dwell"]["rejected"] == []
+    assert states(page)[1] == "done, to be accepted"
+
+
+def test_what_needs_no_hands_follows_by_itself(window: MainWindow, tmp_path: Path) -> None:
+    press(window, Qt.Key.Key_2, CTRL)
+    page = window.campaign
+    settle(page)
+    press(window, Qt.Key.Key_F5, CTRL)
+    until(lambda: states(page)[1].startswith("done") and not window.view.busy and not page.desk.queue, "for two runs")
+    settle(page)
+    assert states(page) == ["done, to be accepted", "done, to be accepted", "missing"]
+    assert len(list(tmp_path.glob("*.h5"))) == 2
+    assert page.desk.known is not None
+    assert page.desk.known.why_not in page.board.side.words
+
+
+@pytest.fixture
+def page(open_stage: OpenStage, tmp_path: Path) -> tuple[Stage, CampaignPage]:
+    Campaign.new(tmp_path, "T7", True, (*QUICK, Item("last", "wiring-check")))
+    stage = open_stage()
+    stage.press(Qt.Key.Key_2, CTRL)
+    page = stage.window.campaign
+    until(lambda: page.start.list.count() == 1, "for the campaigns of the folder")
+    page.start.list.setFocus()
+    QTest.keyClick(page.start.list, Qt.Key.Key_Return)
+    settle(page)
+    return stage, page
+
+
+def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
+    page: tuple[Stage, CampaignPage], tmp_path: Path
+) -> None:
+    stage, shown = page
+    items = shown.board.list
+    items.choose("last")
+    stage.press(Qt.Key.Key_Up, ALT)
+    settle(shown)
+    assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
+    assert items.chosen == "last"
+    items.choose("dwell")
+    stage.press(Qt.Key.Key_Up, ALT)
+    settle(shown)
+    assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
+    assert "dwell needs wiring before it" in shown.board.head.said.text()
+    stage.press(Qt.Key.Key_S)
+    settle(shown)
+    assert on_disk(tmp_path)["dwell"]["skipped"]
+    assert states(shown)[1] == "skipped"
+    assert not shown.board.head.said.isVisible()
+    stage.press(Qt.Key.Key_Z, CTRL)
+    stage.press(Qt.Key.Key_Z, CTRL)
+    settle(shown)
+    assert list(on_disk(tmp_path)) == ["wiring", "dwell", "again", "last"]
+    assert not on_disk(tmp_path)["dwell"]["skipped"]
+    stage.press(Qt.Key.Key_Y, CTRL)
+    settle(shown)
+    assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
+
+
+def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
+    _, shown = page
+    items = shown.board.list
+    items.choose("last")
+    area = items.visualItemRect(items.item(0))
+    top = QPointF(area.center().x(), area.top() + 1)
+    drag = (QMimeData(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier)
+    items.dragMoveEvent(QDragMoveEvent(QPoint(*map(int, top.toTuple())), Qt.DropAction.MoveAction, *drag))
+    items.dropEvent(QDropEvent(top, Qt.DropAction.MoveAction, *drag))
+    settle(shown)
+    assert list(on_disk(tmp_path)) == ["last", "wiring", "dwell", "again"]
+    assert [items.item(at).text().split(":")[0] for at in range(4)] == ["last", "wiring", "dwell", "again"]
+
+
+def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
+    page: tuple[Stage, CampaignPage], tmp_path: Path
+) -> None:
+    stage, shown = page
+    stage.press(Qt.Key.Key_F5)
+    settle(shown)
+    assert stage.session.runs == []
+    assert "there is no bench" in shown.board.head.said.text()
+    stage.happen(OPENED)
+    for name in ("wiring", "dwell"):
+        shown.desk.change(lambda campaign, name=name: campaign.skip(name))
+    settle(shown)
+    stage.press(Qt.Key.Key_F5)
+    until(lambda: stage.session.runs, "for the run")
+    assert stage.session.runs == [(SineDwell(frequencies_hz=(100.0,), record_s=0.2), tmp_path, "T7")]
+    assert stage.session.prepared == [(FREE,)]
+    stage.happen(*LIVE)
+    shown.board.list.choose("last")
+    stage.press(Qt.Key.Key_S)
+    assert not on_disk(tmp_path)["last"]["skipped"]
+    stage.happen(*STOPPED)
+    settle(shown)
+    stage.press(Qt.Key.Key_F5, SHIFT)
+    until(lambda: len(stage.session.runs) == 2, "for the chosen one")
+    assert stage.session.runs[1][0] == WiringCheck()
+
+
+def test_a_campaign_is_begun_by_a_name_and_comes_back_at_the_next_start(
+    open_stage: OpenStage, tmp_path: Path, settings: QSettings
+) -> None:
+    stage = open_stage()
+    stage.press(Qt.Key.Key_2, CTRL)
+    first = stage.window.campaign
+    until(first.start.specimen.hasFocus, "for the line to type in")
+    QTest.keyClick(first.start.specimen, Qt.Key.Key_Return)
+    settle(first)
+    assert list(on_disk(tmp_path)) == [item.name for item in PAPER]
+    stage.window.leave(at_once=True)
+    until(lambda: not stage.window.isVisible(), "for the window to close")
+    again = open_stage().window.campaign
+    settle(again)
+    assert again.desk.sheet.path == campaign_path(tmp_path, "T7")
+    assert again.desk.sheet.next.line.next is Next.RUN
+    assert again.desk.sheet.rows[1].line.standing is Standing.WAITING
+
+
+def test_a_simulated_run_is_never_made_for_a_real_specimen(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
+    stage, shown = page
+    Campaign.new(tmp_path, "R1", False, QUICK)
+    shown.open(campaign_path(tmp_path, "R1"))
+    until(lambda: shown.desk.sheet is not None and shown.desk.sheet.specimen == "R1")
+    stage.happen(OPENED)
+    settle(shown)
+    stage.press(Qt.Key.Key_F5)
+    settle(shown)
+    assert stage.session.runs == []
+    assert "the campaign of R1 is of a real bench" in shown.board.head.said.text()

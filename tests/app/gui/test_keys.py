@@ -1,0 +1,144 @@
+"""The sheet of keys is made from the shortcuts; a newcomer's page leads to a first run."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import QSettings, Qt
+from PySide6.QtGui import QShortcut
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from app.config import BenchConfig, ConfigError
+from app.gui.book import CAMPAIGN, MEASURE
+from app.gui.keys import EVERYWHERE, lines_of
+from protocols.events import Asked, RunEnded, Status
+from protocols.sine_dwell import SineDwell
+from protocols.steps import Prompt
+from tests.app.gui.happenings import AT_REST, LIVE, OPENED
+from tests.app.gui.stage import ListeningSession, OpenStage, Stage, until
+
+CTRL = Qt.KeyboardModifier.ControlModifier
+ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last"), hands_on=True)
+
+
+def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
+    stage.happen(OPENED)
+    pages = [stage.window.pages.page(at) for at in range(stage.window.pages.count())]
+    stage.window.link.mailbox.show(2, ASKED)
+    stage.happen(*LIVE, Asked(2, ASKED))
+    told = {
+        (line.words, key) for lines in lines_of(stage.window, pages).values() for line in lines for key in line.keys
+    }
+    every = {(s.whatsThis(), s.key().toString()) for s in stage.window.findChildren(QShortcut)}
+    assert told == every
+    assert all(words for words, _ in every)
+    assert ("Answer: repeat the last", "R") in every
+    assert {"F5", "F8", "Esc", "Ctrl+2", "Alt+Up", "Ctrl+Shift+C", "/"} <= {key for _, key in every}
+
+
+def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_with_escape(stage: Stage) -> None:
+    room = stage.window.room
+    stage.press(Qt.Key.Key_2, CTRL)
+    stage.press(Qt.Key.Key_F1)
+    assert room.covered
+    assert {title for title, _ in room.keys.rows} == {EVERYWHERE, "Campaign"}
+    QTest.keyClicks(room.keys.search, "?")
+    assert room.covered, "a question mark can be searched for"
+    room.keys.search.clear()
+    QTest.keyClicks(room.keys.search, "move up")
+    assert [line.keys for _, line in room.keys.rows] == [("Alt+Up",)]
+    stage.press(Qt.Key.Key_Escape)
+    assert not room.covered
+    assert stage.window.campaign.start.specimen.hasFocus(), "the keyboard is where it was"
+    stage.press(Qt.Key.Key_4, CTRL)
+    stage.press(Qt.Key.Key_Question)
+    assert {title for title, _ in room.keys.rows} == {EVERYWHERE, "Runs"}
+    stage.press(Qt.Key.Key_F1)
+    assert not room.covered
+
+
+def test_escape_stops_first_and_closes_nothing_while_a_run_goes_on(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    stage.press(Qt.Key.Key_F1)
+    stage.press(Qt.Key.Key_Escape)
+    assert stage.session.stops == 1
+    assert stage.window.room.covered
+
+
+def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: Path) -> None:
+    window = stage.window
+    window.measure.panel.choice.setCurrentIndex(1)
+    window.pages.setCurrentIndex(CAMPAIGN)
+    window.room.show_first()
+    assert str(tmp_path) in window.room.first.about.text()
+    assert window.room.first.go.hasFocus()
+    QTest.keyClick(window.room.first.go, Qt.Key.Key_Return)
+    assert not window.room.covered
+    assert window.pages.currentIndex() == MEASURE
+    assert "connecting" in window.room.hint.words.text()
+    stage.happen(OPENED)
+    window.tick()
+    assert stage.session.runs == [(SineDwell(), tmp_path, "T7")]
+    stage.happen(*LIVE)
+    assert "Esc stops" in window.room.hint.words.text()
+    stage.happen(AT_REST, RunEnded(Status.COMPLETED, "all points measured", "run.h5"))
+    assert "Ctrl+4" in window.room.hint.words.text()
+    assert window.room.hint.isVisible()
+
+
+def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: OpenStage) -> None:
+    def refuse(name: str) -> None:
+        raise ConfigError(f"{name}: line 3: give a card")
+
+    stage = open_stage(change_bench=refuse)
+    stage.window.room.show_first()
+    stage.window.change_bench("mine.toml")
+    assert stage.window.room.first.said.text() == "mine.toml: line 3: give a card"
+    assert stage.window.room.first.said.isVisible()
+    assert not stage.session.closed
+
+
+def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app.gui import application
+    from app.gui.window import MainWindow
+
+    seen: list[tuple[str, bool]] = []
+    opened: list[str] = []
+    other = config.model_copy(update={"name": "the other bench"})
+
+    def look(app: QApplication) -> int:
+        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
+        seen.append((window.windowTitle(), window.room.covered))
+        if len(seen) == 1:
+            window.change_bench("other.toml")
+        else:
+            window.leave()
+        until(lambda: not window.isVisible(), "for the window to close")
+        return 0
+
+    monkeypatch.setattr(application.QApplication, "exec", look)
+
+    def bench(name: str) -> tuple[object, BenchConfig]:
+        opened.append(name)
+        return (lambda: pytest.fail("nobody connects here")), other
+
+    def show() -> None:
+        application.open_window(
+            lambda: pytest.fail("nobody connects here"),
+            config,
+            SineDwell(),
+            tmp_path,
+            settings=settings,
+            make_session=lambda *_: ListeningSession(),
+            benches=bench,
+        )
+
+    show()
+    assert opened == ["other.toml"]
+    assert seen == [("Tactor Bench – simulated bench", True), ("Tactor Bench – the other bench", False)]
+    show()
+    assert seen[2] == ("Tactor Bench – simulated bench", False)
