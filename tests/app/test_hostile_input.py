@@ -31,9 +31,6 @@ FURTHER = {
 }
 """What makes a command quick; what is hostile comes after it and wins."""
 
-SLOW = ("demo", "figures")
-"""They share their options with others that get all values."""
-
 POSITIONAL = {"protocol": "sine-dwell", "run": "run.h5", "runs": "run.h5", "file": "new.toml", "folder": "folder"}
 
 
@@ -77,6 +74,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     return tmp_path
 
 
+FIRST: dict[tuple[str, Any], tuple[int, str]] = {}
+"""A number of every option, and the first command that has it: that one gets all values, the others, which share it, one."""
+for leaf in LEAVES:
+    for shared in COMMANDS[leaf]._actions:
+        if shared.option_strings:
+            FIRST.setdefault((shared.option_strings[-1], shared.type), (len(FIRST), leaf))
+
+
 def attacks(name: str) -> Iterator[list[str]]:
     """Command lines of one command: every option and positional with every value, one at a time."""
     parser = COMMANDS[name]
@@ -91,8 +96,9 @@ def attacks(name: str) -> Iterator[list[str]]:
         if not action.option_strings or action.nargs == 0:
             continue
         option = action.option_strings[-1]
-        files = action.type is not None and getattr(action.type, "__name__", "") in ("path", "Path")
-        for value in (FILES if files else TEXTS)[: 1 if name in SLOW else None]:
+        values = FILES if getattr(action.type, "__name__", "") in ("path", "Path") else TEXTS
+        at, first = FIRST[option, action.type]
+        for value in values if first == name else values[at % len(values) :][:1]:
             yield [*base, f"{option}={value}"] if option.startswith("--") else [*base, option, value]
 
 

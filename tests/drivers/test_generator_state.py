@@ -466,3 +466,24 @@ def test_a_supply_with_others_errors_in_its_queue_is_prepared_and_brought_to_res
     assert source.at_rest(2.5, 0.0, 5.0)
     press(panel, "CURR 0.002,(@1)")
     assert not source.at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("model", [model for model in CHANGES if model != "SDG1032X"])
+def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_played(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 0.0, 5.0)
+    handle = bench.port.handle
+
+    def steps_of_a_percent(message: str):
+        command, space, rate = message.partition(" ")
+        if command.endswith(("FREQ", "SRAT")) and space:
+            rate, rest = rate.partition(";")[::2]
+            message = f"{command} {float(rate) * 1.01:.10g};{rest}"
+        return handle(message)
+
+    monkeypatch.setattr(bench.port, "handle", steps_of_a_percent)
+    with pytest.raises(InstrumentError, match=r"was set to .* and reads back .* nothing more was sent"):
+        source.play(Sine(100.0, 1.0, 2.5, 5))
+    assert bench.report().outside_rest_s == 0
