@@ -60,7 +60,8 @@ def wired(kind: type, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]
         link = VisaLink(wire.resource, TIMEOUT_S, baud=115_200)
         yield bench, link
         link.close()
-    gc.collect()
+    if kind is HislipServer:  # what it left open is told by its collection, here and not in another test
+        gc.collect()
 
 
 @pytest.fixture(params=WIRES)

@@ -487,3 +487,32 @@ def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_p
     with pytest.raises(InstrumentError, match=r"was set to .* and reads back .* nothing more was sent"):
         source.play(Sine(100.0, 1.0, 2.5, 5))
     assert bench.report().outside_rest_s == 0
+
+
+def test_a_waveform_whose_loading_was_never_answered_is_not_taken_for_the_one_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The box has taken the steps, and nobody knows: the next sine must be loaded anew, or it would play the steps."""
+    source, bench, _ = made("33511B")
+    source.prepare(2.5, 0.0, 5.0)
+    bench.enable_hv()
+    source.play(Sine(100.0, 1.0, 2.5, 5))
+    bench.clock.sleep(0.2)
+    source.stop()
+    handle = bench.port.handle
+
+    def answers_nothing_to_it(message: str):
+        reply = handle(message)
+        return None if "FUNC:ARB TB" in message else reply
+
+    monkeypatch.setattr(bench.port, "handle", answers_nothing_to_it)
+    with pytest.raises(LinkError):
+        source.play(Steps((2.5, 3.5, 2.5), 0.1, 0.05))
+    monkeypatch.setattr(bench.port, "handle", handle)
+    before_s = bench.clock.now()
+    source.play(Sine(100.0, 0.5, 2.5, 5))
+    bench.clock.sleep(0.2)
+    report = bench.report()
+    volts_are_safe(report)
+    played = bench.history.volts(before_s + np.arange(2000) / 1e4)
+    assert (played.min(), played.max()) == (pytest.approx(2.0, abs=0.01), pytest.approx(3.0, abs=0.01))
