@@ -83,6 +83,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
         with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0.4 s"):
             scpi.ask("VOLT:OFFS?")
         bench.clear()
+        time.sleep(TIMEOUT_S)  # by now it has come
         assert scpi.ask("*IDN?").startswith("Keysight")
         assert scpi.ask("OUTP?") == "0"
 
