@@ -14,7 +14,12 @@ from app.main import main
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FENCE = re.compile(r"^```(console|python run)( exit=\w+)?\n(.*?)^```", re.M | re.S)
-COMMANDED = [page for page in PAGES if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))]
+SLOW = {"calibrate-a-specimen.md", "tutorial.md", "train-for-the-bad-day.md"}
+COMMANDED = [
+    pytest.param(page, marks=[pytest.mark.slow] if page.name in SLOW else [], id=str(page.relative_to(ROOT)))
+    for page in PAGES
+    if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))
+]
 
 
 def reference() -> Any:
@@ -50,7 +55,7 @@ def blocks(page: Path) -> Iterator[tuple[str, str, str]]:
         yield kind, wanted.removeprefix(" exit="), text
 
 
-@pytest.mark.parametrize("page", COMMANDED, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", COMMANDED)
 def test_every_command_does_what_the_page_says(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,6 +86,7 @@ def test_the_file_gives_the_numbers_of_the_live_run(looped) -> None:
     assert again == looped.points
 
 
+@pytest.mark.slow
 def test_voltage_steps_find_the_creep_and_the_loop_that_were_put_in(tmp_path: Path) -> None:
     steps = VoltageSteps(levels_v=(3.5, 4.5), repeats=2, order="up", rest_s=10.0, hold_s=10.0, read_s=1.0)
     with laboratory(simulated(seed=4, beyond={"creep_per_decade": CREEP})) as lab:

@@ -231,6 +231,7 @@ def test_the_operator_may_have_the_weight_before_measured_again(tmp_path: Path) 
         assert file.points()["mass"].tolist().count(ran.points[0].mass) >= 1
 
 
+@pytest.mark.slow
 def test_a_prompt_may_be_ignored_for_an_hour(tmp_path: Path) -> None:
     asked_s: list[float] = []
 

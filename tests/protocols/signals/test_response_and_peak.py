@@ -222,6 +222,7 @@ def test_the_low_pass_keeps_what_is_slow_in_phase_and_drops_what_is_fast() -> No
     assert np.abs(low_pass(slow + fast, RATE) - slow)[inner].max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
     rng = np.random.default_rng(5)
     n, sigma, seeds = 1 << 14, 2e-8, 240
