@@ -89,7 +89,8 @@ def _and(names: list[str]) -> str:
 
 def _to_run(sheet: Sheet, row: Row) -> Step:
     heading = f"{DOES[row.line.next]} {row.name}: {row.line.title}"
-    detail = f"{rehearsal_words(row.told)[:1].upper()}{rehearsal_words(row.told)[1:]}." if row.told else ""
+    takes = f"{'at most ' * (row.line.next is Next.RESUME)}{rehearsal_words(row.told)}." if row.told else ""
+    detail = takes[:1].upper() + takes[1:]
     does = (Do.RUN, Do.FREE) if sheet.free is not None else (Do.RUN,)
     return Step(heading, why_next(row.line), detail, does, row.name)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from app.campaign_standing import Listed, Next, Standing
@@ -36,14 +37,19 @@ def why_next(line: Listed) -> str:
     needs = " and ".join(line.item.needs)
     match line.next:
         case Next.RESUME:
-            return f"It was {line.reason}. The points that are there are kept."
+            return f"The last run {shortly(line.reason)}. The points that are there are kept."
         case Next.AGAIN if line.standing is Standing.STALE:
             return f"It was done, but {line.reason}."
         case Next.AGAIN:
-            return f"The last run {line.reason}."
+            return f"The last run {shortly(line.reason).replace('unsafe: UNSAFE', 'ended UNSAFE')}."
         case _:
             rests = f"; what it rests on, {needs}, is done" if needs else ""
             return f"It is the first in the list that is not measured yet{rests}."
+
+
+def shortly(reason: str) -> str:
+    """The first clause of a reason: what happened, without what to do and without the library's own words."""
+    return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
 
 
 def rehearsal_words(told: Rehearsal) -> str:

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QGuiApplication, QKeySequence, QShortcut
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
 from app.gui.form import mark
+from app.gui.keys import HERE, bind
 
 Array = NDArray[np.float64]
 
@@ -73,8 +74,7 @@ class Copying(QWidget):
             button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             button.clicked.connect(do)
             row.addWidget(button)
-            shortcut = QShortcut(QKeySequence(key), canvas, context=Qt.ShortcutContext.WidgetWithChildrenShortcut)
-            shortcut.activated.connect(do)
+            bind(canvas, f"{words} (the keyboard is in the plot)", do, key, context=HERE, repeats=True)
         canvas.installEventFilter(self)
         self.hide()
 

@@ -20,6 +20,7 @@ class Hint(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
+        self._told = False
         self.words = QLabel()
         self.words.setWordWrap(True)
         mark(self.words, "hint")
@@ -34,6 +35,7 @@ class Hint(QWidget):
 
     def begin(self) -> None:
         """Lead through the run that comes."""
+        self._told = False
         self.words.setText(WAITS)
         self.show()
 
@@ -41,8 +43,10 @@ class Hint(QWidget):
         """Say what is to be seen now."""
         if self.isHidden():
             return
-        if view.busy:
+        if view.busy and self._told:  # another run: the lesson is over
+            self.hide()
+        elif view.busy:
             self.words.setText(RUNS)
         elif (ended := view.outcome) is not None:
-            done = ended.status is Status.COMPLETED
+            self._told, done = True, ended.status is Status.COMPLETED
             self.words.setText(DONE if done else ENDED.format(reason=ended.reason))

@@ -58,6 +58,7 @@ class MeasurePage(QSplitter):
         self.log = LogPane(theme)
         self.right.add(self.log, 2)
         self.setChildrenCollapsible(False)
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self.addWidget(self.panel)
         self.addWidget(self.right)
         self.setStretchFactor(0, 0)
@@ -88,7 +89,8 @@ class MeasurePage(QSplitter):
         self._begun = True
 
     def enter(self) -> None:
-        """Nothing here needs the keyboard but what one writes in."""
+        """Take the keyboard, into no field: a stray key shall change nothing."""
+        self.setFocus()
 
     def refresh(self) -> None:
         """What moves between events: called at every tick."""

@@ -67,6 +67,8 @@ class Room(QWidget):
         self.stack.setCurrentWidget(self.pages)
         if self._before is not None and isValid(self._before):
             self._before.setFocus()
+        else:
+            self.pages.present.enter()
         self._before = None
         return True
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.gui.copying import Copying, as_text, drawn
+from app.gui.keys import bind
 from app.gui.plots import Corner, few_ticks, paint, quiet, simulated_mark, trace_pen
 from app.gui.theme import Theme
 from app.reopening import Traces
@@ -56,15 +56,14 @@ class RunTraces(QWidget):
         self._calm.timeout.connect(self._look)
         self._plots[0].sigXRangeChanged.connect(lambda *_: self._calm.start())
         self.canvas.scene().sigMouseClicked.connect(lambda event: self.show_whole() if event.double() else None)
-        for keys, do in (
-            ("Ctrl++", lambda: self.zoom(CLOSER)),
-            ("Ctrl+=", lambda: self.zoom(CLOSER)),
-            ("Ctrl+-", lambda: self.zoom(AWAY)),
-            ("Ctrl+0", self.show_whole),
-            ("Ctrl+Right", lambda: self.move_along(0.25)),
-            ("Ctrl+Left", lambda: self.move_along(-0.25)),
+        for words, do, keys in (
+            ("Traces of the open run: closer", lambda: self.zoom(CLOSER), ("Ctrl++", "Ctrl+=")),
+            ("Traces: further away", lambda: self.zoom(AWAY), ("Ctrl+-",)),
+            ("Traces: the whole run", self.show_whole, ("Ctrl+0",)),
+            ("Traces: later", lambda: self.move_along(0.25), ("Ctrl+Right",)),
+            ("Traces: earlier", lambda: self.move_along(-0.25), ("Ctrl+Left",)),
         ):
-            QShortcut(QKeySequence(keys), self).activated.connect(do)
+            bind(self, words, do, *keys, repeats=True)
         self._say(raw=False)
         self.set_theme(theme)
 
