@@ -17,7 +17,7 @@ def add_import_command(known: Any) -> None:
         "imported, from which file and which columns, and has no raw samples. Units stand in the header ('frequency [Hz]', "
         "'amplitude_um', 'Load (g)') or in --unit.",
         epilog="example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
-        "--uncertainty 'peak_to_peak=1 %%'",
+        "--uncertainty 'peak_to_peak=1 %'",
     )
     command.add_argument(
         "files", nargs="+", type=path, metavar="FILE", help="CSV (any delimiter, decimal comma or point) or MAT files"

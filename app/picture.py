@@ -79,17 +79,21 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = usable(points["quality"])
-    for shown, face, words in ((good, "tab:red", ""), (~good, "none", ", flagged")):
-        if shown.any():
-            axes.errorbar(
-                f[shown], 1e6 * points["peak_to_peak"][shown], 1e6 * points["peak_to_peak_errors"][shown],
-                fmt="o", ms=6, mfc=face, mec="tab:red", ecolor="tab:red", label="measured, max - min" + words,
-            )  # fmt: skip
-            axes.errorbar(
-                f[shown], 2e6 * points["fundamental"][shown], 2e6 * points["fundamental_errors"][shown],
-                fmt="s", ms=4, mfc=face, mec="tab:orange", ecolor="tab:orange",
-                label="measured, 2 x fundamental" + words,
-            )  # fmt: skip
+    series = (  # an imported table may have one of them only
+        ("peak_to_peak", 1e6, {"fmt": "o", "ms": 6, "mec": "tab:red", "ecolor": "tab:red"}, "measured, max - min"),
+        (
+            "fundamental",
+            2e6,
+            {"fmt": "s", "ms": 4, "mec": "tab:orange", "ecolor": "tab:orange"},
+            "measured, 2 x fundamental",
+        ),
+    )
+    for name, scale, look, label in series:
+        for chosen, fill, words in ((good, "tab:red", ""), (~good, "none", ", flagged")):
+            shown = chosen & np.isfinite(points[name])
+            if shown.any():
+                at, height, error = f[shown], scale * points[name][shown], scale * points[f"{name}_errors"][shown]
+                axes.errorbar(at, height, error, mfc=fill, label=label + words, **look)
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.text(
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
@@ -206,6 +210,7 @@ def _draw_trace(axes: Any, run: Run) -> None:
     if last is None:
         words = "imported: there are no samples" if run.imported else "nothing was recorded"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
+        axes.set_axis_off()
         return
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))
     t = 1e3 * np.arange(shown) / last.rate_hz
