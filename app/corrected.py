@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from app.config import AmplifierTable, load_bench
+from app.config import AmplifierTable, ConfigError, load_bench
 from drivers.sensor import LaserSensor
 from protocols.layout import ENTRY, columns
 from protocols.plain import plain
@@ -22,22 +22,29 @@ from protocols.values import Recording
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """The sensor and the amplifier as a bench file says now that they were."""
+    """The sensor and the amplifier as a bench file says now that they were; None where it says nothing of one."""
 
     path: Path
     sha256: str
-    sensor: LaserSensor
-    amplifier: AmplifierTable
+    sensor: LaserSensor | None
+    amplifier: AmplifierTable | None
 
     @classmethod
     def of(cls, path: Path) -> Self:
         """What a bench file says.
 
         Raises:
-            ConfigError: it is none.
+            ConfigError: it is none, or says nothing of either.
         """
         config = load_bench(str(path))
-        return cls(path, hashlib.sha256(path.read_bytes()).hexdigest(), config.sensor.sensor, config.amplifier)
+        told = config.model_fields_set
+        if not told & {"sensor", "amplifier"}:
+            raise ConfigError(
+                f"{path} has neither [sensor] nor [amplifier]: there is nothing in it to correct a run with"
+            )
+        sensor = config.sensor.sensor if "sensor" in told else None
+        amplifier = config.amplifier if "amplifier" in told else None
+        return cls(path, hashlib.sha256(path.read_bytes()).hexdigest(), sensor, amplifier)
 
     def opened(self, path: Path) -> Run:
         """A run with this correction; one that was imported has nothing to correct, and is as it was.
@@ -51,10 +58,10 @@ class Correction:
             return Run(path)
         try:
             for role, was, now in (
-                ("sensor", run.measured_with.serial, self.sensor.serial),
-                ("amplifier", str(run.amplifier_then.get("serial", "")), self.amplifier.serial),
+                ("sensor", run.measured_with.serial, self.sensor and self.sensor.serial),
+                ("amplifier", str(run.amplifier_then.get("serial", "")), self.amplifier and self.amplifier.serial),
             ):
-                if was and was != now:
+                if was and now is not None and was != now:
                     told = f"serial number {now}" if now else "no serial number"
                     raise RunError(
                         f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {told}: give the "
@@ -70,12 +77,13 @@ class Correction:
         with Run(path) as run:
             if run.imported:
                 return f"{path.name} was imported and has no raw samples: it stays as it is"
-            was, amplifier = run.sensor, AmplifierTable.of(run.configuration)
+            was, map_ = run.sensor, AmplifierTable.of(run.configuration).map
         changed = [
             f"{name} {_short(old)} -> {_short(new)}"
-            for old_, new_ in ((was, self.sensor), (amplifier.map, self.amplifier.map))
-            for name in (f.name for f in fields(old_))
-            if (old := getattr(old_, name)) != (new := getattr(new_, name)) and name not in ("expires", "name")
+            for before, after in ((was, self.sensor), (map_, self.amplifier and self.amplifier.map))
+            if after is not None
+            for name in (f.name for f in fields(before))
+            if (old := getattr(before, name)) != (new := getattr(after, name)) and name not in ("expires", "name")
         ]
         return f"{path.name} reduced anew from its raw samples: {', '.join(changed)}" if changed else ""
 
@@ -85,7 +93,7 @@ class Correction:
             "bench": self.path.name,
             "sha256": self.sha256,
             "sensor": plain(self.sensor),
-            "amplifier": self.amplifier.model_dump(),
+            "amplifier": self.amplifier.model_dump() if self.amplifier else None,
         }
 
 
@@ -98,7 +106,7 @@ class CorrectedRun(Run):
 
     @property
     def sensor(self) -> LaserSensor:
-        return self._correction.sensor
+        return self._correction.sensor or self.measured_with
 
     @property
     def measured_with(self) -> LaserSensor:
@@ -112,7 +120,8 @@ class CorrectedRun(Run):
 
     @property
     def configuration(self) -> dict[str, Any]:
-        return {**super().configuration, "amplifier": self._correction.amplifier.model_dump()}
+        now = self._correction.amplifier
+        return super().configuration | ({"amplifier": now.model_dump()} if now else {})
 
     def points(self) -> dict[str, NDArray[np.float64]]:
         """The points reduced anew, one an entry: the latest recordings of it count."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from model.parameters import Membrane
 
 if TYPE_CHECKING:
     from app.explore_answer import Measured
+    from model.identification.observations import FrequencyResponse
 
 FREE = ("m_add", "c0", "mu")
 """What the response of a free tactor tells while its stiffness is known; the others stay where their sliders are."""
@@ -38,7 +39,7 @@ def fit_runs(runs: Sequence["Measured"], setting: Setting, cancelled: Callable[[
     """
     from model.identification.joint import joint_fit
     from model.identification.names import at
-    from model.identification.observations import Campaign, FrequencyResponse
+    from model.identification.observations import Campaign
     from model.identification.setting import Setting as Asked
 
     specimen = setting.specimen
@@ -46,20 +47,7 @@ def fit_runs(runs: Sequence["Measured"], setting: Setting, cancelled: Callable[[
     names = {name: name for name in FREE}
     if elongation is not None:
         names = {at(letter, elongation): letter for letter in ("k_s", "c_s")}
-    observed = tuple(
-        FrequencyResponse.polar(
-            f"{number}: {run.label}",
-            run.frequency_hz,
-            run.twice_fundamental / 2,
-            run.phase,
-            run.fundamental_errors,
-            drive_amplitude_v=_within(run.peak_to_peak_v / 2),
-            elongation_m=elongation,
-            good=run.usable,
-            simulated=run.simulated,
-        )
-        for number, run in enumerate(runs, 1)
-    )
+    observed = tuple(_observed(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
     start = {name: setting.value(letter) for name, letter in names.items()}
     asked = Asked(tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start)
     fit = joint_fit(Campaign(observed), asked, cancelled=cancelled, seconds=SECONDS)
@@ -71,6 +59,26 @@ def fit_runs(runs: Sequence["Measured"], setting: Setting, cancelled: Callable[[
     errors = {e.name: e.standard_error for e in fit.estimates()}
     told = [_words(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
     return Fitted(setting, "; ".join((*told, fit.verdict if fit.converged else fit.message)))
+
+
+def _observed(label: str, run: "Measured", elongation: float | None) -> "FrequencyResponse":
+    """The run as a fit takes it; an imported table may tell no phase, or max - min only."""
+    from model.identification.observations import FrequencyResponse
+
+    more: dict[str, Any] = {
+        "drive_amplitude_v": _within(run.peak_to_peak_v / 2),
+        "elongation_m": elongation,
+        "simulated": run.simulated,
+    }
+    sine = run.usable & np.isfinite(run.twice_fundamental) & (run.fundamental_errors > 0)
+    if sine.any():
+        phase = run.phase if np.isfinite(run.phase[sine]).all() else None
+        size = run.twice_fundamental / 2
+        more["fundamental_m"] = size if phase is None else size * np.exp(1j * phase)
+        return FrequencyResponse(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
+    width = run.usable & np.isfinite(run.peak_to_peak) & (run.peak_to_peak_errors > 0)
+    more |= {"peak_to_peak_m": run.peak_to_peak, "peak_to_peak_errors_m": run.peak_to_peak_errors}
+    return FrequencyResponse(label, run.frequency_hz, good=width, **more)
 
 
 def _words(letter: str, value: float, error: float) -> str:

@@ -56,7 +56,7 @@ def identify_runs(options: argparse.Namespace) -> int:
             free,
             fixed,
             "cauchy" if options.robust else "linear",
-            corrected.amplifier.map if corrected else _amplifier(options.runs),
+            corrected.amplifier.map if corrected and corrected.amplifier else _amplifier(options.runs),
             opened=corrected.opened if corrected else Run,
             told=lambda paths: tracked(paths, "reducing anew" if corrected else "reading runs"),
             n=options.shapes,
@@ -257,13 +257,16 @@ def _reduced(one: Calibration) -> list[str]:
     """Which corrected calibration of the instruments a version rests on."""
     if not one.reduced:
         return []
-    sensor = one.reduced["sensor"]
-    return [
-        (
-            f"raw samples reduced anew with {one.reduced['bench']} (SHA-256 {one.reduced['sha256'][:16]}...): {sensor['name']} "
-            f"{sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {sensor['calibrated'] or 'nobody tells when'}"
+    sensor, amplifier = one.reduced["sensor"], one.reduced["amplifier"]
+    words = [f"raw samples reduced anew with {one.reduced['bench']} (SHA-256 {one.reduced['sha256'][:16]}...)"]
+    if sensor:
+        when = sensor["calibrated"] or "nobody tells when"
+        words.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
+    if amplifier:
+        words.append(
+            f"{amplifier['name']} {amplifier['serial']}, {amplifier['slope_below']:g} and {amplifier['slope_above']:g} V/V"
         )
-    ]
+    return ["; ".join(words)]
 
 
 def _difference(before: Calibration, after: Calibration) -> Answer:

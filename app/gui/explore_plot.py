@@ -1,6 +1,7 @@
 """Curves over frequency: amplitude above, phase below it where asked for; kept curves, measured points, what is felt."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -9,9 +10,9 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore import Kept
-from app.explore_answer import Line, Measured, Picture
+from app.explore_answer import Array, Line, Measured, Picture
 from app.gui.copying import Copying, Shown, as_text
-from app.gui.plots import INKS, Corner, ink, paint, quiet, round_step, simulated_mark
+from app.gui.plots import INKS, Corner, ink, largest, paint, quiet, round_step, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
@@ -205,7 +206,7 @@ class ExplorePlot(QWidget):
             fills = [solid if good else hollow for good in run.usable]
             both = self._amplitudes(run)
             upper, second, lower = (
-                pg.PlotDataItem(run.frequency_hz, y, pen=None, symbol=s, symbolSize=8, symbolPen=pen, symbolBrush=fills)
+                _spots(run.frequency_hz, y, symbol=s, pen=pen, fills=fills)
                 for y, s in ((both[0], "o"), (both[1], "s"), (np.degrees(run.phase), "o"))
             )
             self.plot.addItem(upper)
@@ -224,7 +225,8 @@ class ExplorePlot(QWidget):
             for line in (picture.line, *(picture.kept or ())):
                 tops += [1e6 * float(v.max()) for v in (line.peak_to_peak, line.twice_fundamental)]
             phases += [float(np.degrees(v)) for v in (picture.line.phase.min(), picture.line.phase.max())]
-        tops += [1e6 * float(np.nanmax(run.peak_to_peak)) for run in self._measured]
+        tops += [1e6 * largest(run.peak_to_peak) for run in self._measured]
+        tops += [1e6 * largest(run.twice_fundamental) for run in self._measured]
         self.plot.setXRange(0, self._top_hz, padding=0)
         if self._log:
             self.plot.setYRange(0.0, np.ceil(4 * np.log10(max(tops))) / 4, padding=0)
@@ -232,3 +234,12 @@ class ExplorePlot(QWidget):
             step = round_step(1.08 * max(tops), 8)  # in steps, so that it stands still while a slider moves
             self.plot.setYRange(0, step * np.ceil(1.05 * max(tops) / step), padding=0)
         self.phase.setYRange(90 * np.floor(min(phases) / 90), 90 * np.ceil(max(phases) / 90), padding=0.04)
+
+
+def _spots(x: Array, y: Array, symbol: str, pen: Any, fills: Sequence[Any]) -> pg.PlotDataItem:
+    """Points where there are some: an imported table may not tell a phase, or one of the amplitudes."""
+    there = np.flatnonzero(np.isfinite(y))
+    brushes = [fills[i] for i in there.tolist()]
+    return pg.PlotDataItem(
+        x[there], y[there], pen=None, symbol=symbol, symbolSize=8, symbolPen=pen, symbolBrush=brushes
+    )

@@ -159,3 +159,8 @@ def round_step(span: float, most: int) -> float:
     """The smallest of 1, 2, 5 times a power of ten of which at most `most` fit into `span`."""
     decade = 10.0 ** math.floor(math.log10(span / most))
     return next(decade * m for m in (1.0, 2.0, 5.0, 10.0) if span / (decade * m) <= most)
+
+
+def largest(values: NDArray[np.float64]) -> float:
+    """The largest of those that are numbers; 0 where none is."""
+    return float(np.max(values, where=np.isfinite(values), initial=0.0))

@@ -151,8 +151,11 @@ class ResponsePlot(QWidget):
             taken = [at < len(self._entries) and self._entries[at] in self.chosen.entries for at in range(len(x))]
             pens = [pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2) for t in taken]
             fills = [pg.mkBrush(ink) if good else pg.mkBrush(self._theme.panel) for good in usable]
-            self.scatters[at].setData(x=x, y=y, symbol=series.symbol, pen=pens, brush=fills, data=words)
-            self._bars[at].setData(x=x, y=y, height=2 * errors)
+            # Qt does not survive painting what is nowhere: an imported table may tell one of the two only.
+            there = np.flatnonzero(np.isfinite(y)).tolist()
+            pens, fills, said = ([every[i] for i in there] for every in (pens, fills, words))
+            self.scatters[at].setData(x=x[there], y=y[there], symbol=series.symbol, pen=pens, brush=fills, data=said)
+            self._bars[at].setData(x=x[there], y=y[there], height=2 * np.nan_to_num(errors[there]))
         self.strip.draw(self._points, self._curve)
 
     def _scale(self) -> None:
@@ -160,7 +163,8 @@ class ResponsePlot(QWidget):
         tops = [FELT_UM * 1.5]
         visible = [series for series, box in zip(SERIES, self.shown, strict=True) if box.isChecked()]
         for series in visible:
-            tops += [series.factor * getattr(p, series.column) for p in self._points]
+            sizes = (series.factor * getattr(p, series.column) for p in self._points)
+            tops += [size for size in sizes if np.isfinite(size)]
             if self._curve is not None:
                 tops.append(series.factor * float(getattr(self._curve, series.column).max()))
         right = max([self._top_hz, *(1.03 * p.frequency for p in self._points)])

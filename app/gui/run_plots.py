@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore_answer import Measured
 from app.gui.copying import Copying, Shown, as_text
-from app.gui.plots import Corner, ink, paint, quiet, round_step, simulated_mark
+from app.gui.plots import Corner, ink, largest, paint, quiet, round_step, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
@@ -72,16 +72,17 @@ class ComparePlot(QWidget):
         self.items = []
         for at, run in enumerate(self._runs):
             colour = ink(at, self._theme)
-            fills = [pg.mkBrush(colour if good else self._theme.panel) for good in run.usable]
+            there = np.isfinite(run.peak_to_peak)  # an imported table may tell the fundamental only
+            fills = [pg.mkBrush(colour if good else self._theme.panel) for good in run.usable[there]]
             item = pg.PlotDataItem(
-                run.frequency_hz, 1e6 * run.peak_to_peak, pen=pg.mkPen(colour, width=1), symbol="o", symbolSize=7,
+                run.frequency_hz[there], 1e6 * run.peak_to_peak[there], pen=pg.mkPen(colour, width=1), symbol="o", symbolSize=7,
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,
             )  # fmt: skip
             self.plot.addItem(item)
             if len(self._runs) <= 12:
                 self.legend.addItem(item, run.label)
             self.items.append(item)
-        top = max([FELT_UM * 1.5, *(1e6 * float(np.nanmax(run.peak_to_peak)) for run in self._runs)])
+        top = max([FELT_UM * 1.5, *(1e6 * largest(run.peak_to_peak) for run in self._runs)])
         right = max([100.0, *(float(run.frequency_hz.max()) for run in self._runs)])
         step = round_step(1.1 * top, 6)
         self.plot.setYRange(0, step * np.ceil(1.1 * top / step), padding=0)

@@ -15,6 +15,7 @@ import pytest
 
 import model
 from app import calibrations
+from app.config import ConfigError
 from app.corrected import CorrectedRun, Correction
 from app.identifying import identify
 from app.main import main
@@ -257,6 +258,23 @@ def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path)
     first.unlink()
     with correction.opened(store.path) as now, pytest.raises(RunError, match="bring the run it goes on with"):
         now.points()
+
+
+def test_a_bench_file_corrects_what_stands_in_it_alone(made: Made, tmp_path: Path) -> None:
+    """A corrected amplifier leaves the sensor as it was, and the other way round."""
+    (path,) = made()[:1]
+    amplifier = tmp_path / "amplifier.toml"
+    amplifier.write_text('name = "a"\n[generator]\nresource = "x"\n[amplifier]\nslope_above = 610.0\n')
+    with Run(path) as was, Correction.of(amplifier).opened(path) as now:
+        assert now.sensor == was.sensor
+        assert now.configuration["amplifier"]["slope_above"] == 610.0
+    with Run(path) as was, Correction.of(bench(tmp_path / "s.toml", 1.1e-4)).opened(path) as now:
+        assert now.sensor.gain_m_per_v == 1.1e-4
+        assert now.configuration == was.configuration
+    neither = tmp_path / "neither.toml"
+    neither.write_text('name = "n"\n[generator]\nresource = "x"\n')
+    with pytest.raises(ConfigError, match="neither \\[sensor\\] nor \\[amplifier\\]"):
+        Correction.of(neither)
 
 
 def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys: Any) -> None:

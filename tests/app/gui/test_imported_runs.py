@@ -1,0 +1,79 @@
+"""Runs that were imported, in the real window: listed for what they are, opened, laid over."""
+
+from pathlib import Path
+
+import pytest
+from PySide6.QtCore import Qt
+
+from app.explore import Setting
+from app.explore_answer import read_measured
+from app.explore_fit import fit_runs
+from app.gui.picture import grab
+from app.main import main
+from tests.app.gui.stage import OpenStage, until
+from tests.runs import finished_run
+
+POINTS = {"T6": [2, 2], "T7": [5, 0], "T8": [0, 0], "T9": [0, 5]}
+"""Points drawn of max - min and of the fundamental."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
+    out = tmp_path / "runs"
+    f = (50, 100, 150, 175, 225)
+    for name, head, values in (
+        ("dwell", "frequency [Hz];pp [um]", (537.4, 760.1, 1154.2, 923.5, 403.3)),
+        ("sine", "frequency [Hz];fundamental [um]", (261.4, 362.0, 577.0, 461.1, 201.45)),
+        ("load", "load [g];deflection [um]", (27, 67.6, 135.2, 270.5, 676.2)),
+    ):
+        rows = "\n".join(
+            f"{x};{y}" for x, y in zip((20, 50, 100, 200, 500) if name == "load" else f, values, strict=True)
+        )
+        (tmp_path / f"{name}.csv").write_text(f"{head}\n{rows}\n")
+    drive = ["--set", "peak_to_peak_v=5"]
+    for name, specimen, more in (
+        ("dwell", "T7", [*drive, "--uncertainty", "peak_to_peak=1 %"]),
+        ("sine", "T9", [*drive, "--uncertainty", "fundamental=1 %"]),
+        ("load", "T8", []),
+    ):
+        assert main(["import", str(tmp_path / f"{name}.csv"), "--specimen", specimen, "--out", str(out), *more]) == 0
+    return out
+
+
+def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:
+    """Max - min alone, a fundamental alone, weights; each after the other in one window, and over the curve."""
+    finished_run(folder, "T6")
+    stage = open_stage(folder=folder)
+    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    page = stage.window.runs
+    until(lambda: page.catalogue is not None and page.model.rowCount() == 4 and not page._jobs.waiting, "for the list")
+    assert {e.specimen: e.state for e in page.entries}["T7"] == "imported"
+    for specimen, words in (("T6", "all points"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
+        page.choose([e.path for e in page.entries if e.specimen == specimen])
+        until(lambda: not page._reads.waiting, "for the points")
+        grab(stage.window, tmp_path / f"{specimen}_list.png")
+        page.open()
+        until(lambda: page.currentWidget() is page.opened and not page._jobs.waiting, "for the run")
+        view = page.opened
+        assert words in view.facts.text()
+        stage.window.tick()
+        grab(stage.window, tmp_path / f"{specimen}.png")
+        samples = view.traces.curves[0].getData()[0]
+        assert (samples is None or not len(samples)) == (specimen != "T6")  # nothing of the run before
+        assert [len(s.getData()[0]) for s in view.response.scatters] == POINTS[specimen]
+        page.back()
+    page.choose([e.path for e in page.entries if e.specimen in ("T7", "T9")])
+    until(lambda: not page._reads.waiting, "for the points")
+    grab(stage.window, tmp_path / "both.png")
+    page.explore()
+    until(lambda: stage.window.explore.measured, "for the points")
+    grab(stage.window, tmp_path / "explore.png")
+
+
+@pytest.mark.parametrize("name", ["dwell", "sine"])
+def test_explore_fits_what_a_table_tells(name: str, folder: Path) -> None:
+    specimen = {"dwell": "T7", "sine": "T9"}[name]
+    run = read_measured(next(folder.glob(f"*_{specimen}_*.h5")))
+    found = fit_runs([run], Setting())
+    assert found.setting.value("c0") == pytest.approx(159, rel=0.05)
