@@ -136,7 +136,10 @@ def read_sheet(path: Path) -> Sheet:
         raise SheetError(f"{path} is a workbook or an archive; save its sheet as CSV")
     if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
         return _mat(path, sha256)
-    return _csv(path, sha256, _decoded(path, data))
+    try:
+        return _csv(path, sha256, _decoded(path, data))
+    except csv.Error as error:
+        raise SheetError(f"{path} is no table of cells ({error}); save it anew as CSV") from None
 
 
 def split_head(head: str) -> tuple[str, str | None]:
@@ -165,8 +168,9 @@ def _decoded(path: Path, data: bytes) -> str:
 
 
 def _csv(path: Path, sha256: str, text: str) -> Sheet:
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     lines = [(at, line) for at, line in enumerate(text.split("\n"), 1) if line.strip()]
-    lines = [(at, line.rstrip("\r")) for at, line in lines if not line.lstrip(' "').startswith(COMMENTS)]
+    lines = [(at, line) for at, line in lines if not line.lstrip(' "').startswith(COMMENTS)]
     mark: str | None = None
     if lines and (told := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
         mark, lines = told[1], lines[1:]

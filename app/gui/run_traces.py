@@ -83,7 +83,10 @@ class RunTraces(QWidget):
         for mark in self._marks:
             mark.show(simulated)
         self._whole = traces if traces.time_s.size else None
-        if self._whole is not None:
+        if self._whole is None:
+            for curve in self.curves:
+                curve.setData([], [])  # nothing of the run that was shown before
+        else:
             first, last = self._ends
             for plot in self._plots:
                 plot.setLimits(xMin=first, xMax=max(last, first + 1e-6))

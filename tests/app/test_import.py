@@ -63,6 +63,7 @@ TABLES = {
     "plain": "frequency [Hz],peak_to_peak_um\n100,760.1\n150,1154.2\n",
     "a byte-order mark, remarks, ; and decimal commas": "\ufeff# by hand\r\nf / Hz;Peak to peak (mm)\r\n100;0,7601\r\n\r\n150;1,1542\r\n",
     "tabs, units in a line of their own": "frequency\tp2p\nHz\tum\n100\t760.1\n150\t1154.2\n",
+    "an old Macintosh": "frequency [Hz];p2p [um]\r100;760,1\r150;1154,2\r",
     "blanks": "% old\nfrequency_Hz  pk-pk_um\n100   760.1\n150  1154.2\n",
     "Excel's own line, quoted": 'sep=;\n"frequency [Hz]";"max - min [µm]";""\n"100";"760,1";""\n"150";"1154,2";""\n',
 }

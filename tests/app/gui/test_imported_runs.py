@@ -45,7 +45,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     """Max - min alone, a fundamental alone, weights; each after the other in one window, and over the curve."""
     finished_run(folder, "T6")
     stage = open_stage(folder=folder)
-    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     page = stage.window.runs
     until(lambda: page.catalogue is not None and page.model.rowCount() == 4 and not page._jobs.waiting, "for the list")
     assert {e.specimen: e.state for e in page.entries}["T7"] == "imported"
