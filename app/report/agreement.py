@@ -43,7 +43,6 @@ def _agreement(plot: Plot, panel: Panel) -> Agreement | None:
         squared = float(1 - gap @ gap / ((y - y.mean()) @ (y - y.mean())))
     figure = plot.title.partition(":")[0]
     label = f"{figure} {panel.title}" if panel.title else plot.title
-    unit = panel.residual_label.partition("(")[2].removesuffix(")")
     return Agreement(
         label,
         y.size,
@@ -52,5 +51,5 @@ def _agreement(plot: Plot, panel: Panel) -> Agreement | None:
         squared,
         float(np.sqrt(np.mean(gap**2))),
         float(np.abs(gap).max()),
-        unit,
+        panel.unit,
     )

@@ -70,7 +70,8 @@ class Panel:
     level: tuple[float, str] | None = None
     """A horizontal line and what it means."""
     from_zero: bool = True
-    residual_label: str = ""
+    unit: str = ""
+    """Of y and of the residuals."""
 
 
 @dataclass(frozen=True, slots=True)

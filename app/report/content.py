@@ -11,6 +11,7 @@ from app.report.blocks import Block, Outcome, Plot, Report, Section, Words
 from app.report.limits import Limits, judge
 from app.report.merits import Felt, Merit, Quick, felt, merits_of, quick
 from app.report.plots import plots_of
+from app.report.responses import TITLE
 from app.report.specimen import Specimen, specimen_of
 from app.report.taken import Taken, Told, take
 from model.identification.observations import Campaign, FrequencyResponse
@@ -118,8 +119,8 @@ def _first(
     if known.specimen.found is not None and known.specimen.found.estimates:
         blocks.append(tables.parameters(known.specimen))
     if known.campaign is not None:
-        if panels := [panel for plot in drawn if plot.title.startswith("Fig. 9") for panel in plot.panels]:
-            caption = "Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: appendix."
+        if panels := [panel for plot in drawn if plot.title == TITLE for panel in plot.panels]:
+            caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: appendix."
             first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
             blocks.append(Plot("Frequency response", (first,), caption, inches=3.0))
         elif drawn:

@@ -122,7 +122,7 @@ def _residuals(axes: Any, panel: Panel) -> None:
             at = np.isfinite(dots.y) & np.isfinite(dots.model) & dots.good
             if at.any():
                 _bars(axes, dots, at, dots.y - dots.model, colour, colour, None)
-    axes.set_ylabel(panel.residual_label, fontsize=NORMAL)
+    axes.set_ylabel("Δ", fontsize=NORMAL)
     axes.margins(y=0.15)
     low, high = axes.get_ylim()
     reach = max(abs(low), abs(high))

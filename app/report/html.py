@@ -27,7 +27,7 @@ td.code { font-family: monospace; overflow-wrap: anywhere; }
   color: red; opacity: .12; font-size: 5rem; font-weight: bold; transform: rotate(-25deg); }
 .sign { display: flex; gap: 2rem; margin: 2rem 0; } .sign span { flex: 1; border-bottom: 1px solid #111; padding-top: 2rem; }
 svg { max-width: 100%; height: auto; }
-@media print { h2 { break-before: page; } figure, tr { break-inside: avoid; } }
+@media print { figure, tr { break-inside: avoid; } }
 """
 
 

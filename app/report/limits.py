@@ -1,5 +1,6 @@
 """The limits a lab sets on its specimens: a TOML file, validated whole, and what it says of one specimen."""
 
+import hashlib
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ rule = "guarded"
 # The specimen that within_golden compares with: its runs in the same folder are identified in the same way.
 # golden = "T0"
 
-[limits.resonance]              # as measured: parabola through the three highest points of the free dwell
+[limits.resonance]              # as measured: a resonance through the three highest points of the free dwell
 low = "150 Hz"
 high = "170 Hz"
 
@@ -70,7 +71,7 @@ class Limits:
     rule: Rule = "guarded"
     golden: str = ""
     source: str = ""
-    """Where they stand."""
+    """The file's name and hash; not where it lay, for a report is the same wherever it is made."""
 
 
 class _Limit(Table):
@@ -126,7 +127,8 @@ def read_limits(path: Path) -> Limits:
     asked = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
     if not asked:
         raise LimitsError(f"{path} sets no limit; 'tactor-bench report --new-limits FILE' writes an example")
-    return Limits(asked, read["rule"], read["golden"], str(path))
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return Limits(asked, read["rule"], read["golden"], f"{path.name} (SHA-256 {digest}...)")
 
 
 def example() -> str:

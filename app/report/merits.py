@@ -28,7 +28,7 @@ AT_FULL = 0.02
 
 PARAMETERS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
 _OF_ALL = (
-    ("resonance", "Hz", "frequency of the largest max - min as measured, free, full drive"),
+    ("resonance", "Hz", "frequency of the largest fundamental as measured, free, full drive"),
     ("amplitude_at_resonance", "m", "largest max - min as measured, free, full drive"),
     ("usable_from", "Hz", "lowest frequency felt, free, full drive; by the model, from 5 Hz on"),
     ("usable_to", "Hz", "highest frequency felt, free, full drive; by the model, up to 250 Hz"),
@@ -121,43 +121,51 @@ def quick(known: Specimen) -> Quick | None:
     return Quick(volts, merits[0], merits[1], float(band.centre[2]), float(band.standard_error[2]))
 
 
-def peak(known: Specimen, campaign: Campaign) -> tuple[Merit, Merit] | None:
-    """Resonance and height as measured: the parabola through the three highest points of the newest free dwell.
-
-    The error is that of the three points. None where no dwell has its highest point between two others at full drive.
-    """
+def peak(known: Specimen, campaign: Campaign) -> list[Merit]:
+    """Resonance and height as measured at full drive, free, in the newest dwell that has its highest point between two others."""
+    found: dict[str, Merit] = {}
     for run in reversed(campaign.of(FrequencyResponse)):
-        if run.elongation_m is None and run.peak_to_peak_m is not None and run.added_mass_kg is None:
-            found = _peak(run, known.full_v)
-            if found is not None:
-                return found
-    return None
+        if run.elongation_m is not None or run.added_mass_kg is not None:
+            continue
+        if run.fundamental_m is not None and run.errors_m is not None:
+            top = _vertex(run, np.abs(run.fundamental_m), run.errors_m, known.full_v)
+            if top is not None:
+                found.setdefault("resonance", Merit("resonance", *top[0]))
+        if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
+            top = _vertex(run, run.peak_to_peak_m, run.peak_to_peak_errors_m, known.full_v)
+            if top is not None:
+                found.setdefault("amplitude_at_resonance", Merit("amplitude_at_resonance", *top[1]))
+    return list(found.values())
 
 
-def _peak(run: FrequencyResponse, full_v: float) -> tuple[Merit, Merit] | None:
+def _vertex(
+    run: FrequencyResponse, y: Array, errors: Array, full_v: float
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Frequency and height of the single resonance through the three highest points, each with its standard error.
+
+    Of a single resonance 1 / y^2 is a parabola over f^2. The errors are those of the points, and how far the paper's parabola
+    of y over f is from it: what a curve through three points leaves open. The gain of the sensor, which all points share, moves
+    the height.
+    """
     drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
     at = np.flatnonzero(run.use & (np.abs(drive / full_v - 1) < AT_FULL))
-    at = at[np.argsort(run.frequency_hz[at], kind="stable")]
     f, index = np.unique(run.frequency_hz[at], return_index=True)
-    at = at[index]
-    assert run.peak_to_peak_m is not None
-    assert run.peak_to_peak_errors_m is not None
-    y, errors = run.peak_to_peak_m[at], run.peak_to_peak_errors_m[at]
+    y, errors = y[at][index], errors[at][index]
     top = int(y.argmax()) if y.size else 0
     if not 0 < top < y.size - 1:
         return None
     three = slice(top - 1, top + 2)
     f, y, errors = f[three], y[three], errors[three]
-    centre = np.array(vertex(f, y))
-    moved = np.array([np.array(vertex(f, y + 1e-3 * step)) - centre for step in np.diag(errors)]) / 1e-3
-    error = np.sqrt((moved**2).sum(axis=0))
-    # What all points share, the gain of the sensor, does not move the frequency but the height.
+    centre = _resonance(f, y)
+    moved = np.array([_resonance(f, y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
     shared = float(np.sqrt(sum(c.standard_error**2 for c in run.common if c.acts_on == "displacement")))
-    height_error = float(np.hypot(error[1], shared * centre[1]))
-    return (
-        Merit("resonance", float(centre[0]), float(error[0])),
-        Merit("amplitude_at_resonance", float(centre[1]), height_error),
-    )
+    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(vertex(f, y))) ** 2)
+    return (float(centre[0]), float(error[0])), (float(centre[1]), float(np.hypot(error[1], shared * centre[1])))
+
+
+def _resonance(f: Array, y: Array) -> Array:
+    square, least = vertex(f**2, -(y**-2))
+    return np.array([np.sqrt(square), (-least) ** -0.5])
 
 
 def merits_of(
@@ -168,7 +176,7 @@ def merits_of(
     if known.found is not None:
         found += [Merit(e.name, e.value, e.standard_error) for e in known.found.estimates if e.name in MERITS]
     if campaign is not None:
-        found += peak(known, campaign) or ()
+        found += peak(known, campaign)
     if known.found is not None and known.tells_free:
         if felt_free is not None:
             found.append(Merit("smallest_margin", felt_free.margin, felt_free.margin_error))

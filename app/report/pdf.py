@@ -1,6 +1,7 @@
 """The report as PDF: A4 pages that are filled from the top, then one page for every run."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,6 +20,11 @@ TONES = {
     "small": ("#444444", "normal"),
 }
 RED = "#C00018"
+SIGNATURE = 0.35
+"""Room for it at the foot of the first page."""
+SIGNED = "Measured by ________________________   Checked by ________________________   Date ______________"
+LOWEST = 1.9
+"""Inches that a plot needs."""
 
 
 class Pdf:
@@ -73,7 +79,7 @@ class Pdf:
         if report.marks and not marked:
             page.text(
                 0.5, 0.5, "\n".join(report.marks), fontsize=64 if len(max(report.marks, key=len)) < 12 else 44, color="red",
-                alpha=0.12, ha="center", va="center", rotation=25, zorder=-1,
+                alpha=0.12, ha="center", va="center", rotation=25,
             )  # fmt: skip
         self._pdf.savefig(page)
 
@@ -94,7 +100,7 @@ class _Flow:
 
     def __init__(self, report: Report) -> None:
         self._report, self._pages = report, list[Any]()
-        self._y = 0.0
+        self._y, self._bottom = 0.0, BOTTOM
 
     def pages(self) -> list[Any]:
         """Matplotlib figures, one a page."""
@@ -102,11 +108,15 @@ class _Flow:
         self._turn()
         self._say(f"Specimen {report.specimen}", 18, "bold", gap=0.06)
         self._say(report.subtitle, 9, gap=0.14)
+        self._bottom = BOTTOM + SIGNATURE
         for block in report.first:
-            self._set(block)
-        self._signature()
+            self._set(self._fitted(block))
+        self._bottom = BOTTOM
+        _text(self._pages[0], LEFT, BOTTOM, SIGNED, size=9, va="bottom")
+        self._turn()
         for section in report.appendix:
-            self._turn()
+            self._room(4.0)
+            self._y -= 0.15 if self._y < PAGE[1] - TOP else 0.0
             self._say(section.title, 13, "bold", gap=0.12)
             for block in section.blocks:
                 self._set(block)
@@ -121,8 +131,15 @@ class _Flow:
         self._pages.append(page)
         self._y = PAGE[1] - TOP
 
+    def _fitted(self, block: Block) -> Block:
+        """A plot on the page to sign as high as there is room, so that the page is one."""
+        if not isinstance(block, Plot):
+            return block
+        room = self._y - self._bottom - 0.6 - LEGEND - 0.14 * len(wrapped(block.caption, WIDTH, 7.5))
+        return replace(block, inches=min(max(room, LOWEST), block.inches))
+
     def _room(self, inches: float) -> None:
-        if self._y - inches < BOTTOM and self._y < PAGE[1] - TOP - 0.6:
+        if self._y - inches < self._bottom and self._y < PAGE[1] - TOP - 0.6:
             self._turn()
 
     def _set(self, block: Block) -> None:
@@ -183,12 +200,6 @@ class _Flow:
         if grid.note:
             self._say(grid.note, 7.5, color="#444444")
         self._y -= 0.1
-
-    def _signature(self) -> None:
-        self._room(0.45)
-        self._y -= 0.3
-        text = "Measured by ________________________   Checked by ________________________   Date ______________"
-        _text(self._pages[-1], LEFT, max(self._y, BOTTOM), text, size=9, va="bottom")
 
 
 def _rule(y: float, width: float) -> Any:

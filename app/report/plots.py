@@ -57,7 +57,7 @@ def loading(known: Specimen, runs: Sequence[StaticLoading]) -> Plot | None:
         "deflection (µm)",
         (line_of(known, load, band, 1e6),),
         dots,
-        residual_label="Δ (µm)",
+        unit="µm",
     )
     caption = f"Static loading, electrodes shorted; positive in the direction of the push; every reading. {BARS}"
     return Plot("Fig. 4: deflection under a load", (panel,), caption)
@@ -87,11 +87,11 @@ def resonance(known: Specimen, runs: Sequence[MassResonance]) -> Plot | None:
     panel = Panel(
         "",
         "added mass (g)",
-        "resonance frequency (Hz)",
+        "resonance (Hz)",
         (line_of(known, 1e3 * grid, band),),
         dots,
         from_zero=False,
-        residual_label="Δ (Hz)",
+        unit="Hz",
     )
     what = "peak of the displacement's spectrum" if runs[0].meaning == "peak" else "natural frequency"
     return Plot("Fig. 5: resonance against added mass", (panel,), f"Frequency of the {what}. {BARS}")
@@ -132,7 +132,7 @@ def steps(known: Specimen, runs: Sequence[VoltageSteps]) -> Plot | None:
         (line_of(known, volts, band, 1e6),),
         dots,
         from_zero=False,
-        residual_label="Δ (µm)",
+        unit="µm",
     )
     caption = (
         f"Deflection against rest at {map_.rest_v:g} V (0 V on the specimen). The kink is the amplifier's: "
@@ -155,10 +155,10 @@ def damping(known: Specimen) -> Plot | None:
     panel = Panel(
         "",
         "pre-stretch δ (%)",
-        "damping by the skin c$_s$ (kg/(m s))",
+        "c$_s$ (kg/(m s))",
         (line_of(known, grid, band, label="line fitted to all runs at once"),),
         (dots,),
-        residual_label="Δ (kg/(m s))",
+        unit="kg/(m s)",
     )
     caption = (
         "Points: fits in which every elongation has its own damping. Line: c_s = c_s_delta δ + c_s_0, as fitted to all runs; its "

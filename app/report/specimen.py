@@ -49,15 +49,17 @@ class Specimen:
     """Shape functions."""
     why_not: str = ""
     """Why nothing was identified."""
-    bands: dict[tuple[float, float], Band | None] = field(default_factory=dict, compare=False, repr=False)
-    """What was computed once: by elongation (-1 free) and amplitude, over `GRID_HZ`."""
+    bands: dict[tuple[float, float, bool], Band | None] = field(default_factory=dict, compare=False, repr=False)
+    """What was computed once: by elongation (-1 free), amplitude and kind, over `GRID_HZ`."""
     each: Mapping[float, tuple[float, float]] | None = None
     """Elongation (m) -> c_s and its standard error, from a fit with one for every elongation."""
 
     @property
     def words(self) -> str:
         """Whose numbers the model has."""
-        return "model as identified" if self.found is not None else "model with the paper's Table I"
+        if self.found is None:
+            return "model with the paper's Table I"
+        return "model as fitted, not all of it identified" if self.found.unidentified else "model as identified"
 
     @property
     def told(self) -> frozenset[str]:
@@ -100,11 +102,11 @@ class Specimen:
         except ParameterError:
             return None
 
-    def response(self, amplitude_v: float, elongation_m: float | None) -> Band | None:
+    def response(self, amplitude_v: float, elongation_m: float | None, whole: bool = True) -> Band | None:
         """`moved` over `GRID_HZ` with its band."""
-        key = (-1.0 if elongation_m is None else elongation_m, amplitude_v)
+        key = (-1.0 if elongation_m is None else elongation_m, amplitude_v, whole)
         if key not in self.bands:
-            self.bands[key] = self.band(self.moved(GRID_HZ, amplitude_v, elongation_m))
+            self.bands[key] = self.band(self.moved(GRID_HZ, amplitude_v, elongation_m, whole))
         return self.bands[key]
 
     def value(self, curve: Curve) -> Array | None:
@@ -114,22 +116,19 @@ class Specimen:
         except ParameterError:
             return None
 
-    def moved(self, f: Array, amplitude_v: float, elongation_m: float | None = None) -> Curve:
-        """Max - min of the centre (m) under a sine around rest, free or on the membrane; (F,)."""
+    def moved(self, f: Array, amplitude_v: float, elongation_m: float | None = None, whole: bool = True) -> Curve:
+        """Max - min of the centre (m) under a sine around rest, free or on the membrane; (F,). Not `whole`: 2 x fundamental."""
 
         def curve(tactor: Tactor, membrane: Membrane) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
             # The harmonics that matter reach up to the same frequency: low frequencies need many, so they go by themselves.
             parts = [part for part in (f[f < FAST_HZ[0]], f[f >= FAST_HZ[0]]) if part.size]
             rest_v = self.amplifier.rest_v
-            return np.concatenate(
-                [
-                    amplifier_response(
-                        tactor, part, amplitude_v, rest_v, self.amplifier, skin=on, n=self.n
-                    ).peak_to_peak
-                    for part in parts
-                ]
-            )
+            driven = [
+                amplifier_response(tactor, part, amplitude_v, rest_v, self.amplifier, skin=on, n=self.n)
+                for part in parts
+            ]
+            return np.concatenate([d.peak_to_peak if whole else 2 * np.abs(d.fundamental) for d in driven])
 
         return curve
 

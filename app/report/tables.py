@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from app.campaign_plan import PAPER
 from app.figures import THRESHOLD_M
 from app.report.agreement import Agreement, agreements
 from app.report.blocks import Block, Grid, Outcome, Plot, Tone, Words
 from app.report.limits import Limits
 from app.report.merits import MERITS, Felt
-from app.report.numbers import counted, plain, printed_unit, probability, stated, with_error
+from app.report.numbers import MINUS, counted, plain, printed_unit, probability, stated, with_error
 from app.report.specimen import Specimen, meaning
 from app.report.taken import Taken
 from app.words import shown_unit
@@ -19,8 +20,11 @@ from model.parameters import Membrane, Tactor
 if TYPE_CHECKING:
     from app.report.content import Known
 
+NONE = "–"
 MOST = 10
 """Departures that are shown."""
+ITEMS = {item.protocol: item.name for item in PAPER}
+"""What a campaign calls a protocol, which is shorter."""
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 
@@ -29,10 +33,10 @@ def verdict(limits: Limits, outcomes: Sequence[Outcome]) -> list[Block]:
     missed = [o for o in outcomes if o.verdict != "pass"]
     words = f"PASS: all {len(outcomes)} limits are met." if len(outcomes) > 1 else "PASS: the limit is met."
     if missed:
-        failed = sum(o.verdict == "fail" for o in missed)
-        open_ = len(missed) - failed
-        parts = [f"{failed} not met"] * bool(failed) + [f"{open_} that cannot be told"] * bool(open_)
-        words = f"NOT PASSED: of {len(outcomes)} limits {' and '.join(parts)}."
+        counts: Counter[str] = Counter(o.verdict for o in outcomes)
+        told = (("pass", "met"), ("fail", "not met"), ("cannot tell", "cannot be told"))
+        parts = [f"{counts[verdict]} {says}" for verdict, says in told if counts[verdict]]
+        words = f"NOT PASSED: of {counted(len(outcomes), 'limit')} {', '.join(parts)}."
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
     rows = tuple((o.name.replace("_", " "), o.asked, o.found, o.verdict, o.why) for o in outcomes)
     bad = frozenset(i for i, o in enumerate(outcomes) if o.verdict != "pass")
@@ -52,8 +56,10 @@ def sentences(known: "Known", runs: Sequence[Taken]) -> list[Block]:
     else:
         verdict = found.verdict if found.adequacy is None else found.adequacy.words
         tone: Tone = "bad" if found.adequacy is not None and found.adequacy.adequate is False else "plain"
-        words.append(Words(f"Joint fit of {counted(len(found.campaign.runs), 'set')} of points: {verdict}.", tone))
-        words += [Words(f"Not identifiable from these runs: {_spelled(each)}.", "bad") for each in found.unidentified]
+        words.append(
+            Words(f"Joint fit of {counted(len(found.campaign.runs), 'set')} of points: {_spelled(verdict)}.", tone)
+        )
+        words += [Words(_unidentified(each), "bad") for each in found.unidentified]
         words += [Words(f"{note}.") for note in found.notes]
     if known.felt:
         words.append(Words(_felt_words(known.felt)))
@@ -67,6 +73,13 @@ def sentences(known: "Known", runs: Sequence[Taken]) -> list[Block]:
             )
         )
     words.append(Words(_quality_words(runs)))
+    if late := [run for run in runs if run.expired]:
+        words.append(
+            Words(
+                f"In {counted(len(late), 'run')} the calibration of an instrument had expired: see the instruments, appendix.",
+                "bad",
+            )
+        )
     words += [Words(f"{run.name}: {run.trouble}.", "bad") for run in runs if run.trouble]
     words += [Words(f"{run.name} is left out of the identification: {run.left_out}.") for run in runs if run.left_out]
     return list(words)
@@ -106,9 +119,6 @@ def _quality_words(runs: Sequence[Taken]) -> str:
     why = ", ".join(f"{count} {flag}" for flag, count in sorted(flags.items()))
     unusable = f"{points - usable} are not usable" if points != usable else "all are usable"
     text = f"{counted(points, 'point')} in {counted(len(runs), 'run')}; {unusable}" + (f" ({why})" if why else "")
-    expired = [run for run in runs if run.expired]
-    if expired:
-        text += f"; in {counted(len(expired), 'run')} the calibration of an instrument had expired"
     return text + "."
 
 
@@ -121,7 +131,7 @@ def parameters(known: Specimen) -> Grid:
         factor, unit = shown_unit(e.unit)
         off = "" if not paper else _percent(e.value / paper - 1)
         table = "" if paper is None else f"{plain(factor * paper)} {printed_unit(unit)}"
-        sources = Counter(_protocol(label) for label in e.source)
+        sources = dict.fromkeys(_item(label) for label in e.source)
         rows.append(
             (e.name, meaning(e.name), stated(e.value, e.standard_error, e.unit), table, off, ", ".join(sources))
         )
@@ -130,6 +140,8 @@ def parameters(known: Specimen) -> Grid:
         "Standard errors of the fit, the gain of the sensor included. What is held (appendix) counts as exact: an error of a length or "
         "a density is not in them."
     )
+    if known.found.fit is not None and known.found.fit.stretch > 1:
+        note = f"Standard errors are enlarged {known.found.fit.stretch:.2g} times, as the misfit is larger than the errors of the points. {note}"
     return Grid("Parameters", heads, tuple(rows), note)
 
 
@@ -162,15 +174,15 @@ def agreement(known: "Known", drawn: Sequence[Plot]) -> list[Block]:
     if known.specimen.found is not None and (told := known.specimen.found.adequacy) is not None and told.findings:
         shown = told.findings[:MOST]
         more = f" The first {MOST} of {len(told.findings)}." if len(told.findings) > MOST else ""
-        rows = tuple((f.kind, f.words, probability(f.probability)) for f in shown)
+        rows = tuple((f.kind, _spelled(f.words), probability(f.probability)) for f in shown)
         note = f"By chance: of so much in any of all {told.tests} tests.{more}"
         blocks.append(Grid("How the runs depart from the model", ("kind", "what is seen", "by chance"), rows, note))
     return blocks
 
 
 def _agreement_row(each: Agreement) -> tuple[str, ...]:
-    r, p = ("", "") if each.r is None else (f"{each.r:.4f}".replace("-", "−"), probability(each.p))
-    squared = "" if each.r_squared is None else f"{each.r_squared:.4f}".replace("-", "−")
+    r, p = (NONE, NONE) if each.r is None else (f"{each.r:.4f}".replace("-", "−"), probability(each.p))
+    squared = NONE if each.r_squared is None else f"{each.r_squared:.4f}".replace("-", "−")
     return (
         each.label,
         str(each.points),
@@ -219,11 +231,17 @@ def _percent(share: float) -> str:
     return "0.0 %" if text[1:] == "0.0 %" else text
 
 
-def _protocol(label: str) -> str:
-    """`20261121T091502Z_T7_static-loading mfc` as `static-loading mfc`."""
-    head, _, tail = label.rpartition("_")
-    return tail.split(" ")[0] if head else label
+def _item(label: str) -> str:
+    """`20261121T091502Z_T7_static-loading mfc` as `loading`."""
+    protocol = label.rpartition("_")[2].split(" ")[0]
+    return ITEMS.get(protocol, protocol)
 
 
 def _spelled(words: str) -> str:
-    return words.replace("+-", "±")
+    return words.replace(" +- ", " ± ").replace(" -", f" {MINUS}")
+
+
+def _unidentified(words: str) -> str:
+    names, _, shares = words.partition(" (")
+    along = f": relative changes of {shares.removesuffix(')')} together leave every point where it is" if shares else ""
+    return f"Not identifiable from these runs: {names}{_spelled(along)}."

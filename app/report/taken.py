@@ -18,6 +18,9 @@ from model.quantity import ParameterError
 from protocols.quality import Quality
 from protocols.runreader import Run, RunError, intact
 
+FACTS = Quality.SIMULATED | Quality.IMPORTED
+"""Flags that are said elsewhere, and are no faults."""
+
 Told = Callable[[str, int, int], None]
 """Hears what is being done, and how far it is: how many of how many."""
 
@@ -119,7 +122,7 @@ def _taken(file: Path, name: str) -> Taken:
 
 def _read(run: Run, name: str) -> Taken:
     flags = [Quality(int(each)) for each in run.points().get("quality", ())]
-    counts = Counter(flag.words for each in flags for flag in each & ~Quality.SIMULATED)
+    counts = Counter(flag.words for each in flags for flag in each & ~FACTS)
     left_out = ""
     told: tuple[Observation, ...] = ()
     try:

@@ -127,7 +127,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     record = json.loads(told.out)
     assert record["passed"] is False
     assert [o["verdict"] for o in record["limits"]] == ["fail", "pass"]
-    assert "NOT PASSED: of 2 limits 1 not met." in said
+    assert "NOT PASSED: of 2 limits 1 met, 1 not met." in said
 
 
 @pytest.mark.parametrize(
