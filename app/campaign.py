@@ -102,7 +102,7 @@ class Campaign:
             if file is not None and name:
                 item = self._plan.item(name)
                 runs[name].append(Made(file, self.specimen, item.protocol, {}, Status.RUNNING))
-            titles = {name: kind.title for name, kind in PROTOCOLS.items()}
+            titles = {name: PROTOCOLS.title(name) for name in PROTOCOLS}
             return stand(self.items, titles, runs, self._based_on)
 
     def next(self, hands_free: bool = False) -> Listed | None:

@@ -114,8 +114,7 @@ def estimate_words(estimate: Estimate) -> str:
 
 def title_of(protocol: str) -> str:
     """The title of a protocol by its name; the name itself where it is not known."""
-    kind = PROTOCOLS.get(protocol)
-    return kind.title if kind else protocol
+    return PROTOCOLS.title(protocol) if protocol in PROTOCOLS else protocol
 
 
 def _ended(event: RunEnded) -> tuple[Level, str]:

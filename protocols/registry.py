@@ -4,40 +4,65 @@ An installed package brings protocols by entry points of the group `tactor_bench
 by its path (docs/how-to-write-a-protocol.md). What is broken is named and left out; it never stops what does without.
 """
 
+import importlib
 import importlib.util
 import sys
+from collections.abc import Iterator, Mapping, MutableMapping
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from protocols.free_decay import FreeDecay
-from protocols.hysteresis import Hysteresis
-from protocols.mass_resonance import MassResonance
-from protocols.membrane_sag import MembraneSag
-from protocols.membrane_series import MembraneSeries
 from protocols.protocol import Protocol
-from protocols.sine_dwell import SineDwell
-from protocols.static_loading import StaticLoading
-from protocols.sweep import Sweep
-from protocols.voltage_steps import VoltageSteps
-from protocols.wiring_check import WiringCheck
 
 GROUP = "tactor_bench.protocols"
 
-PROTOCOLS: dict[str, type[Protocol]] = {
-    protocol.name: protocol
-    for protocol in (
-        StaticLoading,
-        MassResonance,
-        VoltageSteps,
-        Hysteresis,
-        SineDwell,
-        MembraneSeries,
-        MembraneSag,
-        Sweep,
-        FreeDecay,
-        WiringCheck,
-    )
+OWN = {
+    "static-loading": ("Static loading", "protocols.static_loading:StaticLoading"),
+    "mass-resonance": ("Mass resonance", "protocols.mass_resonance:MassResonance"),
+    "voltage-steps": ("Voltage steps", "protocols.voltage_steps:VoltageSteps"),
+    "hysteresis": ("Hysteresis", "protocols.hysteresis:Hysteresis"),
+    "sine-dwell": ("Sine dwell", "protocols.sine_dwell:SineDwell"),
+    "membrane-series": ("Membrane series", "protocols.membrane_series:MembraneSeries"),
+    "membrane-sag": ("Membrane sag", "protocols.membrane_sag:MembraneSag"),
+    "sweep": ("Sweep", "protocols.sweep:Sweep"),
+    "free-decay": ("Free decay", "protocols.free_decay:FreeDecay"),
+    "wiring-check": ("Wiring check", "protocols.wiring_check:WiringCheck"),
 }
+"""Title and place of the program's own protocols by name. Each is imported when it is asked for: a window opens with one."""
+
+
+class Known(MutableMapping[str, type[Protocol]]):
+    """Protocols by name."""
+
+    def __init__(self, places: Mapping[str, tuple[str, str]]) -> None:
+        self._kinds: dict[str, type[Protocol] | str] = {name: place for name, (_, place) in places.items()}
+        self._titles = {name: title for name, (title, _) in places.items()}
+
+    def title(self, name: str) -> str:
+        """The title of one; nothing is imported for it."""
+        kind = self._kinds[name]
+        return self._titles[name] if isinstance(kind, str) else kind.title
+
+    def __getitem__(self, name: str) -> type[Protocol]:
+        kind = self._kinds[name]
+        if isinstance(kind, str):
+            module, _, attribute = kind.partition(":")
+            kind = self._kinds[name] = getattr(importlib.import_module(module), attribute)
+        return kind
+
+    def __setitem__(self, name: str, kind: type[Protocol]) -> None:
+        self._kinds[name] = kind
+
+    def __delitem__(self, name: str) -> None:
+        del self._kinds[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._kinds)
+
+    def __len__(self) -> int:
+        return len(self._kinds)
+
+
+PROTOCOLS = Known(OWN)
 
 
 class ProtocolFileError(Exception):

@@ -61,22 +61,29 @@ class Copying(QWidget):
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
         super().__init__(canvas)
         self._canvas, self._text = canvas, text
-        self.picture, self.data = QPushButton("Copy picture"), QPushButton("Copy data")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(4)
-        for button, do, key, words in (
-            (self.picture, self.copy_picture, "Ctrl+P", "This plot as a picture on the clipboard"),
-            (self.data, self.copy_data, "Ctrl+D", "What this plot shows as a table on the clipboard"),
-        ):
-            mark(button, "choice")
-            button.setToolTip(f"{words}: {key} while the keyboard is in the plot")
-            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            button.clicked.connect(do)
-            row.addWidget(button)
-            bind(canvas, f"{words} (the keyboard is in the plot)", do, key, context=HERE, repeats=True)
+        bind(canvas, "Copy the plot that has the keyboard, as a picture", self.copy_picture, "Ctrl+P", context=HERE)
+        bind(canvas, "Copy the plot that has the keyboard, as a table", self.copy_data, "Ctrl+D", context=HERE)
         canvas.installEventFilter(self)
         self.hide()
+
+    def offer(self) -> None:
+        """Show the buttons, which are made when the mouse comes for the first time."""
+        if self.layout() is None:
+            row = QHBoxLayout(self)
+            row.setContentsMargins(0, 0, 0, 0)
+            row.setSpacing(4)
+            for words, do, key, hint in (
+                ("Copy picture", self.copy_picture, "Ctrl+P", "This plot as a picture on the clipboard"),
+                ("Copy data", self.copy_data, "Ctrl+D", "What this plot shows as a table on the clipboard"),
+            ):
+                button = QPushButton(words)
+                mark(button, "choice")
+                button.setToolTip(f"{hint}: {key} while the keyboard is in the plot")
+                button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+                button.clicked.connect(do)
+                row.addWidget(button)
+        self.show()
+        self._place()
 
     def copy_picture(self) -> None:
         """The plot as it is seen, without these buttons."""
@@ -90,11 +97,18 @@ class Copying(QWidget):
         QGuiApplication.clipboard().setText(self._text())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self._canvas and event.type() in (QEvent.Type.Enter, QEvent.Type.Leave, QEvent.Type.Resize):
-            if event.type() is not QEvent.Type.Resize:
-                self.setVisible(event.type() is QEvent.Type.Enter)
-            self.adjustSize()
-            at = self._canvas.rect().bottomRight() - self.rect().bottomRight()
-            self.move(at.x() - 6, at.y() - 4)
-            self.raise_()
+        if watched is self._canvas:
+            match event.type():
+                case QEvent.Type.Enter:
+                    self.offer()
+                case QEvent.Type.Leave:
+                    self.hide()
+                case QEvent.Type.Resize if self.isVisible():
+                    self._place()
         return False
+
+    def _place(self) -> None:
+        self.adjustSize()
+        at = self._canvas.rect().bottomRight() - self.rect().bottomRight()
+        self.move(at.x() - 6, at.y() - 4)
+        self.raise_()

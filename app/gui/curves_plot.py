@@ -7,7 +7,7 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from app.gui.copying import Copying, Shown, as_text, drawn
 from app.gui.form import mark
@@ -54,15 +54,18 @@ class CurvesPlot(QWidget):
         self.caption, self.source = QLabel("Curves"), QLabel()
         mark(self.caption, "caption")
         mark(self.source, "note")
-        self.head = QHBoxLayout()
-        self.head.setSpacing(14)
-        self.head.addWidget(self.caption)
-        self.head.addWidget(self.source)
-        self.head.addStretch()
+        self.to_points = QPushButton("Show the points")
+        mark(self.to_points, "choice")
+        head = QHBoxLayout()
+        head.setSpacing(14)
+        head.addWidget(self.caption)
+        head.addWidget(self.source)
+        head.addStretch()
+        head.addWidget(self.to_points)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
-        layout.addLayout(self.head)
+        layout.addLayout(head)
         layout.addWidget(self.canvas, 1)
         self.set_theme(theme)
 

@@ -11,6 +11,7 @@ from app.foresight import Foresight, Intent
 from app.gui.feed import LiveFeed
 from app.gui.live_pane import LivePane
 from app.gui.log_pane import LogPane
+from app.gui.points_plot import PointsPlot
 from app.gui.run_panel import GetBench, RunPanel
 from app.gui.theme import Theme
 from app.live_estimates import LiveEstimates
@@ -53,7 +54,7 @@ class MeasurePage(QSplitter):
         self.panel = RunPanel(protocol, bench, presets, theme)
         self.right = LivePane(feed, map_, theme)
         self.right.again_pressed.connect(self.again_pressed)
-        self.response, self.points, self.plots = self.right.response, self.right.points, self.right.plots
+        self.response, self.plots = self.right.response, self.right.plots
         self.traces = self.right.traces
         self.log = LogPane(theme)
         self.right.add(self.log, 2)
@@ -68,6 +69,11 @@ class MeasurePage(QSplitter):
         self.panel.setMinimumWidth(300)
         self.panel.changed.connect(self._ask)
         self._ask()
+
+    @property
+    def points(self) -> PointsPlot:
+        """The plot of points that are no amplitudes over frequency."""
+        return self.right.points
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""

@@ -72,7 +72,7 @@ class ResponsePlot(QWidget):
         self.hint = QLabel()
         self.hint.setToolTip(HINT_TIP)
         self.copying = Copying(self.canvas, self._table)
-        self.strip = Strip(self._plot, AXIS_WIDTH, theme)
+        self._strip: Strip | None = None
         self.below = QComboBox()
         self.below.addItems([f"below: {words}" for words in SHOWS])
         self.below.setToolTip("What is drawn under the response: measured less model, or the phase")
@@ -81,12 +81,11 @@ class ResponsePlot(QWidget):
         self.chosen = Selection(self.again, self._draw_points)
         self.again.clicked.connect(lambda: self.again_pressed.emit(self.chosen.take()))
         self.scatters[0].sigClicked.connect(lambda _, spots: self.chosen.toggle(self._entries, spots))
-        layout = QVBoxLayout(self)
+        self._layout = layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
         layout.addLayout(self._head())
         layout.addWidget(self.canvas, 1)
-        layout.addWidget(self.strip)
         self._scale()
         self.set_theme(theme)
 
@@ -105,7 +104,8 @@ class ResponsePlot(QWidget):
             box.setIcon(sample(SERIES[at], theme.model, self._ink(at), self.devicePixelRatioF()))
             box.setIconSize(SAMPLE)
         self.band.set_theme(theme)
-        self.strip.set_theme(theme)
+        if self._strip is not None:
+            self._strip.set_theme(theme)
         self._draw_points()
 
     def show_simulated(self, simulated: bool) -> None:
@@ -120,7 +120,7 @@ class ResponsePlot(QWidget):
         for series, line in zip(SERIES, self._lines, strict=True):
             line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
         self.band.show_curve(curve)
-        self.strip.draw(self._points, curve)
+        self._draw_strip()
         self._scale()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
@@ -156,7 +156,7 @@ class ResponsePlot(QWidget):
             pens, fills, said = ([every[i] for i in there] for every in (pens, fills, words))
             self.scatters[at].setData(x=x[there], y=y[there], symbol=series.symbol, pen=pens, brush=fills, data=said)
             self._bars[at].setData(x=x[there], y=y[there], height=2 * np.nan_to_num(errors[there]))
-        self.strip.draw(self._points, self._curve)
+        self._draw_strip()
 
     def _scale(self) -> None:
         self._tell_apart()
@@ -211,9 +211,22 @@ class ResponsePlot(QWidget):
         self.band.choose([box.isChecked() for box in self.shown])
         self._scale()
 
+    @property
+    def strip(self) -> Strip:
+        """What is drawn below; made when somebody wants it."""
+        if self._strip is None:
+            self._strip = Strip(self._plot, AXIS_WIDTH, self._theme)
+            self._strip.set_theme(self._theme)
+            self._layout.addWidget(self._strip)
+        return self._strip
+
+    def _draw_strip(self) -> None:
+        if self._strip is not None:
+            self._strip.draw(self._points, self._curve)
+
     def _show_below(self, at: int) -> None:
         self.strip.shows = SHOWS[at]
-        self.strip.draw(self._points, self._curve)
+        self._draw_strip()
 
     def _table(self) -> str:
         """What is drawn, as numbers."""

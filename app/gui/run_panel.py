@@ -66,8 +66,8 @@ class RunPanel(QWidget):
         self.choice = QComboBox()
         self.choice.setToolTip("What to measure")
         self.choice.setAccessibleName("protocol")
-        for name, kind in PROTOCOLS.items():
-            self.choice.addItem(kind.title, name)
+        for name in PROTOCOLS:
+            self.choice.addItem(PROTOCOLS.title(name), name)
         self.choice.setCurrentIndex(self.choice.findData(protocol.name))
         self.about = QLabel(about(type(protocol)))
         self.about.setWordWrap(True)

@@ -19,6 +19,8 @@ def pasted() -> str:
 
 def test_every_canvas_of_the_window_can_be_copied(stage: Stage) -> None:
     until(lambda: len(stage.window.pages.made) == stage.window.pages.count(), "for the pages")
+    stage.window.measure.response.below.setCurrentIndex(1)
+    _ = stage.window.measure.right.curves  # these are made when they are needed
     canvases = stage.window.findChildren(pg.GraphicsView)
     assert len(canvases) >= 9
     assert [c for c in canvases if c.findChild(Copying) is None] == []
@@ -45,7 +47,7 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
 def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
     canvas = stage.window.measure.response.canvas
     copying = stage.window.measure.response.copying
-    copying.show()
+    copying.offer()
     with_buttons = canvas.grab().toImage()
     copying.copy_picture()
     image = QGuiApplication.clipboard().image()

@@ -62,11 +62,11 @@ def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_ar
     assert len(pane.curves.drawn) == 2
     tops = sorted(line.getData()[1].max() for line, _ in pane.curves.drawn)
     assert tops[1] == pytest.approx(2 * tops[0])
-    pane.to_points.click()
+    pane.curves.to_points.click()
     assert pane.plots.currentWidget() is pane.points
     stage.happen(CurveReady(response(1.5, 0)))
     assert pane.plots.currentWidget() is pane.points, "who looks at the points is not taken away from them"
-    pane.to_curves.click()
+    pane.points.to_curves.click()
     assert pane.plots.currentWidget() is pane.curves
     stage.window.run()
 

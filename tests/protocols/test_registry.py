@@ -1,0 +1,18 @@
+"""The list of protocols says of each what the protocol says of itself, and imports none before it is asked for."""
+
+import subprocess
+import sys
+
+import pytest
+
+from protocols.registry import OWN, PROTOCOLS
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_name_and_title_are_the_protocols_own(name: str) -> None:
+    assert (PROTOCOLS[name].name, PROTOCOLS[name].title) == (name, OWN[name][0])
+
+
+def test_the_list_imports_no_protocol() -> None:
+    code = "import sys, protocols.registry; print([m for m in sys.modules if m == 'protocols.hysteresis'])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
