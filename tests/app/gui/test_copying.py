@@ -57,7 +57,7 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 
 
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
-    stage.press(Qt.Key.Key_2, CONTROL)
+    stage.press(Qt.Key.Key_3, CONTROL)
     page = stage.window.explore
     until(lambda: page.picture is not None and page.picture.shape is not None, "for the curve")
     page.plot.copying[0].copy_data()
