@@ -120,7 +120,11 @@ def test_a_labs_own_file_runs_and_goes_on(tmp_path: Path, capsys: pytest.Capture
 def test_protocols_lists_what_there_is_plug_ins_included(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kind = type("Brought", (registry.SineDwell,), {"__doc__": "Brought along.", "name": "brought", "title": "Brought"})
+    kind = type(
+        "Brought",
+        (registry.PROTOCOLS["sine-dwell"],),
+        {"__doc__": "Brought along.", "name": "brought", "title": "Brought"},
+    )
     points = [SimpleNamespace(name="good", load=lambda: kind), SimpleNamespace(name="bad", load=lambda: 1 / 0)]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
     assert main(["protocols"]) == DONE
