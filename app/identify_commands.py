@@ -248,9 +248,21 @@ def _shown(one: Calibration, known: Calibrations) -> Answer:
         "calibration show",
         {name: value for name, value in one.fixed.items() if value is not None},
         (_parameters(title, one.estimates),),
-        (*notes, *_reduced(one), *([one.note] if one.note else [])),
+        (*notes, *_reduced(one), *([one.note] if one.note else []), *_versions(known)),
         more={"version": one.version, "active": known.active, "record": one.as_record()},
     )
+
+
+def _versions(known: Calibrations) -> list[str]:
+    """All versions in a line, where there are several."""
+    if len(known.versions) < 2:
+        return []
+    each = (
+        f"{c.version} ({c.accepted_at[:10]}{', ' + c.accepted_by if c.accepted_by else ''}"
+        f"{', active' if c.version == known.active else ''})"
+        for c in known.versions
+    )
+    return [f"versions: {'; '.join(each)}"]
 
 
 def _reduced(one: Calibration) -> list[str]:

@@ -76,6 +76,7 @@ def every_parser(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[s
 
 def run_file() -> str:
     """What stands in a run file, taken from one."""
+    from protocols.quality import Quality
     from protocols.sine_dwell import SineDwell
     from tests.support import laboratory, run
 
@@ -89,6 +90,17 @@ def run_file() -> str:
         "turn them into metres by NeXus' rule; the card's own polynomial is in `..._scaling_coefficients` (volts).",
         "`status` is `running` until the run ends: a file that still says so, without its program, tells of a crash. Nothing raw",
         "is ever rewritten; what is identified later is appended under `estimates`.",
+        "",
+        "A run that was imported has `/entry/imported` besides, JSON: source files with SHA-256, columns and units, cautions. It has no",
+        "samples, no events and no instruments, and NaN for what its table did not tell.",
+        "",
+        "`points/quality` is a sum of flags; 0 is good. Those marked with * are facts, and leave a value usable:",
+        "",
+        ", ".join(
+            f"{flag.value} {(flag.name or '').lower().replace('_', ' ')}{'*' if flag.usable else ''}"
+            for flag in Quality
+        )
+        + ".",
         "",
         "| path | type | unit | meaning |",
         "|---|---|---|---|",

@@ -1,6 +1,7 @@
 """From run files to parameters: what the simulated tactor is made of comes back, with errors that hold; and is kept."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,7 @@ def test_the_command_accepts_shows_and_tells_apart(
     shown = capsys.readouterr().out
     assert "version 1 (version 2 is active), SIMULATED" in shown
     assert "K. Tanaka" in shown
+    assert re.search(r"versions: 1 \(\d{4}-\d\d-\d\d, K. Tanaka\); 2 \(\d{4}-\d\d-\d\d, active\)", shown)
     assert main(["calibration", "diff", "T1", "1", "2", "--folder", str(tmp_path)]) == 0
     assert "in standard errors" in capsys.readouterr().out
     assert main(["calibration", "use", "T1", "1", "--folder", str(tmp_path)]) == 0

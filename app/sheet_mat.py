@@ -1,0 +1,69 @@
+"""Tables in MAT files: vectors named as columns are, a structure of them, or what this program exported."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.arguments import shortened
+from app.sheet import Cells, Sheet, SheetError, split_head
+
+
+def read_mat(path: Path, sha256: str) -> Sheet:
+    """The table of a MAT file.
+
+    Raises:
+        SheetError: it cannot be read, or holds no vectors.
+    """
+    from scipy.io import loadmat
+
+    try:
+        whole = loadmat(path, simplify_cells=True)
+    except Exception as error:  # noqa: BLE001 - scipy raises whatever a damaged file trips it over
+        raise SheetError(
+            f"{path} is no MAT file that can be read ({shortened(str(error))}); save it anew: save('file.mat', '-v7')"
+        ) from None
+    named = {name: value for name, value in whole.items() if not name.startswith("__")}
+    structures = {name: value for name, value in named.items() if isinstance(value, dict)}
+    table = named
+    if "points" in structures:
+        table = structures["points"]
+    elif not any(_vector(value) for value in named.values()) and len(structures) == 1:
+        table = next(iter(structures.values()))
+    units = table.get("units", {}) if isinstance(table.get("units"), dict) else {}
+    vectors = dict(_vectors(table, "points" in structures))
+    if not vectors:
+        have = ", ".join(named) or "nothing"
+        raise SheetError(
+            f"{path} holds no vectors of numbers (it has: {have}); save the columns as vectors: save('file.mat', 'frequency_Hz', ...)"
+        )
+    columns = []
+    for head, values in vectors.items():
+        name, unit = split_head(head)
+        stem = head if head in units else head.rpartition("_")[0]
+        if stem in units:
+            name, unit = head, str(units[stem])
+        columns.append(Cells(head, name, unit, values))
+    longest = max(len(column.cells) for column in columns)
+    about = named.get("about", {}) if "points" in structures else {}
+    return Sheet(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], about=about)
+
+
+def _vector(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1
+
+
+def _vectors(table: Mapping[str, Any], alone: bool) -> Iterator[tuple[str, Sequence[float]]]:
+    """Columns by name, a matrix column by column; `alone`: plain numbers are a table of one row."""
+    single = alone and any(np.ndim(value) == 0 and isinstance(value, int | float) for value in table.values())
+    for name, value in table.items():
+        if isinstance(value, dict | str) or np.asarray(value).dtype.kind not in "iufb":
+            continue
+        values = np.asarray(value, float)
+        if single:
+            values = values.reshape(1, -1) if values.size > 1 else values.reshape(1)
+        if values.ndim == 2:
+            yield from ((f"{name}_{i}", values[:, i - 1].tolist()) for i in range(1, values.shape[1] + 1))
+        elif values.ndim == 1:
+            yield name, values.tolist()
