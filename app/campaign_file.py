@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.whole_file import write_whole
-from protocols.runfile import safe_name
+from protocols.names import safe_name
 
 SUFFIX = ".campaign.json"
 VERSION = 1

@@ -18,7 +18,7 @@ from app.importing import Taken, store, take
 from app.sheet import Sheet, SheetError, read_sheet
 from app.units import UnitError, read_value, to_number
 from protocols.registry import PROTOCOLS
-from protocols.runfile import StoreError
+from protocols.storing import StoreError
 
 
 def import_tables(options: argparse.Namespace) -> int:

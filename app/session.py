@@ -23,7 +23,7 @@ from protocols.steps import Prompt
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
-    from protocols.runfile import Header
+    from protocols.fresh_run import Header
 
 log = logging.getLogger(__name__)
 
@@ -183,8 +183,9 @@ class Session:
 
     def _run(self, connected: Connected, job: _Job) -> None:
         # HDF5 and what comes with it: not before the window is painted, and not in its thread.
-        from protocols.runfile import RunFile, StoreError
+        from protocols.runfile import RunFile
         from protocols.runner import Runner
+        from protocols.storing import StoreError
 
         self._become(State.RUNNING)
         for note in watchdog_notes(job.folder):
@@ -242,7 +243,7 @@ def watchdog_notes(folder: Path) -> list[Noted]:
 
 def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "Header":
     """What the run file says about a run before it begins."""
-    from protocols.runfile import Header
+    from protocols.fresh_run import Header
 
     return Header(
         protocol=protocol.name,

@@ -29,7 +29,7 @@ from app.study_answer import fixed, header, picture, record, result, summary, ti
 from app.workers import Counting, workers
 from model.response import FREQUENCY
 from model.study import PRESETS, Study
-from protocols.runfile import StoreError
+from protocols.storing import StoreError
 from protocols.studyfile import StudyFile, check_place
 
 CURVE_HZ = "1:250:250"

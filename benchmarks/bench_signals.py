@@ -27,7 +27,8 @@ from model.parameters import Tactor
 from model.response import modal
 from model.time import march
 from protocols.events import Status
-from protocols.runfile import Header, RunFile
+from protocols.fresh_run import Header
+from protocols.runfile import RunFile
 from protocols.runreader import Run
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.response import sweep_response

@@ -36,8 +36,9 @@ from protocols.executor import THINKING_S, Executor
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
 from protocols.protocol import Protocol, extended
 from protocols.rehearsal import rehearse
-from protocols.runfile import RunFile, StoreError
+from protocols.runfile import RunFile
 from protocols.steps import Prompt, Redo
+from protocols.storing import StoreError
 from protocols.values import Curve, Estimate, Planned, Recording
 
 log = logging.getLogger(__name__)

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.study import Axis
+from protocols.fresh_run import software
 from protocols.layout import RESERVE_BYTES
-from protocols.runfile import StoreError, software
+from protocols.storing import StoreError
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1

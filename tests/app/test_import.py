@@ -24,11 +24,12 @@ from model.parameters import Tactor
 from model.response import amplifier_response
 from model.statics import load_compliance, voltage_gain
 from protocols.events import Status
+from protocols.fresh_run import Header
 from protocols.layout import columns
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
-from protocols.runfile import Header, RunFile
+from protocols.runfile import RunFile
 from protocols.runreader import Run
 from tests.runs import finished_run
 

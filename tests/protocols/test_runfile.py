@@ -22,10 +22,13 @@ from drivers.drive import Sine
 from drivers.ports import Block, Scale
 from drivers.sensor import LaserSensor
 from protocols.events import AtRest, Event, Noted, Status
+from protocols.fresh_run import Header
 from protocols.quality import Quality
-from protocols.runfile import Header, RunFile, StoreError, append_estimates
+from protocols.run_results import append_estimates
+from protocols.runfile import RunFile
 from protocols.runreader import Run, RunError
 from protocols.sine_dwell import SineDwell, SinePoint
+from protocols.storing import StoreError
 from protocols.values import Estimate
 from tests.support import laboratory, run
 
@@ -111,7 +114,8 @@ from typing import Annotated
 from annotated_types import Unit
 from drivers.ports import Block, Scale
 from drivers.sensor import LaserSensor
-from protocols.runfile import Header, RunFile
+from protocols.fresh_run import Header
+from protocols.runfile import RunFile
 @dataclass
 class Spot:
     frequency: Annotated[float, Unit("Hz"), "f"]

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from model.study import Axis
 from protocols import studyfile
-from protocols.runfile import StoreError
+from protocols.storing import StoreError
 from protocols.studyfile import Parameter, StudyFile, StudyHeader, boxes, read_study
 
 HEADER = StudyHeader(
