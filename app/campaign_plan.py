@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from app.campaign_file import CampaignError
+from app.history import History
 from protocols.steps import Prompt
 
 
@@ -85,13 +86,12 @@ def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ..
     )
 
 
-class Plan:
+class Plan(History[tuple[Item, ...]]):
     """The items in their order, and every change of them, which can be taken back. Kept nowhere."""
 
-    def __init__(self, items: tuple[Item, ...]) -> None:
-        self.items = items
-        self._past: list[tuple[Item, ...]] = []
-        self._future: list[tuple[Item, ...]] = []
+    @property
+    def items(self) -> tuple[Item, ...]:
+        return self.now
 
     def item(self, name: str) -> Item:
         """One item. Raises CampaignError where there is none of that name."""
@@ -110,7 +110,7 @@ class Plan:
     def change(self, name: str, **values: Any) -> None:
         """Give an item other values."""
         changed = replace(self.item(name), **values)
-        self._become(tuple(changed if item.name == name else item for item in self.items))
+        self.go(tuple(changed if item.name == name else item for item in self.items))
 
     def move(self, name: str, before: str = "") -> None:
         """Put an item before another one, or at the end.
@@ -126,33 +126,4 @@ class Plan:
             if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
                 where = f"before {before}" if before else "at the end"
                 raise CampaignError(f"{name} cannot stand {where}: {item.name} needs {later[0]} before it")
-        self._become(items)
-
-    @property
-    def can_undo(self) -> bool:
-        return bool(self._past)
-
-    @property
-    def can_redo(self) -> bool:
-        return bool(self._future)
-
-    def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
-        return self._step(self._past, self._future)
-
-    def redo(self) -> bool:
-        """Make the change again that was taken back; whether there was one."""
-        return self._step(self._future, self._past)
-
-    def _become(self, items: tuple[Item, ...]) -> None:
-        if items != self.items:
-            self._past.append(self.items)
-            self._future.clear()
-            self.items = items
-
-    def _step(self, back: list[tuple[Item, ...]], forth: list[tuple[Item, ...]]) -> bool:
-        if not back:
-            return False
-        forth.append(self.items)
-        self.items = back.pop()
-        return True
+        self.go(items)

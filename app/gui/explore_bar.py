@@ -14,8 +14,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.explore import History, Setting
+from app.explore import Setting
 from app.explore_answer import Measured
+from app.history import History
 from app.units import UnitError, to_number
 
 RANGES_HZ = (250, 500, 1000, 4000)
@@ -80,7 +81,7 @@ class ExploreBar(QObject):
         self._chips.setSpacing(4)
         self.chips: list[QPushButton] = []
 
-    def show_setting(self, setting: Setting, history: History) -> None:
+    def show_setting(self, setting: Setting, history: History[Setting]) -> None:
         """Tell where the tactor is, and whether there is a way back."""
         for button, there in ((self.free, not setting.on_skin), (self.skin, setting.on_skin)):
             with QSignalBlocker(button):

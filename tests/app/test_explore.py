@@ -12,9 +12,10 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.explore import GROUPS, SLIDERS, TITLES, History, Setting, difference, preset, study_of
+from app.explore import GROUPS, SLIDERS, TITLES, Setting, difference, preset, study_of
 from app.explore_answer import Answerer, Measured, Question, read_measured
 from app.explore_fit import fit_runs
+from app.history import History
 from app.latest import Latest
 from app.main import main
 from app.model_inputs import changed, read_settings
