@@ -20,7 +20,7 @@ from drivers.errors import AcquisitionError, InstrumentError
 from drivers.nidaq_words import words
 from drivers.ports import Block, Identity, Scale
 
-BUFFER_S = 8.0
+BUFFER_S = 20.0
 """Seconds of scans the driver holds for us: how long the program may be busy without losing one."""
 
 READ_TIMEOUT_S = 5.0

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -31,6 +32,9 @@ DRIVE_LOST_V = 0.25
 
 THINKING_S = 20.0
 """How long the run thread may work on numbers, while what plays plays on, before the watchdog takes it for hung."""
+
+THINKING_STEP_S = 0.01
+"""How long it waits for numbers before it looks after the card."""
 
 _ASK_IDS = itertools.count(1)
 """Unique in the program, so that a late answer to an earlier run's prompt is never taken for one of this run."""
@@ -61,6 +65,8 @@ class Executor:
         self._interrupted, self._expired = interrupted, expired
         self._armed: ArmedBench | None = None
         self._recordings = 0
+        self._taken = 0
+        """Scans that the card has given us."""
         self._rest_v = bench.amplifier.map.rest_v
 
     def started(self, armed: ArmedBench) -> None:
@@ -128,8 +134,19 @@ class Executor:
     def skip(self, armed: ArmedBench) -> Block:
         """Take a block that is not kept, and let whoever watches see it."""
         block = armed.skip()
+        self._taken = block.stop
         self._tell(BlockSeen(block))
         return block
+
+    def think(self, armed: ArmedBench, work: Callable[[], Answer]) -> Answer:
+        """What `work` gives or raises. It may take its time: the card is emptied meanwhile, as far as it has blocks."""
+        with self._bench.watchdog.allow(THINKING_S), ThreadPoolExecutor(1, "numbers") as numbers:
+            done = numbers.submit(work)
+            while not wait([done], THINKING_STEP_S).done:
+                # On a virtual clock no time passes, so nothing is due.
+                while self._scan_now(armed, -self._bench.block_s) >= self._taken:
+                    self.skip(armed)
+            return done.result()
 
     def _show(self, prompt: Prompt) -> int:
         ask_id = next(_ASK_IDS)
@@ -248,6 +265,7 @@ class Executor:
 
     def _read(self, armed: ArmedBench) -> Block:
         block = armed.read()
+        self._taken = block.stop
         self._interrupted()
         return block
 

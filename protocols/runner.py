@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any
 
 from drivers.bench import Armed as ArmedBench
@@ -32,7 +33,7 @@ from protocols.events import (
     Status,
     StreamStarted,
 )
-from protocols.executor import THINKING_S, Executor
+from protocols.executor import Executor
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
 from protocols.protocol import Protocol, extended
 from protocols.rehearsal import rehearse
@@ -204,19 +205,19 @@ class Runner:
             if redo is not Redo.THIS:
                 break
         if redo is None:
-            self._make_point(index, entry, recordings)
+            self._make_point(armed, index, entry, recordings)
         return redo
 
-    def _make_point(self, index: int, entry: Planned, recordings: Sequence[Recording]) -> None:
+    def _make_point(self, armed: ArmedBench, index: int, entry: Planned, recordings: Sequence[Recording]) -> None:
+        find = partial(self._protocol.point, entry.key, recordings, self._bench.simulated)
         try:
-            with self._bench.watchdog.allow(THINKING_S):
-                point = self._protocol.point(entry.key, recordings, self._bench.simulated)
+            point = self._executor.think(armed, find)
         except ValueError as error:
             self._without.append(entry.label)
             self._publish(Noted(f"{entry.label} gives no point: {error}"))
         else:
             self._keep(index, point)
-            self._curves[index] = self._curves_of(index, entry, recordings)
+            self._curves[index] = self._curves_of(armed, index, entry, recordings)
             for curve in self._curves[index]:
                 self._tell(CurveReady(curve))
             for words in self._protocol.remarks([self._measured[i][1] for i in sorted(self._measured)]):
@@ -224,10 +225,12 @@ class Runner:
                     self._remarked.add(words)
                     self._publish(Noted(words))
 
-    def _curves_of(self, index: int, entry: Planned, recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+    def _curves_of(
+        self, armed: ArmedBench, index: int, entry: Planned, recordings: Sequence[Recording]
+    ) -> tuple[Curve, ...]:
+        find = partial(self._protocol.curves, entry.key, recordings)
         try:
-            with self._bench.watchdog.allow(THINKING_S):
-                return tuple(replace(curve, entry=index) for curve in self._protocol.curves(entry.key, recordings))
+            return tuple(replace(curve, entry=index) for curve in self._executor.think(armed, find))
         except ValueError as error:
             self._publish(Noted(f"{entry.label} gives no curve: {error}"))
             return ()

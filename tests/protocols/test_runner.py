@@ -20,6 +20,7 @@ from protocols.events import (
     Armed,
     Asked,
     AtRest,
+    BlockSeen,
     BlockTaken,
     Playing,
     PointMeasured,
@@ -316,6 +317,24 @@ def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_pa
         ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)
     assert ran.status == Status.FAILED
     assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
+
+
+def test_the_card_is_emptied_while_a_point_is_worked_out(tmp_path: Path) -> None:
+    """At raised speed a second of thinking is longer than the card holds its scans for us: 10 s here, 15 s are needed."""
+    emptied = threading.Semaphore(0)
+
+    class Slow(Scripted):
+        def point(self, key: Any, recordings: Sequence[Recording], simulated: bool) -> Spot:
+            for _ in range(15):
+                lab.bench.clock.sleep(1.0)
+                if not all(emptied.acquire(timeout=5) for _ in range(15)):
+                    raise ValueError("nobody looked after the card")
+            return super().point(key, recordings, simulated)
+
+    with laboratory() as lab:
+        looked = [lambda event: emptied.release() if isinstance(event, BlockSeen) else None]
+        ran = run(Slow(script=(SETTLE, Record(0.1))), tmp_path, lab, *looked)
+    assert (ran.status, ran.reason) == (Status.COMPLETED, "all points measured")
 
 
 IMPORTED = """
