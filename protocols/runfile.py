@@ -190,22 +190,19 @@ class RunFile:
             raise StoreError(f"the run file {self.path} could not be closed: {reason_of(error)}") from error
 
     def _extend(self, name: str, rows: np.ndarray) -> None:
-        """Append rows, (N,), by HDF5's own calls: they take a sixth of the time of h5py's indexing, twenty times a second."""
+        """Append rows, (N, ...), by HDF5's own calls: they take a sixth of the time of h5py's indexing, many times a second."""
         data = self._growing.get(name)
         if data is None:
             data = self._growing[name] = self._file[f"entry/{name}"].id
-        (have,) = data.shape
-        data.set_extent((have + rows.size,))
+        have, *beside = data.shape
+        data.set_extent((have + len(rows), *beside))
         place = data.get_space()
-        place.select_hyperslab((have,), rows.shape)
+        place.select_hyperslab((have, *(0 for _ in beside)), rows.shape)
         data.write(h5py.h5s.create_simple(rows.shape), place, np.ascontiguousarray(rows))
         data.flush()
 
     def _append(self, name: str, row: np.ndarray) -> None:
-        data = self._file[f"entry/{name}"]
-        data.resize(data.shape[0] + 1, axis=0)
-        data[-1] = row
-        data.flush()
+        self._extend(name, row[None])
 
     def _storing(self) -> Storing:
         return Storing(self.path)

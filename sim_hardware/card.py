@@ -154,6 +154,8 @@ class Card:
 
     def _held(self, volts: Array, t: Array) -> Array:
         """The sensor's volts, standing still from the moment at which it got stuck."""
+        if not self._faults.ever("sensor-stuck"):
+            return volts
         begun = self._faults.since("sensor-stuck", t)
         for begin in np.unique(begun[~np.isnan(begun)]).tolist():
             stuck = begun == begin

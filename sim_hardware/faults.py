@@ -63,6 +63,11 @@ class Faults:
         """Everything that is broken now, in the order of `FAULTS`."""
         return tuple(name for name in FAULTS if self.active(name))
 
+    def ever(self, name: str) -> bool:
+        """Whether `name` was ever broken."""
+        with self._lock:
+            return bool(self._spans.get(name))
+
     def since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """When the break began that was present at bench times `t`, same shape; NaN where there was none."""
         with self._lock:
@@ -74,4 +79,4 @@ class Faults:
 
     def during(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether `name` was broken at bench times `t`, same shape."""
-        return ~np.isnan(self.since(name, t))
+        return ~np.isnan(self.since(name, t)) if self.ever(name) else np.zeros(t.shape, bool)

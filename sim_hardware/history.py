@@ -81,6 +81,18 @@ class History:
         with self._lock:
             return list(self._pieces)
 
+    def standing(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
+        """Volts at the input and high voltage, where neither changes between two past times; else None, and nothing is read."""
+        with self._lock:
+            piece = self._pieces[bisect_right(self._starts, first_s) - 1]
+            if (
+                piece is not self._pieces[bisect_right(self._starts, last_s) - 1]
+                or piece.segment.still_from_s > first_s
+            ):
+                return None
+            self._read_until = max(self._read_until, last_s)
+        return float(piece.segment.volts(np.array([first_s]))[0]), piece.hv
+
     def volts(self, t: ArrayLike) -> Array:
         """Volts at the amplifier's input at past times `t`, ascending, shape (n,)."""
         return self.read(t)[0]

@@ -30,6 +30,9 @@ Complex = NDArray[np.complex128]
 LIMITED = 1e-3
 """Share of its slew rate that the amplifier keeps at its current limit."""
 
+STILL_M = 1e-15
+"""What still rings by less than this stands still."""
+
 TOUCH_S = 2e-3
 """How long a weight's first touch lasts."""
 
@@ -185,15 +188,40 @@ class Plant:
             stop = min((last // BLOCK + 1) * BLOCK, self._next + min(1024 * BLOCK, self._ring.size))
             if number + 1 < len(self._starts):
                 stop = min(stop, round(self._starts[number + 1] * self._rate))
-            volts = self._bent(self._slewed(self._next, self._specimen(self._next, stop, change.now)), change.now)
-            newtons = self._newtons(change, self._next, stop)
-            w, self._state = stepper.run(volts, self._bent_v, newtons, self._before_n, self._state)
-            self._bent_v, self._before_n = float(volts[-1]), float(newtons[-1])
+            if (still := self._still(change, stepper, stop)) is not None:
+                w = np.full(stop - self._next, still)
+            else:
+                volts = self._bent(self._slewed(self._next, self._specimen(self._next, stop, change.now)), change.now)
+                newtons = self._newtons(change, self._next, stop)
+                w, self._state = stepper.run(volts, self._bent_v, newtons, self._before_n, self._state)
+                self._bent_v, self._before_n = float(volts[-1]), float(newtons[-1])
             begin = self._next % self._ring.size
             head = min(w.size, self._ring.size - begin)
             self._ring[begin : begin + head] = w[:head]
             self._ring[: w.size - head] = w[head:]
             self._next = stop
+
+    def _still(self, change: Change, stepper: Stepper, stop: int) -> float | None:
+        """Where the tactor stands until a grid step, if nothing moves it and nothing rings; else None.
+
+        Half of a bench's time nothing happens, and a held level is as quick as nothing then.
+        """
+        first_s, beyond = self._next / self._rate, self._truth.beyond
+        if beyond.creep_per_decade or beyond.hysteresis_width or self._faults.ever("amplifier-limited"):
+            return None
+        if first_s <= change.end_s + TOUCH_S or self._before_n != change.after_n:
+            return None
+        left = self._state - stepper.settled(self._bent_v, self._before_n)
+        if np.abs(left).max(initial=0.0) * np.abs(stepper.O).max() > STILL_M:
+            return None
+        standing = self._history.standing(first_s, (stop - 1) / self._rate)
+        if standing is None:
+            return None
+        volts, hv = standing
+        wanted = float(self._amplifier.map.specimen_v(volts)) if hv and not change.now.shorted else 0.0
+        if wanted != self._before_v or change.now.side * wanted != self._bent_v:
+            return None
+        return stepper.stands(self._bent_v, self._before_n)
 
     def _skip(self, first: int) -> None:
         """Leave out what nobody looked at, as far as the tactor has forgotten it when somebody does."""

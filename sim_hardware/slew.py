@@ -13,9 +13,9 @@ def slewed(target: Array, start_v: float, step_v: float) -> Array:
     rises = target.copy()
     rises[1:] -= target[:-1]
     rises[0] -= start_v
-    jumps = np.flatnonzero(np.abs(rises) > step_v)
-    if not jumps.size:
+    if rises.max() <= step_v and rises.min() >= -step_v:
         return target
+    jumps = np.flatnonzero(np.abs(rises) > step_v)
     out, wanted = target.copy(), target.tolist()
     i, n = int(jumps[0]), target.size
     while True:

@@ -24,11 +24,9 @@ BLOCK = 128
 class Stepper:
     """Matrices of one block for one situation: displacement and next state from the drives at steps -1..BLOCK-1."""
 
-    T_V: Array  # (BLOCK + 1, BLOCK), volts to displacement
-    T_F: Array  # (BLOCK + 1, BLOCK), newtons to displacement
-    O: Complex  # (m, BLOCK), state to displacement  # noqa: E741
-    W_V: Complex  # (BLOCK + 1, m), volts to the state after the block
-    W_F: Complex  # (BLOCK + 1, m)
+    R_V: Array  # (BLOCK + 1, BLOCK + 2 m), volts to displacement and to the state after the block, real and imaginary
+    R_F: Array  # (BLOCK + 1, BLOCK + 2 m), of newtons
+    O: Array  # (2 m, BLOCK), real and imaginary part of the state to displacement  # noqa: E741
     advance: Complex  # (m,), state over one block
     poles: Complex  # (k,), those that are stepped lead, those beyond the grid follow
     b_V: Complex  # (k,), z' = s z + b_V V + b_F F
@@ -63,15 +61,22 @@ class Stepper:
         T_F, W_F = _block(held, b_F[:slow], c[:slow], step_s)
         for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _missing(tactor, n))):
             T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += more - float((c[slow:] * b[slow:] / s[slow:]).real.sum())
-        powers = np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
+        powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
         advance = np.exp(held * step_s * BLOCK)
         slowest = float(np.min(-s.real))
-        return cls(T_V, T_F, c[:slow, None] * powers, W_V, W_F, advance, s, b_V, b_F, X, inverse, slowest)
+        # Real matrices, side by side: a product of real and complex ones costs several times as much.
+        R_V, R_F = np.hstack((T_V, W_V.real, W_V.imag)), np.hstack((T_F, W_F.real, W_F.imag))
+        return cls(R_V, R_F, np.vstack((powers.real, -powers.imag)), advance, s, b_V, b_F, X, inverse, slowest)
 
     def settled(self, volts: float, newtons: float) -> Complex:
         """The state after `volts` and `newtons` stood for ever."""
         slow = self.advance.size
         return (-(self.b_V * volts + self.b_F * newtons) / self.poles)[:slow]
+
+    def stands(self, volts: float, newtons: float) -> float:
+        """The displacement under what stood for ever."""
+        w, _ = self.run(np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.settled(volts, newtons))
+        return float(w[-1])
 
     def taken_over(self, before: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
         """The state of this stepper with the coordinates and velocities that another one's state stands for."""
@@ -84,13 +89,15 @@ class Stepper:
         self, volts: Array, before_v: float, newtons: Array, before_n: float, state: Complex
     ) -> tuple[Array, Complex]:
         """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
-        pushes, w = np.zeros((volts.size // BLOCK, self.advance.size), complex), np.zeros((volts.size // BLOCK, BLOCK))
-        for drive, before, T, W in ((volts, before_v, self.T_V, self.W_V), (newtons, before_n, self.T_F, self.W_F)):
+        m = self.advance.size
+        both = np.zeros((volts.size // BLOCK, BLOCK + 2 * m))
+        for drive, before, R in ((volts, before_v, self.R_V), (newtons, before_n, self.R_F)):
             if before or drive.any():  # half of a bench's time nothing drives it
-                u = _led(drive, before)
-                pushes, w = pushes + u @ W, w + u @ T
-        states = _recursion(self.advance, state, pushes)
-        return (w + (states[:-1] @ self.O).real).ravel(), states[-1]
+                both += _led(drive, before) @ R
+        states = _recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
+        w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
+        w += both[:, :BLOCK]
+        return w.ravel(), states[-1]
 
 
 def _recursion(advance: Complex, state: Complex, pushes: Complex) -> Complex:
