@@ -1,7 +1,6 @@
 """The main window: bench bar, notices and pages over one session; a timer carries what happened onto the screen."""
 
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,15 +12,15 @@ from app.config import BenchConfig, ConfigError
 from app.gui.bench_bar import BenchBar
 from app.gui.book import CAMPAIGN, MEASURE, Book
 from app.gui.fault_panel import FaultPanel
+from app.gui.helm import Helm
 from app.gui.keys import bind
 from app.gui.link import Link
 from app.gui.notices import Notices
 from app.gui.room import Room
 from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
-from app.reducer import reduce
-from app.session import Refused, watchdog_notes
-from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, ViewEvent, opening
+from app.session import watchdog_notes
+from app.view import View, opening
 from protocols.events import Noted
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
@@ -57,8 +56,8 @@ class MainWindow(QMainWindow):
         super().__init__()
         self.link, self._settings, self._autostart = link, settings, autostart
         self._change_bench = change_bench
-        self._leaving = self._at_once = self._gone = self._opened = False
-        self.view = opening(config.amplifier.map, config.name, config.simulated, _names(config))
+        self._at_once = self._gone = self._opened = False
+        self.helm = Helm(link, opening(config.amplifier.map, config.name, config.simulated, _names(config)), self)
         self.theme = system_theme()
         self.bar = BenchBar(self.theme)
         self.notices = Notices(self)
@@ -86,74 +85,20 @@ class MainWindow(QMainWindow):
         self.room.uncover()
         if self.pages.currentIndex() == CAMPAIGN:
             self.campaign.run()
-            return
-        protocol = self.measure.panel.protocol
-        if protocol is None or not self.measure.panel.ready or self._leaving:
-            return
-        folder = self.pages.folder
-        self._tell(RunAsked(protocol.title))
-        self.link.session.run(protocol, folder, self.pages.specimen or "unnamed")
+        elif (protocol := self.measure.panel.protocol) is not None and self.measure.panel.ready:
+            self.helm.run(protocol, self.pages.folder, self.pages.specimen)
 
     def carry_out(self, order: "Order") -> None:
         """Begin a run of the campaign, if it may still begin."""
-        if not self.view.can_run or self._leaving:
-            return
-        conductor = self.campaign.begun(order)
-        self._tell(RunAsked(order.protocol.title))
-        conductor.give(self.link.session, order)
-
-    def stop(self) -> None:
-        """Go to rest and end the run. The bench hears it first, then the screen."""
-        self.link.session.stop()
-        self._tell(StopAsked())
+        if self.helm.ready:
+            self.helm.carry_out(order, self.campaign.begun(order))
 
     def escape(self) -> None:
         """Stop, always; where nothing runs the page seen goes a step back besides."""
         idle = not self.view.busy
-        self.stop()
+        self.helm.stop()
         if idle:
             self.room.back()
-
-    def pause(self) -> None:
-        """Go to rest and wait there, or go on."""
-        if not self.view.can_pause or self.view.pausing:
-            return
-        if self.view.paused:
-            self.link.session.resume()
-        else:
-            self.link.session.pause()
-        self._tell(PauseAsked())
-
-    def measure_again(self, entries: tuple[int, ...]) -> None:
-        """Measure some points of the last run again, into a run that goes on with it."""
-        from protocols.continuation import earlier  # HDF5, which the first paint does without
-        from protocols.runreader import RunError
-
-        outcome = self.view.outcome
-        if outcome is None or not self.view.can_run or self._leaving:
-            return
-        try:
-            before = earlier(Path(outcome.path), entries)
-        except RunError as error:
-            self.link.observe(Refused(str(error)))
-            return
-        self._tell(RunAsked(before.protocol.title))
-        self.link.session.run(before.protocol, self.pages.folder, before.specimen, before)
-
-    def answer(self, words: str = "done") -> None:
-        """The operator has done what the prompt says, or chosen another of its answers."""
-        if self.view.prompt is not None and self.link.mailbox.waiting == self.view.prompt.ask_id:
-            self.link.mailbox.reply(self.view.prompt.ask_id, words)
-
-    def acknowledge(self) -> None:
-        """The operator has read the unsafe sentence, or why something failed."""
-        self._tell(Acknowledged())
-
-    def connect_again(self) -> None:
-        """Open the bench once more."""
-        if self.link.reconnect():
-            self._tell(ConnectAsked())
-            self.link.session.start()
 
     def try_it(self) -> None:
         """A sine dwell on the simulated bench, from its first volt to its file, with a line that says what is seen."""
@@ -180,22 +125,16 @@ class MainWindow(QMainWindow):
 
     def leave(self, at_once: bool = False) -> None:
         """Go to rest, let go of the bench, close. `at_once` closes even over an unsafe sentence nobody has read."""
-        self._leaving = True
         self._at_once = self._at_once or at_once
-        self._tell(StopAsked())
-        self.link.session.close(0.0)
+        self.helm.leave()
         self.notices.leaving()
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
         """Carry what happened since the last tick onto the screen."""
+        self.helm.hear()
         view = self.view
-        for heard in self.link.heard():
-            view = reduce(view, heard)
-        if view is not self.view:
-            self.view = view
-            self._show()
         self.pages.writing(getattr(self.link.session, "path", None) if view.busy else None)
         # The runner asks after it has told.
         self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
@@ -205,7 +144,7 @@ class MainWindow(QMainWindow):
         if self._autostart and view.can_run:
             self._autostart = False
             self.run()
-        if self._leaving and self.link.session.close(0.0):
+        if self.helm.leaving and self.link.session.close(0.0):
             self._leave_if_read()
 
     def paintEvent(self, event: QPaintEvent) -> None:
@@ -215,7 +154,7 @@ class MainWindow(QMainWindow):
 
     def _open(self) -> None:
         """Connect, and compute the curve. Either would hold up the first paint; a window nobody sees connects as well."""
-        if not self._opened and not self._leaving:
+        if not self._opened and not self.helm.leaving:
             self._opened = True
             self.measure.begin()
             self.link.session.start()
@@ -239,7 +178,7 @@ class MainWindow(QMainWindow):
             event.accept()
             return
         event.ignore()
-        if self._leaving:
+        if self.helm.leaving:
             return
         if self.view.busy or self.view.unsafe:
             self.notices.ask_to_close(self.view)
@@ -258,10 +197,6 @@ class MainWindow(QMainWindow):
         self._gone = True
         self.close()
 
-    def _tell(self, event: ViewEvent) -> None:
-        self.view = reduce(self.view, Heard(event, datetime.now().astimezone(), self.link.feed.streamed_s))
-        self._show()
-
     def _show(self) -> None:
         self.bar.show_view(self.view)
         self.notices.show_view(self.view)
@@ -270,6 +205,11 @@ class MainWindow(QMainWindow):
         self.pages.show_view(self.view)
         if self.faults is not None:
             self.faults.show_view(self.view)
+
+    @property
+    def view(self) -> View:
+        """What is shown."""
+        return self.helm.view
 
     @property
     def campaign(self) -> "CampaignPage":
@@ -302,18 +242,19 @@ class MainWindow(QMainWindow):
         layout.addWidget(self.notices)
         layout.addWidget(self.room, 1)
         self.setCentralWidget(centre)
-        self.bar.stop_pressed.connect(self.stop)
-        self.bar.pause_pressed.connect(self.pause)
+        self.helm.changed.connect(self._show)
+        self.bar.stop_pressed.connect(self.helm.stop)
+        self.bar.pause_pressed.connect(self.helm.pause)
         self.measure.panel.run_pressed.connect(self.run)
-        self.measure.again_pressed.connect(self.measure_again)
+        self.measure.again_pressed.connect(lambda entries: self.helm.measure_again(entries, self.pages.folder))
         self.pages.ordered.connect(self.carry_out)
         self.room.try_pressed.connect(self.try_it)
         self.room.bench_chosen.connect(self.change_bench)
         for wish, do in (
-            (self.notices.answered, self.answer),
-            (self.notices.stop_pressed, self.stop),
-            (self.notices.acknowledged, self.acknowledge),
-            (self.notices.connect_pressed, self.connect_again),
+            (self.notices.answered, self.helm.answer),
+            (self.notices.stop_pressed, self.helm.stop),
+            (self.notices.acknowledged, self.helm.acknowledge),
+            (self.notices.connect_pressed, self.helm.connect_again),
             (self.notices.leave_pressed, self.leave),
             (self.notices.stay_pressed, self.notices.stay),
         ):
@@ -321,9 +262,9 @@ class MainWindow(QMainWindow):
 
     def _connect_keys(self) -> None:
         bind(self, "Stop: go to rest and end the run; else a step back", self.escape, Qt.Key.Key_Escape)
-        bind(self, "Stop: go to rest and end the run", self.stop, Qt.Key.Key_F12)
+        bind(self, "Stop: go to rest and end the run", self.helm.stop, Qt.Key.Key_F12)
         bind(self, "Run what the page shows", self.run, Qt.Key.Key_F5, "Ctrl+R")
-        bind(self, "Pause at rest, or go on", self.pause, Qt.Key.Key_F8)
+        bind(self, "Pause at rest, or go on", self.helm.pause, Qt.Key.Key_F8)
 
     def _restore(self, folder: Path | None, specimen: str | None) -> None:
         geometry = self._settings.value("window/geometry")
