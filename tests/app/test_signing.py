@@ -4,6 +4,7 @@ import hashlib
 import inspect
 import json
 import pkgutil
+import threading
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -27,6 +28,7 @@ from model.identification.setting import Setting
 from model.parameters import Tactor
 from model.response import amplifier_response
 from protocols.continuation import earlier
+from protocols.events import EntryBegan, Paused, Recorded
 from protocols.membrane_sag import MembraneSag
 from protocols.protocol import Protocol
 from protocols.runfile import RunFile
@@ -35,7 +37,7 @@ from protocols.runreader import Run, RunError
 from protocols.sine_dwell import SineDwell
 from protocols.static_loading import StaticLoading
 from protocols.voltage_steps import VoltageSteps
-from tests.support import laboratory, run, simulated
+from tests.support import Trigger, laboratory, run, simulated
 
 DWELL = SineDwell(frequencies_hz=(50, 100, 145, 160, 175, 250), record_s=0.1, peak_to_peak_v=4.0)
 STEPS = VoltageSteps(levels_v=(1.0, 4.5), repeats=2, rest_s=0.3, read_s=0.3, hold_s=0.5)
@@ -239,6 +241,23 @@ def test_with_the_same_calibration_every_point_is_the_same(protocol: Protocol, t
     assert again.keys() == measured.keys()
     for name, column in measured.items():
         np.testing.assert_array_equal(again[name], column, err_msg=name)
+
+
+def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
+    """Several recordings a frequency: those before the pause were given up, and are not averaged in."""
+    protocol = SineDwell(frequencies_hz=(160,), record_s=0.1, wanted=2e-5)
+    pause = threading.Event()
+    with laboratory() as lab:
+        hold = Trigger(lambda event: isinstance(event, Recorded), pause.set)
+        go_on = Trigger(lambda event: isinstance(event, Paused), pause.clear)
+        ran = run(protocol, tmp_path, lab, hold, go_on, pause=pause)
+    assert [type(event) for event in ran.events].count(EntryBegan) == 2
+    correction = Correction.of(bench(tmp_path / "same.toml", 1e-4))
+    with Run(ran.path) as was, correction.opened(ran.path) as now:
+        kept, (point,) = list(was.recordings()), was.points()["cycles"]
+        assert sum(len(r.drive_v) for r in kept) * 160 / kept[0].rate_hz > point + 10  # more was kept than counts
+        for name, column in was.points().items():
+            np.testing.assert_array_equal(now.points()[name], column, err_msg=name)
 
 
 def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path) -> None:
