@@ -297,6 +297,9 @@ def test_what_was_simulated_stays_simulated(tmp_path: Path) -> None:
     with Run(finished_run(tmp_path / "old")) as run:
         files = [*export(run, tmp_path, "csv", ("points",)), *export(run, tmp_path, "mat", ("about", "points"))]
     renamed = files[0].rename(tmp_path / "harmless.csv")
+    cut = tmp_path / "columns_of_a_SIMULATED_run.csv"  # without its flags, the name still tells
+    cut.write_text("frequency [Hz],pp [um],drive pp [V]\n100,760,5\n")
+    assert points(brought(cut))["quality"] == [int(Quality.SIMULATED | Quality.IMPORTED)]
     for file in (renamed, files[1]):
         with Run(brought(file)) as run:
             assert run.simulated
