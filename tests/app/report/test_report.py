@@ -52,8 +52,9 @@ def replaced(entry: Any, name: str, value: Any) -> None:
 
 
 def test_two_reports_of_the_same_files_are_the_same_bytes_and_every_page_says_simulated(
-    folder: Path, gathered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    next(copy.glob("*voltage-steps.h5")).unlink()  # one run draws all kinds of pages
     pages: list[list[str]] = []
     written = PdfPages.savefig
 
@@ -62,21 +63,20 @@ def test_two_reports_of_the_same_files_are_the_same_bytes_and_every_page_says_si
         written(pdf, figure, **more)
 
     monkeypatch.setattr(PdfPages, "savefig", save)
-    assert main(["report", "T1", "--folder", str(folder), "--out", str(tmp_path / "a")]) == 0
-    (tmp_path / "b").mkdir()
-    command.write(*gathered, tmp_path / "b")  # gathered by itself, from the same files
+    for out in ("a", "b"):
+        assert main(["report", "T1", "--folder", str(copy), "--out", str(tmp_path / out)]) == 0
     for name in ("T1_report.pdf", "T1_report.html"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     assert not list(tmp_path.glob("*/*.part"))
     half = len(pages) // 2
-    assert half >= 5
+    assert half >= 4
     for at, page in enumerate(pages[:half], 1):
         assert page.count("SIMULATED") == 2, page  # in its head and across it
         assert any(f"page {at} of {half}" in text for text in page)
     html = (tmp_path / "a" / "T1_report.html").read_text("utf-8")
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
-    for path in folder.glob("*.h5"):
+    for path in copy.glob("*.h5"):
         assert path.name in html
         assert hashlib.sha256(path.read_bytes()).hexdigest() in html
 
