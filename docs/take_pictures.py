@@ -1,6 +1,6 @@
 """Take the pictures of the documentation from the running program: the window on the simulated bench, on its real wires.
 
-    python docs/take_pictures.py
+    python docs/take_pictures.py [window] [report]
 
 Works without a screen. The pictures in docs/pictures are made by this script and by nothing else.
 """
@@ -27,6 +27,10 @@ from app.gui.link import Link
 from app.gui.picture import grab
 from app.gui.theme import DARK, LIGHT
 from app.gui.window import MainWindow
+from app.main import main as command
+from app.report.content import gather
+from app.report.limits import example, read_limits
+from app.report.pdf import page_to_sign
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 SPEED = 1.0
@@ -34,8 +38,26 @@ SIZE = (1280, 800)
 
 
 def main() -> int:
-    application()
     PICTURES.mkdir(exist_ok=True)
+    for name in sys.argv[1:] or TAKEN:
+        TAKEN[name]()
+    return 0
+
+
+def report() -> None:
+    """The page to sign, of a dwell and steps on the virtual clock, with the example's limits."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs, limits = Path(folder), Path(folder) / "limits.toml"
+        for protocol in ("sine-dwell", "voltage-steps"):
+            command(["run", protocol, "--speed", "max", "--seed", "7", "--specimen", "T7", "--out", folder])
+        limits.write_text(example(), "utf-8")
+        page = page_to_sign(gather(runs, "T7", read_limits(limits))[0])
+        page.savefig(PICTURES / "report.png", dpi=100)
+        print(PICTURES / "report.png")
+
+
+def window() -> None:
+    application()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # the run files go where the rest of this does
         with opened(SPEED) as window:
@@ -43,7 +65,6 @@ def main() -> int:
         with opened(None) as window:
             carry_through(window)
         os.chdir(PICTURES)
-    return 0
 
 
 @contextmanager
@@ -102,6 +123,8 @@ def until(condition: Callable[[], bool]) -> None:
         QApplication.processEvents()
         time.sleep(0.002)
 
+
+TAKEN: dict[str, Callable[[], None]] = {"window": window, "report": report}
 
 if __name__ == "__main__":
     sys.exit(main())

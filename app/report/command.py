@@ -66,6 +66,7 @@ def write(
     shown = [run for run in runs if not run.trouble]
     told("writing", 0, len(shown) + 1)
     with Html(content, files[1]) as html, Pdf(content, files[0], len(shown)) as pdf:
+        pdf.text()
         for i, each in enumerate(shown):
             told("writing", i + 1, len(shown) + 1)
             with Run(each.path) as run, intact(each.path):

@@ -33,7 +33,7 @@ rule = "guarded"
 # golden = "T0"
 
 [limits.resonance]              # as measured: a resonance through the three highest points of the free dwell
-low = "150 Hz"
+low = "145 Hz"
 high = "170 Hz"
 
 [limits.amplitude_at_resonance] # max - min at full drive

@@ -49,8 +49,6 @@ class Pdf:
         self._pdf = self._look.enter_context(PdfPages(self._working, metadata=about))
 
     def __enter__(self) -> Self:
-        for page in self._pages:
-            self._write(page)
         return self
 
     def __exit__(
@@ -62,6 +60,11 @@ class Pdf:
         else:
             self._working.unlink(missing_ok=True)
 
+    def text(self) -> None:
+        """The page to sign and the appendix but for the runs."""
+        for page in self._pages:
+            self._write(page)
+
     def picture(self, name: str, figure: Any) -> None:
         """A run's own page: a figure that `laid_out` has put in its place."""
         _text(figure, LEFT, PAGE[1] - TOP + 0.12, f"Run {name}", size=8)
@@ -69,19 +72,30 @@ class Pdf:
 
     def _write(self, page: Any) -> None:
         self._written += 1
-        report = self._report
-        marked = any(text.get_text() in report.marks for text in page.texts)  # a run's picture says it itself
-        top = PAGE[1] - 0.5
-        _text(page, LEFT, top, f"Specimen {report.specimen}", size=8, color="#444444")
-        _text(page, PAGE[0] - RIGHT, top, "  ".join(report.marks), size=9, color=RED, weight="bold", ha="right")
-        foot = f"page {self._written} of {self._of}   fingerprint of the run files {report.fingerprint}   {report.code}"
-        _text(page, LEFT, 0.42, foot, size=7, color="#444444")
-        if report.marks and not marked:
-            page.text(
-                0.5, 0.5, "\n".join(report.marks), fontsize=64 if len(max(report.marks, key=len)) < 12 else 44, color="red",
-                alpha=0.12, ha="center", va="center", rotation=25,
-            )  # fmt: skip
+        _headed(page, self._report, f"page {self._written} of {self._of}")
         self._pdf.savefig(page)
+
+
+def page_to_sign(report: Report) -> Any:
+    """The first page, as a matplotlib figure."""
+    page = _Flow(report).pages()[0]
+    _headed(page, report, "page 1")
+    return page
+
+
+def _headed(page: Any, report: Report, number: str) -> None:
+    """What stands on every page: whose it is, SIMULATED and the like, and which files it belongs to."""
+    marked = any(text.get_text() in report.marks for text in page.texts)  # a run's picture says it itself
+    top = PAGE[1] - 0.5
+    _text(page, LEFT, top, f"Specimen {report.specimen}", size=8, color="#444444")
+    _text(page, PAGE[0] - RIGHT, top, "  ".join(report.marks), size=9, color=RED, weight="bold", ha="right")
+    foot = f"{number}   fingerprint of the run files {report.fingerprint}   {report.code}"
+    _text(page, LEFT, 0.42, foot, size=7, color="#444444")
+    if report.marks and not marked:
+        page.text(
+            0.5, 0.5, "\n".join(report.marks), fontsize=64 if len(max(report.marks, key=len)) < 12 else 44, color="red",
+            alpha=0.12, ha="center", va="center", rotation=25,
+        )  # fmt: skip
 
 
 def laid_out(figure: Any) -> Any:

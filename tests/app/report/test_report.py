@@ -232,9 +232,11 @@ def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.Captur
         gather(tmp_path, "T9")
 
 
+@pytest.mark.parametrize("where", [(command, "figure_of"), (PdfPages, "savefig")], ids=["a run", "a page"])
 def test_interrupted_it_leaves_what_was_there(
-    folder: Path, gathered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    folder: Path, gathered: Any, where: tuple[Any, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     (tmp_path / "T1_report.pdf").write_text("before")
     report, known, runs = gathered
     monkeypatch.setattr(command, "gather", lambda *_: (replace(report, first=(), appendix=()), known, runs))
@@ -242,7 +244,7 @@ def test_interrupted_it_leaves_what_was_there(
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "figure_of", interrupted)
+    monkeypatch.setattr(*where, interrupted)
     assert main(["report", "T1", "--folder", str(folder), "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "tactor-bench: interrupted\n"
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("T1_report.pdf", "before")]
