@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 from app.believed import PAPER
 from app.foresight import Foresight, Intent
 from app.gui.feed import LiveFeed
+from app.gui.form_history import FormHistory
 from app.gui.live_pane import LivePane
 from app.gui.log_pane import LogPane
 from app.gui.points_plot import PointsPlot
@@ -68,6 +69,7 @@ class MeasurePage(QSplitter):
         self.right.setSizes([290, 210, 96])
         self.panel.setMinimumWidth(300)
         self.panel.changed.connect(self._ask)
+        self.history = FormHistory(self.panel, self)
         self._ask()
 
     @property

@@ -33,6 +33,7 @@ from tests.app.gui.happenings import AT_REST, LIVE, OPENED, point
 from tests.app.gui.stage import Stage, until
 from tests.app.gui.test_other_protocols import POINT
 
+CTRL = Qt.KeyboardModifier.ControlModifier
 WEIGHT = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last", "skip"), hands_on=True)
 
 
@@ -199,3 +200,36 @@ def test_residual_and_phase_are_there_on_request(stage: Stage, at: int) -> None:
     assert curve is not None
     model = np.interp(100.0, curve.frequency_hz, curve.peak_to_peak)
     assert y == pytest.approx(100 * (9e-4 / model - 1) if at == 1 else 0.0)
+
+
+def test_what_the_form_said_comes_back(stage: Stage) -> None:
+    stage.happen(OPENED)
+    measure = stage.window.measure
+    panel = measure.panel
+    measure.enter()
+    panel.form.rows["peak_to_peak_v"].set("4 V")
+    until(lambda: not measure.history._settled.isActive())
+    panel.form.rows["peak_to_peak_v"].set("3 V")
+    until(lambda: not measure.history._settled.isActive())
+    panel.fill(SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30))
+    until(lambda: not measure.history._settled.isActive())
+    panel.choice.setCurrentIndex(panel.choice.findData("wiring-check"))
+    until(lambda: not measure.history._settled.isActive())
+    for said in (
+        SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30),
+        SineDwell(peak_to_peak_v=3.0),
+        SineDwell(),
+        SineDwell(),
+    ):
+        stage.press(Qt.Key.Key_Z, CTRL)
+        assert panel.protocol == said
+    for said in (
+        SineDwell(peak_to_peak_v=3.0),
+        SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30),
+        WiringCheck(),
+    ):
+        stage.press(Qt.Key.Key_Y, CTRL)
+        assert panel.protocol == said
+    stage.window.run()
+    stage.press(Qt.Key.Key_Z, CTRL)
+    assert panel.protocol == WiringCheck(), "what is being run stands still"
