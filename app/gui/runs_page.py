@@ -1,45 +1,31 @@
 """The Runs page: every run of the folder, found by a few words, opened with Enter, compared, noted, exported, dragged."""
 
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from PySide6.QtCore import QItemSelectionModel, Qt, Signal
-from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
-from PySide6.QtWidgets import QAbstractItemView, QFileDialog, QHeaderView, QStackedWidget, QTableView
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
+from PySide6.QtWidgets import QFileDialog, QStackedWidget
 
 from app.catalogue import Catalogue, Scanned
-from app.explore_answer import Measured, read_measured
-from app.export import Format, export
+from app.explore_answer import Measured
+from app.export import Format
 from app.gui.dropped import run_urls
 from app.gui.jobs import Jobs
 from app.gui.keys import HERE, bind
 from app.gui.run_filter import RunFilter
 from app.gui.run_side import RunSide
 from app.gui.run_view import RunView
-from app.gui.runs_list import RunsList
-from app.gui.runs_table import COLUMNS, RunsModel
+from app.gui.runs_list import RunsList, RunsTable
+from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
-from app.notes import Notes, read_tags, write_notes
 from app.overlay import Overlay, Question
 from app.reopening import Reopened, Traces, look_closer, reopen
+from app.run_deeds import annotate, export_runs, measured_of, take_in
 from app.run_entry import Entry
 from app.view import View
-from protocols.runreader import Run, RunError
 
 MOST_COMPARED = 24
-
-
-class RunsTable(QTableView):
-    """Enter opens what is chosen; not by a shortcut, because Enter answers a prompt first."""
-
-    opened = Signal()
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.opened.emit()
-            return
-        super().keyPressEvent(event)
 
 
 class RunsPage(QStackedWidget):
@@ -63,9 +49,9 @@ class RunsPage(QStackedWidget):
         self._leave: tuple[Path, ...] = ()
         self.entries: list[Entry] = []
         self.catalogue: Catalogue | None = None
-        self.model, self.table = RunsModel(theme), RunsTable()
+        self.model = RunsModel(theme)
+        self.table = RunsTable(self.model)
         self.filter, self.side, self.opened = RunFilter(), RunSide(theme), RunView(theme)
-        self._prepare_table()
         self.addWidget(RunsList(self.filter, self.table, self.side))
         self.addWidget(self.opened)
         self.setAcceptDrops(True)
@@ -152,55 +138,29 @@ class RunsPage(QStackedWidget):
 
     def annotate(self, tags: str, note: str) -> None:
         """Tags and a note for what is chosen; with several, the tags are added to each and notes stay."""
-        chosen = [(self._path(e), e) for e in self.chosen]
-        new = read_tags(tags)
-
-        def write() -> None:
-            for path, entry in chosen:
-                if len(chosen) == 1:
-                    write_notes(path, Notes(new, note))
-                else:
-                    write_notes(path, Notes(read_tags(f"{entry.tags},{','.join(new)}"), entry.note))
-
-        self._jobs.do(write, lambda _: self.look(), self._failed)
+        chosen = [(self._path(e), e.tags, e.note) for e in self.chosen]
+        self._jobs.do(lambda: annotate(chosen, tags, note), lambda _: self.look(), self._failed)
 
     def export(self, folder: Path, kind: Format) -> None:
         """What is chosen, as files for other programs."""
         paths = [self._path(e) for e in self.chosen if e.readable]
         self.side.say(f"exporting {len(paths)} …")
 
-        def write() -> int:
-            count = 0
-            for path in paths:
-                with Run(path) as run:
-                    count += len(export(run, folder, kind, stopped=lambda: self._stop))
-            return count
-
-        self._reads.do(write, lambda count: self.side.say(f"{count} files written to {folder}"), self._failed)
+        self._reads.do(
+            lambda: export_runs(paths, folder, kind, lambda: self._stop),
+            lambda count: self.side.say(f"{count} files written to {folder}"),
+            self._failed,
+        )
 
     def take_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; what has the same name is never replaced."""
         folder = self._folder()
 
-        def copy() -> list[str]:
-            folder.mkdir(parents=True, exist_ok=True)
-            left = []
-            for path in paths:
-                if (folder / path.name).exists():
-                    left.append(path.name)
-                    continue
-                with Run(path):  # nothing but runs
-                    pass
-                working = folder / f".{path.name}.part"
-                shutil.copy2(path, working)
-                working.replace(folder / path.name)
-            return left
-
         def done(left: list[str]) -> None:
             self.side.say(f"already there: {', '.join(left)}" if left else f"{len(paths)} taken in", fault=bool(left))
             self.look()
 
-        self._reads.do(copy, done, self._failed)
+        self._reads.do(lambda: take_in(paths, folder), done, self._failed)
 
     def explore(self) -> None:
         """Lay what is chosen, or opened, over the model's curve."""
@@ -212,17 +172,11 @@ class RunsPage(QStackedWidget):
     @property
     def chosen(self) -> list[Entry]:
         """The entries that are selected, in the list's order."""
-        rows = sorted(index.row() for index in self.table.selectionModel().selectedRows())
-        return [self.model.entries[row] for row in rows]
+        return self.table.chosen
 
     def choose(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
-        selection = self.table.selectionModel()
-        selection.clearSelection()
-        flags = QItemSelectionModel.SelectionFlag
-        for row in filter(lambda row: row >= 0, map(self.model.row_of, paths)):
-            selection.select(self.model.index(row, 0), flags.Select | flags.Rows)
-            selection.setCurrentIndex(self.model.index(row, 0), flags.NoUpdate)
+        self.table.choose(paths)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
@@ -253,19 +207,8 @@ class RunsPage(QStackedWidget):
     def _chosen(self) -> None:
         chosen = self.chosen
         self.side.show_entries(chosen)
-        readable = [e for e in chosen if e.readable][:MOST_COMPARED]
-        paths = [(self._path(e), e) for e in readable]
-
-        def read() -> tuple[list[Entry], list[Measured]]:
-            runs = []
-            for path, _ in paths:
-                try:
-                    runs.append(read_measured(path))
-                except RunError:
-                    continue
-            return chosen, runs
-
-        self._reads.do(read, self._compared, self._failed)
+        paths = [self._path(e) for e in chosen if e.readable][:MOST_COMPARED]
+        self._reads.do(lambda: (chosen, measured_of(paths)), self._compared, self._failed)
 
     def _compared(self, answer: tuple[list[Entry], list[Measured]]) -> None:
         chosen, runs = answer
@@ -309,30 +252,6 @@ class RunsPage(QStackedWidget):
         if self.currentWidget() is not self.opened:
             self.filter.search.setFocus()
             self.filter.search.selectAll()
-
-    def _prepare_table(self) -> None:
-        table = self.table
-        table.setModel(self.model)
-        table.setSortingEnabled(True)
-        table.sortByColumn(0, Qt.SortOrder.DescendingOrder)
-        table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        table.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        table.setDragEnabled(True)
-        table.setAlternatingRowColors(True)
-        table.setShowGrid(False)
-        table.setWordWrap(False)
-        table.setTabKeyNavigation(False)
-        table.verticalHeader().hide()
-        table.verticalHeader().setDefaultSectionSize(table.fontMetrics().height() + 8)
-        header = table.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
-        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        wide = table.fontMetrics().averageCharWidth()
-        for at, count in enumerate((20, 11, 14, 27, 8, 13, 34, 14)):
-            table.setColumnWidth(at, count * wide)
-        header.setStretchLastSection(False)
-        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
-        table.setAccessibleName("runs")
 
     def _connect(self) -> None:
         self.filter.changed.connect(self._list)
