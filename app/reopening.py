@@ -2,7 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 
 from app.sentences import Level, Message, point_words, sentence
 from protocols import events as happened
+from protocols.continuation import points_of
+from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
 from protocols.runreader import Happened, Run, RunError
-from protocols.values import Estimate
+from protocols.values import Curve, Estimate
 
 Array = NDArray[np.float64]
 CHUNK = 1_000_000
@@ -38,6 +41,7 @@ class Reopened:
 
     path: Path
     title: str
+    protocol: str
     specimen: str
     state: str
     reason: str
@@ -45,6 +49,7 @@ class Reopened:
     simulated: bool
     parameters: Mapping[str, Any]
     points: tuple[Any, ...]
+    curves: tuple[Curve, ...]
     estimates: tuple[Estimate, ...]
     messages: tuple[Message, ...]
     traces: Traces
@@ -64,12 +69,14 @@ def reopen(path: Path) -> Reopened:
     """
     try:
         with Run(path) as run:
-            points = tuple(_points(run.points()))
+            kind = PROTOCOLS.get(run.protocol)
+            points = tuple(_points(run, kind))
             begun = datetime.fromisoformat(run.start_time).astimezone()
-            log = [_message(event, begun) for event in run.events()]
+            log = [_message(event, begun, kind) for event in run.events()]
             return Reopened(
                 path,
                 run.title,
+                run.protocol,
                 run.specimen,
                 run.state,
                 run.reason,
@@ -77,6 +84,7 @@ def reopen(path: Path) -> Reopened:
                 run.simulated,
                 run.parameters,
                 points,
+                run.curves(),
                 run.estimates(),
                 tuple(message for message in log if message is not None),
                 read_traces(run),
@@ -127,7 +135,10 @@ def look_closer(path: Path, from_s: float, to_s: float) -> Traces:
         raise RunError(f"{path} is damaged inside: {error}") from None
 
 
-def _points(columns: Mapping[str, Array]) -> list[Any]:
+def _points(run: Run, kind: type[Protocol] | None) -> list[Any]:
+    columns = run.points()
+    if kind is not None and not draws(columns) and {f.name for f in fields(kind.point_type)} <= columns.keys():
+        return [point for _, point in points_of(run, kind.point_type)]
     rows = zip(*columns.values(), strict=True)
     points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
     for point in points:
@@ -135,17 +146,24 @@ def _points(columns: Mapping[str, Array]) -> list[Any]:
     return points
 
 
-def _message(event: Happened, begun: datetime) -> Message | None:
+def _message(event: Happened, begun: datetime, protocol: type[Protocol] | None) -> Message | None:
     """The event as the log told it, or none where it told nothing."""
     kind = getattr(happened, event.kind, None)
     at = begun + timedelta(seconds=event.time_s)
     try:
         if event.kind == "PointMeasured":
-            point = SimpleNamespace(**event.fields["point"])
-            return Message(at, Level.PLAIN, point_words(point))
+            make = SimpleNamespace if protocol is None or draws(event.fields["point"]) else protocol.point_type
+            return Message(at, Level.PLAIN, point_words(make(**event.fields["point"])))
+        if event.kind == "Asked":
+            return Message(at, Level.ATTENTION, f"Asked: {event.fields['prompt']['text']}")
         if kind is None or event.kind in ("Playing", "Recorded", "BlockTaken"):
             return None
         said = sentence(kind(**event.fields))
     except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: its name at least
         return Message(at, Level.PLAIN, event.kind)
     return None if said is None else Message(at, *said)
+
+
+def draws(columns: Mapping[str, object]) -> bool:
+    """Whether points are amplitudes over frequency, which are drawn and told also where a column is missing."""
+    return "frequency" in columns and "peak_to_peak" in columns

@@ -213,7 +213,9 @@ class View:
             case BenchState.ARMING:
                 return "rest is not measured yet"
             case BenchState.UNSAFE if self.rest is not None and self.rest.measured_v == self.rest.measured_v:
-                return f"the card sees {self.rest.measured_v:.3f} V, rest is {self.amplifier.rest_v:g} V"
+                return (
+                    f"the card sees {round(self.rest.measured_v, 3) + 0.0:.3f} V, rest is {self.amplifier.rest_v:g} V"
+                )
             case BenchState.UNSAFE:
                 return "may carry high voltage"
             case _:

@@ -58,7 +58,7 @@ class PromptNotice(Notice):
 
     def show_laser(self, displacement_um: float | None) -> None:
         """What the laser sees now."""
-        words = "" if displacement_um is None else f"laser {displacement_um:+.1f} µm".replace("-", "−")
+        words = "" if displacement_um is None else f"laser {round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
         self.laser.setText(words)
         self.laser.setVisible(bool(words) and self._asked is not None and self._asked.prompt.hands_on)
 

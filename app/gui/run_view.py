@@ -5,6 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBox
 
 from app.gui.log_pane import LogPane
 from app.gui.response_plot import ResponsePlot
+from app.gui.result_plots import ResultPlots
 from app.gui.run_traces import RunTraces
 from app.gui.theme import Theme
 from app.overlay import Curve
@@ -12,6 +13,7 @@ from app.reopening import Reopened
 from app.sentences import estimate_words
 from app.words import duration
 from protocols.events import RunEnded, Status
+from protocols.registry import PROTOCOLS
 
 
 class RunView(QWidget):
@@ -30,7 +32,7 @@ class RunView(QWidget):
         for label in (self.heading, self.facts):
             label.setTextFormat(Qt.TextFormat.PlainText)
         self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.response, self.traces, self.log = ResponsePlot(theme), RunTraces(theme), LogPane(theme)
+        self.plots, self.traces, self.log = ResultPlots(theme), RunTraces(theme), LogPane(theme)
         self.back = QPushButton("← Back  (Esc)")
         self.explore = QPushButton("Show in Explore  (E)")
         self.back.clicked.connect(self.back_pressed)
@@ -40,7 +42,7 @@ class RunView(QWidget):
         head.addWidget(self.heading, 1)
         head.addWidget(self.explore)
         rows = QSplitter(Qt.Orientation.Vertical)
-        for widget, share in ((self.response, 5), (self.traces, 4), (self.log, 2)):
+        for widget, share in ((self.plots, 5), (self.traces, 4), (self.log, 2)):
             rows.addWidget(widget)
             rows.setStretchFactor(rows.count() - 1, share)
         rows.setChildrenCollapsible(False)
@@ -51,31 +53,37 @@ class RunView(QWidget):
         layout.addWidget(self.facts)
         layout.addWidget(rows, 1)
 
+    @property
+    def response(self) -> ResponsePlot:
+        """Amplitudes over frequency."""
+        return self.plots.response
+
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        for widget in (self.response, self.traces, self.log):
+        for widget in (self.plots, self.traces, self.log):
             widget.set_theme(theme)
 
     def show_run(self, run: Reopened) -> None:
         """Show a run; its curve follows."""
         self.run = run
         self.heading.setText(run.title)
-        found = "".join(f"   {estimate_words(e)}." for e in run.estimates)
+        told = "".join(f"   {estimate_words(e)}." for e in run.estimates)
         ended = f"{run.state}: {run.reason}" if run.reason else run.state
         parameters = ", ".join(f"{name} {_short(value)}" for name, value in run.parameters.items())
         simulated = "SIMULATED.   " if run.simulated else ""
         self.facts.setText(
-            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {duration(run.duration_s)}, {ended}.{found}\n{parameters}"
+            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {duration(run.duration_s)}, {ended}.{told}\n{parameters}"
         )
-        self.response.show_simulated(run.simulated)
-        self.response.show_points(run.points)
-        self.response.show_found(RunEnded(Status.COMPLETED, "", "", run.estimates))
+        # What a protocol that is not known here measured is drawn where it is an amplitude over frequency.
+        kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
+        found = RunEnded(Status.COMPLETED, "", "", run.estimates)
+        self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
         self.traces.show_traces(run.traces, run.simulated)
         self.log.show_messages(run.messages)
 
     def show_curve(self, curve: Curve) -> None:
         """The model under the points."""
-        self.response.show_curve(curve)
+        self.plots.show_curve(curve)
 
 
 def _short(value: object) -> str:

@@ -62,6 +62,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         samples = view.traces.curves[0].getData()[0]
         assert (samples is None or not len(samples)) == (specimen != "T6")  # nothing of the run before
         assert [len(s.getData()[0]) for s in view.response.scatters] == POINTS[specimen]
+        assert (view.plots.currentWidget() is view.response) == (specimen != "T8")
         page.back()
     page.choose([e.path for e in page.entries if e.specimen in ("T7", "T9")])
     until(lambda: not page._reads.waiting, "for the points")

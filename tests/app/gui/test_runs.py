@@ -13,9 +13,11 @@ from app.gui.runs_page import RunsPage
 from app.notes import Notes, notes_path, read_notes
 from app.view import BenchState
 from protocols.runreader import Run
+from protocols.sweep import Sweep
 from tests.app.gui.happenings import LIVE, OPENED
 from tests.app.gui.stage import OpenStage, Stage, until
 from tests.runs import crashed_run, finished_run, newer_run
+from tests.support import laboratory, run
 
 
 @pytest.fixture(autouse=True)
@@ -239,3 +241,21 @@ def test_an_empty_folder_says_what_to_do(open_stage: OpenStage, tmp_path: Path) 
     assert "dropped here" in page.side.facts.text()
     assert page.filter.told.text() == "0 runs"
     assert not page.side.open.isEnabled()
+
+
+def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(open_stage: OpenStage, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        run(Sweep(sweep_s=0.1, periods=2), tmp_path / "runs", lab)
+    page = shown(open_stage(folder=tmp_path / "runs"), 1)
+    page.open()
+    until(lambda: page.currentWidget() is page.opened, "for the run")
+    view = page.opened
+    with Run(next((tmp_path / "runs").glob("*.h5"))) as file:
+        (kept,) = file.curves()
+    assert view.plots.currentWidget() is view.plots.curves
+    ((line, _),) = view.plots.curves.drawn
+    np.testing.assert_allclose(line.getData()[1], 1e6 * kept.columns["response"].values)
+    view.plots.curves.to_points.click()
+    assert view.plots.currentWidget() is view.plots.points
+    assert len(view.plots.points.scatter.getData()[0]) == 1
+    assert "Asked: " in view.log.toPlainText()

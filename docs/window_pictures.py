@@ -1,0 +1,251 @@
+"""Pictures of the window on the simulated bench's virtual clock: every page, and what a run goes through.
+
+Each in light and dark, at 1280 x 720 and (-large) at 2560 x 1440.
+"""
+
+import dataclasses
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+from PIL import Image
+from PySide6.QtCore import QBuffer, QSettings
+from PySide6.QtWidgets import QApplication
+
+from app.build import Laboratory, connect
+from app.catalogue import Catalogue
+from app.commands import make_protocol
+from app.config import load_bench
+from app.gui.application import application
+from app.gui.book import CAMPAIGN, EXPLORE, MEASURE, RUNS
+from app.gui.link import Link
+from app.gui.theme import DARK, LIGHT
+from app.gui.window import MainWindow
+from app.session import SessionEvent
+from protocols.events import Playing, PointMeasured
+from protocols.protocol import Protocol
+
+SIZES = {"": (1280, 720), "-large": (2560, 1440)}
+MANY = 10_000
+COLOURS = 256
+SETTLE_S = 0.4
+"""How long a page is given to come to rest after it was resized or recoloured."""
+
+PATIENCE_S = 120.0
+
+
+class Held(Link):
+    """Holds the bench thread, and with it the virtual clock, at the drive after so many points, until it may go on."""
+
+    def __init__(self, asks: bool) -> None:
+        self.points, self.hold_at = 0, -1
+        self.held, self.go_on = threading.Event(), threading.Event()
+        config = load_bench("sim")
+
+        @contextmanager
+        def bench() -> Iterator[Laboratory]:
+            with connect(config, None) as laboratory:
+                yield dataclasses.replace(laboratory, operator=None) if asks else laboratory
+
+        super().__init__(bench)
+
+    def hold(self, points: int) -> None:
+        """From the next run on."""
+        self.points, self.hold_at = 0, points
+        self.held.clear()
+        self.go_on.clear()
+
+    def observe(self, event: SessionEvent) -> None:
+        super().observe(event)
+        self.points += isinstance(event, PointMeasured)
+        if isinstance(event, Playing) and self.points == self.hold_at and not self.held.is_set():
+            self.held.set()
+            self.go_on.wait()
+
+
+class Studio:
+    """A window on the simulated bench, whose prompts a person must answer where `asks`."""
+
+    def __init__(self, pictures: Path, protocol: Protocol, settings: QSettings, asks: bool = False) -> None:
+        self._pictures = pictures
+        self.link = Held(asks)
+        self.window = MainWindow(self.link, load_bench("sim"), protocol, Path("runs"), "T7", settings)
+        self.window.resize(*SIZES[""])
+        self.window.show()
+        self.until(lambda: self.window.view.can_run and len(self.window.pages.made) == self.window.pages.count())
+
+    def until(self, condition: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"the program did not get there: {self.window.view.messages[-3:]}")
+            QApplication.processEvents()
+            time.sleep(0.002)
+
+    def settle(self, seconds: float = SETTLE_S) -> None:
+        end = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() > end)
+
+    def look_at(self, page: int) -> None:
+        self.window.pages.setCurrentIndex(page)
+        self.settle(1.5)
+
+    def run(self, points: int) -> None:
+        """A run, as far as so many points."""
+        self.link.hold(points)
+        self.window.run()
+        self.until(self.link.held.is_set)
+        self.settle(1.0)
+
+    def finish(self) -> None:
+        """The rest of it."""
+        self.link.go_on.set()
+        self.until(lambda: self.window.view.outcome is not None)
+
+    def take(self, name: str) -> None:
+        """All four of a state."""
+        for suffix, size in SIZES.items():
+            self.window.resize(*size)
+            for theme, shade in ((LIGHT, ""), (DARK, "-dark")):
+                self.window.set_theme(theme)
+                self.settle()
+                self._save(self._pictures / f"{name}{suffix}{shade}.png", size)
+        self.window.resize(*SIZES[""])
+        self.window.set_theme(LIGHT)
+
+    def close(self) -> None:
+        self.window.leave(at_once=True)
+        self.until(lambda: not self.window.isVisible())
+        self.window.deleteLater()
+
+    def _save(self, path: Path, size: tuple[int, int]) -> None:
+        picture = self.window.grab()
+        got = (picture.width(), picture.height())
+        if got != size:
+            raise ValueError(f"{path.name}: the window wants {got}, which a screen of {size} does not have")
+        buffer = QBuffer()
+        buffer.open(QBuffer.OpenModeFlag.WriteOnly)
+        picture.save(buffer, "PNG")
+        image = Image.open(BytesIO(buffer.data().data())).convert("RGB")
+        image.quantize(palette=_palette(image), dither=Image.Dither.NONE).save(path, optimize=True)
+        print(path)
+
+
+def _palette(image: Image.Image) -> Image.Image:
+    """The commonest colours: a window has few, the rest is the edge of letters. The file is a third as large."""
+    counted = sorted(image.getcolors(1 << 24), reverse=True)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([level for _, colour in counted[:COLOURS] for level in colour])
+    return palette
+
+
+def take(pictures: Path) -> None:
+    """Take them all into a folder."""
+    application()
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory(prefix="tactor-bench-") as folder:
+        os.chdir(folder)  # what is measured, remembered and indexed goes where the rest of this does
+        os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_CACHE_HOME"] = folder
+        settings = QSettings("settings.ini", QSettings.Format.IniFormat)
+        run = measuring(Studio(pictures, make_protocol("sine-dwell", []), settings))
+        asked(Studio(pictures, make_protocol("static-loading", []), settings, asks=True))
+        many(run)
+        archive(Studio(pictures, make_protocol("sine-dwell", []), settings), run)
+        os.chdir(before)
+
+
+def measuring(studio: Studio) -> Path:
+    """Before the first run, in the middle of it, after it, and what a fault and a stop look like; the finished run's file."""
+    window = studio.window
+    window.room.show_first()
+    studio.settle()
+    studio.take("first")
+    window.room.uncover()
+    studio.take("idle")
+    for page, name in ((CAMPAIGN, "campaign-empty"), (RUNS, "runs-empty"), (EXPLORE, "explore")):
+        studio.look_at(page)
+        studio.take(name)
+    studio.look_at(MEASURE)
+    studio.run(11)
+    studio.take("window")
+    studio.finish()
+    studio.take("finished")
+    finished = Path(window.view.outcome.path)
+    studio.run(5)
+    window.stop()
+    studio.finish()
+    studio.take("stopped")
+    studio.run(5)
+    window.faults.boxes["generator-power-off"].click()
+    studio.until(lambda: window.faults.broken)
+    studio.finish()
+    studio.settle(1.0)
+    studio.take("unsafe")
+    studio.close()
+    return finished
+
+
+def asked(studio: Studio) -> None:
+    """A person is asked to put a weight on."""
+    window = studio.window
+    window.run()
+    studio.until(lambda: window.view.prompt is not None)
+    while window.view.prompt.prompt.action != "place-weight":
+        ask = window.view.prompt.ask_id
+        studio.until(lambda: window.notices.patient)
+        window.answer(window.view.prompt.prompt.choices[0])
+        studio.until(lambda ask=ask: window.view.prompt is not None and window.view.prompt.ask_id != ask)
+    studio.settle(1.0)
+    studio.take("prompt")
+    studio.close()
+
+
+def many(run: Path) -> None:
+    """Ten thousand runs in the folder: one file under as many names."""
+    catalogue = Catalogue(Path("runs"))
+    catalogue.scan()
+    one = next(entry for entry in catalogue.entries() if entry.name == run.name)
+    entries = []
+    for i in range(MANY):
+        day, specimen = f"2026-{1 + i % 9:02d}-{1 + i // 9 % 28:02d}", f"T{1 + i % 40}"
+        name = f"{day.replace('-', '')}T{8 + i % 10:02d}{i % 60:02d}00Z_{specimen}_sine-dwell_{i:05d}.h5"
+        os.link(run, Path("runs") / name)
+        start = f"{day}T{8 + i % 10:02d}:{i % 60:02d}:00+00:00"
+        entries.append(one._replace(path=name, specimen=specimen, start_time=start))
+    catalogue.put(entries)
+
+
+def archive(studio: Studio, run: Path) -> None:
+    """The list of ten thousand runs, one of them opened, and a campaign under way."""
+    window = studio.window
+    studio.look_at(RUNS)
+    studio.until(lambda: window.runs.model.rowCount() >= MANY and not window.runs._jobs.waiting)
+    window.runs.choose([run.name])
+    studio.settle(1.0)
+    studio.take("runs")
+    window.runs.open()
+    studio.until(lambda: window.runs.currentWidget() is window.runs.opened)
+    studio.settle(2.0)
+    studio.take("run")
+    carry_through(studio)
+    studio.close()
+
+
+def carry_through(studio: Studio) -> None:
+    """Two measurements of a campaign: one that is accepted, one that waits for it."""
+    studio.look_at(CAMPAIGN)
+    page = studio.window.campaign
+    page.begin("T8")
+    for name in ("wiring", "sag"):
+        studio.until(lambda: page.desk.sheet is not None and not page.desk.working)
+        page.act("run", name)
+        studio.until(lambda: page.desk.running != "")
+        studio.until(lambda: page.desk.running == "" and not page.desk.working)
+        if name == "wiring":
+            page.act("accept", name)
+    studio.take("campaign")
