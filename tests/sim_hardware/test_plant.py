@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from model.response import amplifier_response
+from model.statics import voltage_gain
 from model.time import step_response
 from sim_hardware.history import History
 from sim_hardware.plant import Plant
@@ -114,3 +115,16 @@ def test_ready_times_agree_with_each_other():
         ready = plant.ready_at(t)
         assert plant.ready_until(ready) >= t
         assert 0 < ready - t <= (BLOCK + 1) / 100e3
+
+
+def test_what_stands_still_is_where_the_statics_have_it_and_goes_on_from_there():
+    """A held level is not stepped; portions see that, one long stretch does not."""
+    pieces = (0.1, Level(5.0)), (1.0, Level(1.0)), (1.5, Tone(1.5, 170.0, 2.0, 2.5, 0.0, 2.5))
+    t = np.arange(100_000) / 50e3
+    whole = plant_with(*pieces).displacement(t)
+    plant = plant_with(*pieces)
+    parts = np.concatenate([plant.displacement(p) for p in np.split(t, 100)])
+    assert np.abs(parts - whole).max() < 1e-14
+    still = parts[(t > 0.9) & (t < 0.97)]
+    assert np.ptp(still) == 0.0
+    assert still[0] == pytest.approx(1500 * voltage_gain(BenchTruth().tactor), rel=1e-6)
