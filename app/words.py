@@ -1,8 +1,8 @@
 """Numbers in words a person reads at a glance, alike in window, terminal and picture."""
 
-import math
 from typing import Any
 
+from protocols.figures import figures
 from protocols.quality import Quality
 from protocols.values import Curve
 
@@ -50,11 +50,7 @@ def quantity(value: float, standard_error: float, unit: str) -> str:
 
 def uncertain(value: float, standard_error: float, unit: str) -> str:
     """A value to the two figures its standard error has: `158.3460 ± 0.0075 Hz`; the unit `1` is left away."""
-    if not (standard_error > 0 and math.isfinite(standard_error)):
-        text = f"{value:.6g}"
-    else:
-        places = max(1 - math.floor(math.log10(standard_error)), 0)
-        text = f"{value:.{places}f} ± {standard_error:.{places}f}"
+    text = figures(value, standard_error)
     return text if unit == "1" else f"{text} {unit}"
 
 

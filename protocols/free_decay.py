@@ -14,6 +14,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers.drive import Steps
+from protocols.figures import figures
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.steps import Record, Step
@@ -42,8 +43,8 @@ class DecayPoint:
     def words(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"edge {self.edge:g}: rings at {self.resonance:.2f} ± {self.resonance_errors:.2g} Hz, damping ratio "
-            f"{self.damping:.4f} ± {self.damping_errors:.2g}, from {1e6 * self.amplitude:.1f} µm"
+            f"edge {self.edge:g}: rings at {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{figures(self.damping, self.damping_errors)}, from {1e6 * self.amplitude:.1f} µm"
         )
 
 

@@ -15,6 +15,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers.drive import LinearSweep
+from protocols.figures import figures
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.response_curve import must_respond, response_curve
@@ -56,8 +57,8 @@ class MassPoint:
     def words(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"{1e3 * self.mass:.2f} g: peak {self.frequency:.2f} ± {self.frequency_errors:.2g} Hz, natural frequency "
-            f"{self.resonance:.2f} ± {self.resonance_errors:.2g} Hz, damping ratio {self.damping:.4f}"
+            f"{1e3 * self.mass:.2f} g: peak {figures(self.frequency, self.frequency_errors)} Hz, natural frequency "
+            f"{figures(self.resonance, self.resonance_errors)} Hz, damping ratio {figures(self.damping, self.damping_errors)}"
         )
 
 

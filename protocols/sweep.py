@@ -15,6 +15,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers.drive import PeriodicSweep
+from protocols.figures import figures
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.response_curve import must_respond, response_curve
@@ -52,7 +53,8 @@ class SweepPoint:
     def words(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"resonance {self.resonance:.2f} ± {self.resonance_errors:.2g} Hz, damping ratio {self.damping:.4f}, "
+            f"resonance {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{figures(self.damping, self.damping_errors)}, "
             f"Q {0.5 / self.damping:.2f}, coherence at least {self.coherence:.5f}"
         )
 
