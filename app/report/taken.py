@@ -93,12 +93,17 @@ def take(folder: Path, specimen: str, told: Told = lambda *_: None) -> tuple[Tak
 def _counting(runs: list[Taken]) -> tuple[Taken, ...]:
     """Says of the runs that are better left out of the identification why."""
     carried = {run.continues: run.name for run in runs if run.continues is not None}
+    first: dict[str, str] = {}
+    for run in runs:
+        first.setdefault(run.sha256, run.name)
     real = any(run.observations and not run.simulated for run in runs)
     maps = [run.amplifier for run in runs if run.observations and not (real and run.simulated)]
 
     def why(run: Taken) -> str:
         if (later := carried.get(run.path.resolve())) is not None:
             return f"its points are carried on in {later}"
+        if first[run.sha256] != run.name:
+            return f"it is a copy of {first[run.sha256]}"
         if real and run.simulated:
             return "it is simulated, and there are real runs"
         if run.amplifier != maps[-1]:

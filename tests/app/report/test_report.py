@@ -159,6 +159,16 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     assert sum(bool(r.observations) and not r.left_out for r in runs) == 2
 
 
+def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
+    first = next(copy.glob("*sine-dwell.h5"))
+    (copy / "backup").mkdir()
+    shutil.copy(first, copy / "backup")
+    report, known, _ = gather(copy, "T1")
+    assert f"backup/{first.name} is left out of the identification: it is a copy of {first.name}" in texts(report)
+    assert known.found is not None
+    assert len(known.found.campaign.runs) == 2
+
+
 def test_real_runs_are_not_marked_and_simulated_ones_beside_them_take_no_part(
     copy: Path,
 ) -> None:
