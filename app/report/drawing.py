@@ -96,8 +96,8 @@ def _curves(axes: Any, panel: Panel) -> None:
         value, words = panel.level
         axes.axhline(value, color=LEVEL, lw=0.9, ls=(0, (6, 2)))
         axes.annotate(
-            words, (1, value), (0, 1.5), xycoords=axes.get_yaxis_transform(), textcoords="offset points",
-            ha="right", va="bottom", fontsize=SMALL - 0.5, color=LEVEL,
+            words, (0, value), (2, 1.5), xycoords=axes.get_yaxis_transform(), textcoords="offset points",
+            ha="left", va="bottom", fontsize=SMALL - 0.5, color=LEVEL,
         )  # fmt: skip
     if panel.from_zero and all((d.y[d.good] >= 0).all() for d in panel.dots):
         axes.set_ylim(0, None)
