@@ -98,7 +98,7 @@ class Studio:
     def run(self, points: int) -> None:
         """A run, as far as so many points."""
         self.link.hold(points)
-        self.window.run()
+        self.window.measure.panel.run.click()
         self.until(self.link.held.is_set)
         self.settle(1.0)
 
@@ -177,7 +177,7 @@ def measuring(studio: Studio) -> Path:
     studio.take("finished")
     finished = Path(window.view.outcome.path)
     studio.run(5)
-    window.stop()
+    window.bar.stop.click()
     studio.finish()
     studio.take("stopped")
     studio.run(5)
@@ -193,12 +193,12 @@ def measuring(studio: Studio) -> Path:
 def asked(studio: Studio) -> None:
     """A person is asked to put a weight on."""
     window = studio.window
-    window.run()
+    window.measure.panel.run.click()
     studio.until(lambda: window.view.prompt is not None)
     while window.view.prompt.prompt.action != "place-weight":
         ask = window.view.prompt.ask_id
         studio.until(lambda: window.notices.patient)
-        window.answer(window.view.prompt.prompt.choices[0])
+        window.notices.prompt.buttons[0].click()
         studio.until(lambda ask=ask: window.view.prompt is not None and window.view.prompt.ask_id != ask)
     studio.settle(1.0)
     studio.take("prompt")
