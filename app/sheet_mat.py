@@ -1,8 +1,11 @@
 """Tables in MAT files: vectors named as columns are, a structure of them, or what this program exported."""
 
+import pickle
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,14 +19,8 @@ def read_mat(path: Path, sha256: str) -> Sheet:
     Raises:
         SheetError: it cannot be read, or holds no vectors.
     """
-    from scipy.io import loadmat
-
-    try:
-        whole = loadmat(path, simplify_cells=True)
-    except Exception as error:  # noqa: BLE001 - scipy raises whatever a damaged file trips it over
-        raise SheetError(
-            f"{path} is no MAT file that can be read ({shortened(str(error))}); save it anew: save('file.mat', '-v7')"
-        ) from None
+    _check(path)
+    whole = _loaded(path)
     named = {name: value for name, value in whole.items() if not name.startswith("__")}
     structures = {name: value for name, value in named.items() if isinstance(value, dict)}
     table = named
@@ -48,6 +45,51 @@ def read_mat(path: Path, sha256: str) -> Sheet:
     longest = max(len(column.cells) for column in columns)
     about = named.get("about", {}) if "points" in structures else {}
     return Sheet(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], about=about)
+
+
+MATRIX, COMPRESSED = 14, 15
+"""Kinds of an element that holds others, and of one that is packed and not padded to 8 bytes."""
+
+READER = """import pickle, sys
+from scipy.io import loadmat
+sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))"""
+"""Run by a Python of its own: scipy's reader does not survive every damaged file."""
+PATIENCE_S = 120.0
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """What scipy reads from a file."""
+    try:
+        done = subprocess.run(  # noqa: S603 - this very Python, and our own text
+            [sys.executable, "-c", READER, str(path.resolve())], capture_output=True, timeout=PATIENCE_S, check=False
+        )
+        if done.returncode == 0:
+            return dict(pickle.loads(done.stdout))  # noqa: S301 - from the text above
+        said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
+    except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
+        said = "it cannot be read to its end"
+    raise SheetError(
+        f"{path} is no MAT file that can be read ({shortened(said)}); save it anew: save('file.mat', '-v7')"
+    )
+
+
+def _check(path: Path) -> None:
+    """Refuse a file with a part that claims to be longer than what holds it: scipy makes room for gigabytes before it looks."""
+    data = path.read_bytes()
+    order: Literal["little", "big"] = "big" if data[126:128] == b"MI" else "little"
+    inside = [(128, len(data))]
+    while inside:
+        at, stop = inside.pop()
+        while at + 8 <= stop:
+            kind, size = (int.from_bytes(data[at + i : at + i + 4], order) for i in (0, 4))
+            at += 8
+            if kind >> 16:  # a short one, its value within its tag
+                continue
+            if size > stop - at:
+                raise SheetError(f"{path} is cut off or damaged, {size - stop + at} bytes are missing; copy it again")
+            if kind == MATRIX:
+                inside.append((at, at + size))
+            at += size if kind == COMPRESSED else -(-size // 8) * 8
 
 
 def _vector(value: Any) -> bool:

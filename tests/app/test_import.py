@@ -379,6 +379,20 @@ def test_mat_vectors_of_different_length_are_a_sentence(tmp_path: Path, capsys: 
     assert "holds no vectors of numbers (it has: words)" in refused(tmp_path / "e.mat", capsys, *FULL)
 
 
+def test_a_mat_file_that_is_damaged_is_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    savemat(tmp_path / "t.mat", {"frequency_Hz": np.arange(1.0, 400), "pp_um": np.arange(1.0, 400)})
+    whole = (tmp_path / "t.mat").read_bytes()
+    (tmp_path / "t.mat").write_bytes(whole[:-100])
+    assert "is cut off or damaged, 100 bytes are missing" in refused(tmp_path / "t.mat", capsys, *FULL)
+    (tmp_path / "t.mat").write_bytes(whole[:132] + b"\xff\xff\xff\x7f" + whole[136:])  # two gigabytes, it says
+    assert "is cut off or damaged" in refused(tmp_path / "t.mat", capsys, *FULL)
+    (tmp_path / "t.mat").write_bytes(whole)
+    monkeypatch.setattr("app.sheet_mat.READER", "import os; os.abort()")  # as scipy's does of some damaged bytes
+    assert "no MAT file that can be read (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)
+
+
 def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
     savemat(
         tmp_path / "t.mat", {"frequency_Hz": np.array([[100.0, 150]]), "pp_um": np.array([760.0, 1154]), "room": 23.0}
