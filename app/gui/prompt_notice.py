@@ -66,6 +66,7 @@ class PromptNotice(Notice):
         button = QPushButton(f"{words[:1].upper()}{words[1:]}   ({key})")
         button.clicked.connect(lambda: self.chosen.emit(words))
         self._answers.insertWidget(self._answers.count() - 2, button)
+        button.show()  # in a notice that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if key != "Enter":
             self._keys += bind(self, f"Answer: {words}", button.click, key)

@@ -16,7 +16,7 @@ from app.gui.theme import DARK, LIGHT
 from app.session import BenchFailed, Refused
 from app.view import BenchState
 from protocols.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
-from protocols.operator import ENABLE_HIGH_VOLTAGE
+from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.quality import Quality
 from protocols.sine_dwell import SineDwell
 from protocols.values import Estimate
@@ -186,6 +186,16 @@ def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> No
     assert stage.window.link.mailbox.answer(2) == "done"
     stage.happen(Answered(2, "done"))
     assert not stage.window.notices.isVisible()
+
+
+def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) -> None:
+    prompted(stage)
+    stage.window.link.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
+    stage.happen(Answered(2, "done"), Asked(3, DISABLE_HIGH_VOLTAGE))
+    assert stage.window.notices.prompt.words.text() == DISABLE_HIGH_VOLTAGE.text
+    wait_past_the_guard()
+    stage.press(Qt.Key.Key_Return)
+    assert stage.window.link.mailbox.answer(3) == "done"
 
 
 def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
