@@ -145,10 +145,28 @@ class MassResonance(Protocol):
         )
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MassPoint:
+        return self._point(key, recordings, simulated, self._response(recordings))
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        return (response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
+
+    def results(
+        self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
+    ) -> Generator[Any, None, None]:
+        response = self._response(recordings)
+        yield self._point(key, recordings, simulated, response)
+        yield response_curve(response, f"with {1e3 * float(key[0]):g} g")
+
+    def _point(
+        self,
+        key: tuple[float | str, ...],
+        recordings: Sequence[Recording],
+        simulated: bool,
+        response: FrequencyResponse,
+    ) -> MassPoint:
         from protocols.signals.mode import fit_mode
         from protocols.signals.peak import response_peak, spectrum_peak
 
-        response = self._response(recordings)
         must_respond(response)
         peak = response_peak(response, (self.low_hz, self.high_hz))
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
@@ -178,9 +196,6 @@ class MassResonance(Protocol):
             resolution=response.resolution_hz,
             quality=int(quality),
         )
-
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
-        return (response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
 
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
         """None of its own: what the curve against mass tells (k2) needs the model, see `identify`."""

@@ -64,6 +64,13 @@ class Protocol(BaseModel, ABC):
         """
         return ()
 
+    def results(
+        self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
+    ) -> Generator[Any, None, None]:
+        """The point, then the curves of an entry: for a protocol that finds them together. ValueError as these."""
+        yield self.point(key, recordings, simulated)
+        yield from self.curves(key, recordings)
+
     def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
         """What the points so far say that somebody at the bench should hear now, in sentences; each is told once."""
         return ()

@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -209,15 +209,15 @@ class Runner:
         return redo
 
     def _make_point(self, armed: ArmedBench, index: int, entry: Planned, recordings: Sequence[Recording]) -> None:
-        find = partial(self._protocol.point, entry.key, recordings, self._bench.simulated)
+        results = self._protocol.results(entry.key, recordings, self._bench.simulated)
         try:
-            point = self._executor.think(armed, find)
+            point = self._executor.think(armed, partial(next, results))
         except ValueError as error:
             self._without.append(entry.label)
             self._publish(Noted(f"{entry.label} gives no point: {error}"))
         else:
             self._keep(index, point)
-            self._curves[index] = self._curves_of(armed, index, entry, recordings)
+            self._curves[index] = self._curves_of(armed, index, entry, results)
             for curve in self._curves[index]:
                 self._tell(CurveReady(curve))
             for words in self._protocol.remarks([self._measured[i][1] for i in sorted(self._measured)]):
@@ -225,12 +225,9 @@ class Runner:
                     self._remarked.add(words)
                     self._publish(Noted(words))
 
-    def _curves_of(
-        self, armed: ArmedBench, index: int, entry: Planned, recordings: Sequence[Recording]
-    ) -> tuple[Curve, ...]:
-        find = partial(self._protocol.curves, entry.key, recordings)
+    def _curves_of(self, armed: ArmedBench, index: int, entry: Planned, results: Iterator[Any]) -> tuple[Curve, ...]:
         try:
-            return tuple(replace(curve, entry=index) for curve in self._executor.think(armed, find))
+            return tuple(replace(curve, entry=index) for curve in self._executor.think(armed, partial(tuple, results)))
         except ValueError as error:
             self._publish(Noted(f"{entry.label} gives no curve: {error}"))
             return ()
