@@ -33,6 +33,7 @@ SHOWN = {
     "kg": (1e3, "g"),
     "s": (1e3, "ms"),
     "Pa": (1e-6, "MPa"),
+    "N m/V": (1e6, "N mm/kV"),
 }
 """Units that nobody at a bench thinks in: by what to multiply, and what then stands there."""
 
