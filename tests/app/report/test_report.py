@@ -16,10 +16,10 @@ from matplotlib.backends.backend_pdf import PdfPages
 from app.main import main
 from app.report import command
 from app.report.blocks import Grid, Plot, Report, Words, blocks_of
-from app.report.content import ReportError, gather
+from app.report.content import ReportError, gather, marks
 from app.report.merits import felt, quick
 from app.report.specimen import Specimen
-from app.report.taken import Taken
+from app.report.taken import Taken, take
 from model.amplifier import AmplifierMap
 from model.closed_form import exact_response
 from model.parameters import Membrane, Tactor
@@ -151,11 +151,10 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     shutil.copy(first, later)
     change(later, lambda entry: replaced(entry, "continues", first.name))
     (copy / "20991231T000001Z_T1_sweep.h5").write_bytes(first.read_bytes()[:20_000])
-    report, _, runs = gather(copy, "T1")
-    said = texts(report)
-    assert f"its points are carried on in {later.name}" in said
-    assert "20991231T000001Z_T1_sweep.h5" in said
-    assert "cut off" in said
+    runs = take(copy, "T1")
+    by_name = {run.name: run for run in runs}
+    assert by_name[first.name].left_out == f"its points are carried on in {later.name}"
+    assert "cut off" in by_name["20991231T000001Z_T1_sweep.h5"].trouble
     assert sum(bool(r.observations) and not r.left_out for r in runs) == 2
 
 
@@ -169,20 +168,19 @@ def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
     assert len(known.found.campaign.runs) == 2
 
 
-def test_real_runs_are_not_marked_and_simulated_ones_beside_them_take_no_part(
-    copy: Path,
-) -> None:
+def test_real_runs_are_not_marked_and_simulated_ones_beside_them_take_no_part(copy: Path) -> None:
     real = next(copy.glob("*sine-dwell.h5"))
     change(real, lambda entry: replaced(entry, "simulated", False))
-    report, _, runs = gather(copy, "T1")
-    assert report.marks == ()
-    assert [bool(r.left_out) for r in runs] == [False, True]
-    assert "it is simulated, and there are real runs" in texts(report)
+    runs = take(copy, "T1")
+    assert marks(runs) == ()
+    assert [run.left_out for run in runs] == ["", "it is simulated, and there are real runs"]
     change(real, lambda entry: entry.create_dataset("imported", data=json.dumps({"files": []})))
     change(real, lambda entry: entry["points/quality"].__setitem__(slice(None), int(Quality.IMPORTED)))
-    report, _, _ = gather(copy, "T1")
-    assert report.marks == ("IMPORTED",)
-    assert "imported" not in next(text for text in texts(report).splitlines() if " points in 2 runs" in text)
+    runs = take(copy, "T1")
+    assert marks(runs) == ("IMPORTED",)
+    assert not runs[0].flags  # where it comes from is no fault of a point
+    change(real, lambda entry: replaced(entry, "simulated", True))
+    assert marks(take(copy, "T1")) == ("SIMULATED", "IMPORTED IN PART")
 
 
 def test_a_table_with_fundamentals_only_is_drawn_against_the_models_fundamental(copy: Path) -> None:
