@@ -68,7 +68,7 @@ def open_window(
     # Units in the form are read by pint, which takes half a second to import: neither when somebody presses a key, nor
     # while the window is painted for the first time.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
-    newcomer = not autostart and not kept.contains(SEEN)
+    newcomer = not autostart and not (kept.contains(SEEN) or kept.contains("window/geometry"))
     kept.setValue(SEEN, True)
     leads = False
     while True:
@@ -84,10 +84,11 @@ def open_window(
         if leads:
             window.try_it()
         code = _until_closed(window, units)
+        leads = window.trying
         if not wanted or code == UNSAFE_EXIT:
             break
         connect, config = wanted[-1]
-        leads, newcomer, autostart = newcomer and config.simulated, False, False
+        newcomer = autostart = False
     if units.ident is not None:
         units.join()
     return code

@@ -55,7 +55,7 @@ class MainWindow(QMainWindow):
     ) -> None:
         super().__init__()
         self.link, self._settings, self._autostart = link, settings, autostart
-        self._change_bench = change_bench
+        self._change_bench, self.trying = change_bench, False
         self._at_once = self._gone = self._opened = False
         self.helm = Helm(link, opening(config.amplifier.map, config.name, config.simulated, _names(config)), self)
         self.theme = system_theme()
@@ -103,6 +103,7 @@ class MainWindow(QMainWindow):
     def try_it(self) -> None:
         """A sine dwell on the simulated bench, from its first volt to its file, with a line that says what is seen."""
         if not self.view.simulated:
+            self.trying = True
             self.change_bench("sim")
             return
         self.room.uncover()

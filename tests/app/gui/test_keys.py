@@ -107,12 +107,14 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     from app.gui.window import MainWindow
 
     seen: list[tuple[str, bool]] = []
+    led: list[str] = []
     opened: list[str] = []
     other = config.model_copy(update={"name": "the other bench"})
 
     def look(app: QApplication) -> int:
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
         seen.append((window.windowTitle(), window.room.covered))
+        led.extend([window.windowTitle()] * window.room.hint.isVisible())
         if len(seen) == 1:
             window.change_bench("other.toml")
         else:
@@ -140,5 +142,39 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     show()
     assert opened == ["other.toml"]
     assert seen == [("Tactor Bench – simulated bench", True), ("Tactor Bench – the other bench", False)]
+    assert not led
     show()
     assert seen[2] == ("Tactor Bench – simulated bench", False)
+
+
+def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
+    qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app.gui import application
+    from app.gui.window import MainWindow
+
+    real = config.model_copy(update={"name": "the real bench", "simulation": None})
+    assert not real.simulated
+    led: list[tuple[str, bool]] = []
+
+    def look(app: QApplication) -> int:
+        (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
+        led.append((window.windowTitle(), window.room.hint.isVisible()))
+        if len(led) == 1:
+            window.room.first.go.click()
+        else:
+            window.leave()
+        until(lambda: not window.isVisible(), "for the window to close")
+        return 0
+
+    monkeypatch.setattr(application.QApplication, "exec", look)
+    application.open_window(
+        lambda: pytest.fail("nobody connects here"),
+        real,
+        SineDwell(),
+        tmp_path,
+        settings=settings,
+        make_session=lambda *_: ListeningSession(),
+        benches=lambda name: ((lambda: pytest.fail("nobody connects here")), config),
+    )
+    assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – simulated bench", True)]
