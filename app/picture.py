@@ -45,7 +45,7 @@ def figure_of(run: Run, tactor: Tactor) -> Any:
     for axes, (draw, _) in zip(every, panels, strict=False):
         draw(axes, run, tactor)
     _draw_trace(every[-1], run)
-    figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11)
+    figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11, parse_math=False)
     if run.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
     return figure

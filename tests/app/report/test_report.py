@@ -240,6 +240,15 @@ def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.Captur
         gather(tmp_path, "T9")
 
 
+def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = r"a$\frac$<b>&"
+    next(copy.glob("*sine-dwell.h5")).unlink()
+    for path in copy.glob("*.h5"):
+        change(path, lambda entry: (replaced(entry, "specimen", name), replaced(entry, "title", f"Steps of {name}")))
+    assert main(["report", name, "--folder", str(copy), "--out", str(tmp_path)]) == 0, capsys.readouterr().err
+    assert r"<h1>Specimen a$\frac$&lt;b&gt;&amp;</h1>" in next(tmp_path.glob("*.html")).read_text("utf-8")
+
+
 @pytest.mark.parametrize("where", [(command, "figure_of"), (PdfPages, "savefig")], ids=["a run", "a page"])
 def test_interrupted_it_leaves_what_was_there(
     folder: Path, gathered: Any, where: tuple[Any, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
