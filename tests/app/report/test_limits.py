@@ -88,7 +88,8 @@ def test_what_was_not_measured_does_not_pass() -> None:
 @pytest.mark.parametrize(
     ("text", "is_"),
     [
-        (stated(-1.33e-5, 2.5e-8, "N m/V"), "(−13.300 ± 0.025) × 10⁻⁶ N m/V"),
+        (stated(-1.33e-5, 2.5e-8, "N m^2"), "(−13.300 ± 0.025) × 10⁻⁶ N m²"),
+        (stated(-1.33e-5, 2.5e-8, "N m/V"), "−13.300 ± 0.025 N mm/kV"),
         (stated(54812.0, 312.0, "kg/(m s)"), "54812 ± 312 kg/(m s)"),
         (stated(7.73e-3, 1e-5, "kg"), "7.730 ± 0.010 g"),
         (stated(3.0, 0.0, "1"), "3"),
