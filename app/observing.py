@@ -25,8 +25,8 @@ from model.identification.observations import (
     VoltageSteps,
 )
 from model.identification.setting import Setting
-from model.parameters import Membrane
 from model.quantity import ParameterError
+from protocols.membrane_sag import MembraneSag as SagProtocol
 from protocols.quality import usable
 from protocols.runreader import Run, RunError
 
@@ -216,17 +216,18 @@ def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
 
 
 def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    given = run.parameters
-    errors = np.hypot(columns["sag_errors"], float(given["reference_error_m"]))
-    strip = Membrane(L_m=given["length_m"], b_m=given["width_m"], h_m=given["thickness_m"])
+    """One sag, the mean of all: what the repeats share - the reference's depth, the geometry - does not average out."""
+    if not good.any():
+        return
+    given = SagProtocol(**run.parameters)
+    mean_m, error_m = given.mean(columns["sag"][good], columns["sag_errors"][good])
     yield MembraneSag(
         run.path.stem,
-        columns["sag"],
-        errors,
-        geometry=strip,
-        load_n_per_m=9.80665 * given["density_kg_per_m3"] * strip.b_m * strip.h_m,
-        delta=given["elongation_m"] / strip.L_m,
-        good=good & (errors > 0),
+        np.array([mean_m]),
+        np.array([given.error_of_all_m(mean_m, error_m)]),
+        geometry=given.strip,
+        load_n_per_m=given.load_n_per_m,
+        delta=given.elongation_m / given.length_m,
         **_all(run),
     )
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Interval, Unit
+from numpy.typing import NDArray
 
 from model.membrane import linear_modulus, modulus, weight
 from model.parameters import Membrane
@@ -126,13 +127,12 @@ class MembraneSag(Protocol):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
-        sags = np.array([p.sag for p in points if Quality(p.quality).usable])
-        own = np.array([p.sag_errors for p in points if Quality(p.quality).usable])
-        if not sags.size or not float(sags.mean()) > 0:
+        usable = [p for p in points if Quality(p.quality).usable]
+        if not usable:
             return ()
-        mean_m = float(sags.mean())
-        scatter = float(sags.std(ddof=1)) / math.sqrt(sags.size) if sags.size > 1 else 0.0
-        error_m = math.hypot(max(scatter, float(np.sqrt(np.sum(own**2))) / sags.size), self.reference_error_m)
+        mean_m, error_m = self.mean(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
+        if not mean_m > 0:
+            return ()
         found = [Estimate("sag", mean_m, error_m, "m", "membrane sag")]
         try:
             found.append(Estimate("Young modulus", *self._modulus(mean_m, error_m), "Pa", SOURCE))
@@ -141,6 +141,24 @@ class MembraneSag(Protocol):
         except ParameterError:
             pass  # no modulus explains this sag; the sag itself is told all the same
         return tuple(found)
+
+    def mean(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:
+        """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""
+        scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
+        own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size
+        return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)
+
+    def error_of_all_m(self, sag_m: float, sag_error_m: float) -> float:
+        """What the errors of the sag and of the membrane's geometry do to its modulus, as one error of the sag (m).
+
+        Raises:
+            ParameterError: no modulus explains this sag.
+        """
+        _, error = self._modulus(sag_m, sag_error_m)
+        low, high = (
+            modulus(self.strip, sag_m * k, self.load_n_per_m, self.elongation_m / self.length_m) for k in (0.999, 1.001)
+        )
+        return error * 2e-3 * sag_m / abs(high - low)
 
     def _modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
         """E_m and its standard error: what each uncertain input does to it, in quadrature."""
