@@ -19,51 +19,8 @@ def add_identify_commands(known: Any) -> None:
         "step by step as the paper did. What the runs do not tell is named instead of guessed.",
         epilog="example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
     )
-    identify.add_argument("runs", nargs="+", type=path, metavar="RUN", help="run files of one specimen")
-    identify.add_argument("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
-    identify.add_argument(
-        "--free", metavar="NAMES", help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)"
-    )
-    identify.add_argument(
-        "--fix",
-        dest="fixed",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a value to hold; SI or with unit",
-    )
-    identify.add_argument(
-        "--profile",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="an interval by profile for this parameter, where a standard error is too simple; may be given often",
-    )
-    identify.add_argument("--coverage", type=float, default=0.95, help="of profile intervals (default: 0.95)")
-    identify.add_argument(
-        "--next",
-        nargs="?",
-        const=WORST,
-        metavar="NAME",
-        help="what to measure next for this parameter, by default the one known worst: every candidate with its minutes",
-    )
-    identify.add_argument(
-        "--bench",
-        metavar="FILE",
-        help="a bench file with the corrected calibration of sensor or amplifier: raw samples are reduced anew with it",
-    )
-    identify.add_argument(
-        "--shapes",
-        type=int,
-        metavar="N",
-        help="shape functions of the model (default: 20; of a simulated tactor as many as it has)",
-    )
-    identify.add_argument("--robust", action="store_true", help="let go of outliers (a Cauchy loss) instead of squares")
+    _add_identification(identify)
     identify.add_argument("--accept", action="store_true", help="keep the result as the specimen's calibration")
-    identify.add_argument("--by", default="", metavar="NAME", help="who accepts it")
-    identify.add_argument("--note", default="", help="a remark kept with it")
-    identify.add_argument("--json", action="store_true", help="as one JSON object, SI units")
-    identify.set_defaults(command=_identify)
 
     compare = known.add_parser(
         "compare",
@@ -78,11 +35,18 @@ def add_identify_commands(known: Any) -> None:
 
     calibration = known.add_parser(
         "calibration",
-        help="the accepted estimates of a specimen: show, diff, use another version",
-        description="What `identify --accept` kept: one version after the other, one of them active.",
+        help="the accepted estimates of a specimen: accept, show, diff, use another version",
+        description="What was accepted of a specimen: one version after the other, one of them active.",
         epilog="example: tactor-bench calibration show T7",
     )
     do = calibration.add_subparsers(title="what", metavar="WHAT", required=True)
+    accept = do.add_parser(
+        "accept",
+        help="identify these runs and keep the result: identify --accept",
+        epilog="example: calibration accept runs/*_T7_*.h5 --by 'K. Tanaka'",
+    )
+    _add_identification(accept)
+    accept.set_defaults(accept=True)
     show = do.add_parser("show", help="one version, the active one by default", epilog="example: calibration show T7")
     show.add_argument("specimen")
     show.add_argument("--version", type=int)
@@ -97,6 +61,53 @@ def add_identify_commands(known: Any) -> None:
         each.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
         each.add_argument("--json", action="store_true", help="as one JSON object, SI units")
         each.set_defaults(command=_calibration, what=what)
+
+
+def _add_identification(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("runs", nargs="+", type=path, metavar="RUN", help="run files of one specimen")
+    parser.add_argument("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
+    parser.add_argument(
+        "--free", metavar="NAMES", help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)"
+    )
+    parser.add_argument(
+        "--fix",
+        dest="fixed",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a value to hold; SI or with unit",
+    )
+    parser.add_argument(
+        "--profile",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="an interval by profile for this parameter, where a standard error is too simple; may be given often",
+    )
+    parser.add_argument("--coverage", type=float, default=0.95, help="of profile intervals (default: 0.95)")
+    parser.add_argument(
+        "--next",
+        nargs="?",
+        const=WORST,
+        metavar="NAME",
+        help="what to measure next for this parameter, by default the one known worst: every candidate with its minutes",
+    )
+    parser.add_argument(
+        "--bench",
+        metavar="FILE",
+        help="a bench file with the corrected calibration of sensor or amplifier: raw samples are reduced anew with it",
+    )
+    parser.add_argument(
+        "--shapes",
+        type=int,
+        metavar="N",
+        help="shape functions of the model (default: 20; of a simulated tactor as many as it has)",
+    )
+    parser.add_argument("--robust", action="store_true", help="let go of outliers (a Cauchy loss) instead of squares")
+    parser.add_argument("--by", default="", metavar="NAME", help="who accepts it")
+    parser.add_argument("--note", default="", help="a remark kept with it")
+    parser.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+    parser.set_defaults(command=_identify)
 
 
 def add_report_command(known: Any) -> None:

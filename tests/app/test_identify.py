@@ -91,7 +91,7 @@ def test_the_command_accepts_shows_and_tells_apart(
     told = json.loads(capsys.readouterr().out)
     assert told["simulated"] is True
     assert set(told["parameters"]["name"]) == {"mu", "m_add", "c0"}
-    assert main(["identify", *here, "--accept"]) == 0
+    assert main(["calibration", "accept", *here]) == 0
     capsys.readouterr()
     assert main(["calibration", "show", "T1", "--folder", str(tmp_path), "--version", "1"]) == 0
     shown = capsys.readouterr().out
