@@ -39,7 +39,7 @@ def show_event(self, event):
     QTimer.singleShot(0, lambda: (self.grab(), os._exit(0)))
 window.MainWindow.showEvent = show_event
 config = load_bench("sim")
-application.open_window(lambda: connect(config, 1.0), config, make_protocol("sine-dwell", []), settings=QSettings("bench.ini", QSettings.Format.IniFormat))
+application.open_window(lambda: connect(config, 1.0), config, make_protocol("sine-dwell", []), settings=QSettings(os.environ["PYTHONPYCACHEPREFIX"] + "/bench.ini", QSettings.Format.IniFormat))
 """
 
 
