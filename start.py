@@ -27,7 +27,7 @@ CHECKS = (
     ("mypy",),
     ("lint-imports",),
     # A worker a core; tests of one file stay together, because they share what they measured. '-n0' does without.
-    ("pytest", "-n", "logical", "--dist", "loadfile"),
+    ("pytest", "-n", "logical", "--dist", "loadfile", "--no-loadscope-reorder"),
 )
 
 

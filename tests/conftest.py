@@ -16,6 +16,11 @@ from tests.support import volts_are_safe
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What waits for real wires and watchdogs begins first: at the end every worker would wait for it."""
+    items.sort(key=lambda item: "safety" not in item.path.parts)
+
+
 @pytest.fixture(autouse=True)
 def no_thread_left_behind() -> Iterator[None]:
     """A test that leaves one of our threads running fails: it would also keep a generator playing."""

@@ -95,7 +95,8 @@ class MeasurePage(QSplitter):
     def begin(self) -> None:
         """Want the model's curve from now on: its numerics take a while to import."""
         self._begun = True
-        self._live.ask((), self._believed)  # what it imports would hold up a run's first frames
+        if self._view is None or not self._view.busy:
+            self._live.ask((), self._believed)  # what it imports would hold up a run's first frames
 
     def enter(self) -> None:
         """Take the keyboard, into no field: a stray key shall change nothing."""
