@@ -123,7 +123,8 @@ def _watchdog(config: BenchConfig, resource: str, server: str, clock: BeatingClo
             map=config.amplifier.map,
             limits=config.amplifier.limits,
             speed=clock.speed,
-            silence_s=config.watchdog.silence_s,
+            # Of bench time: only a simulated bench runs at raised speed, and its card then takes turns with the program.
+            silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
             own_connection=config.watchdog.own_connection and not card_output and _shared(resource),
             patience_s=config.watchdog.patience_s,
         )

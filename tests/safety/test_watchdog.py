@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from app.build import connect
 from app.exits import FAILED
 from app.session import Session
 from drivers.amplifier import DriveLimits, HvAmplifier
@@ -28,7 +29,7 @@ from protocols.sine_dwell import SineDwell
 from sim_hardware.bench import VirtualBench
 from sim_hardware.served import ServedBench
 from tests.safety.program import program, safe
-from tests.support import laboratory, run, volts_are_safe
+from tests.support import laboratory, run, simulated, volts_are_safe
 
 LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
 """A drive that would go on for 13 s by itself."""
@@ -335,3 +336,19 @@ def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resour
     from app.build import _shared
 
     assert _shared(resource) == shared
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
+    speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    charges: list[Charge] = []
+
+    def watches(charge: Charge) -> WatchdogProcess:
+        charges.append(charge)
+        return WatchdogProcess(charge)
+
+    monkeypatch.setattr("drivers.watchdog.WatchdogProcess", watches)
+    with connect(simulated(), speed):
+        pass
+    assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]
