@@ -1,13 +1,12 @@
 """The card read in this process: drivers.ports.Digitizer on the bench's clock, which a read moves as far as it must."""
 
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
 
 from drivers.clock import Clock
 from drivers.errors import AcquisitionError
 from drivers.ports import Block, Identity, Scale
 from sim_hardware.card import DRIVE, SENSOR, Acquisition, Card, RateRefusedError
+from sim_hardware.closing import Closing
 from sim_hardware.faults import Faults
 
 
@@ -59,7 +58,7 @@ class SimDigitizer:
             self._running.close()
 
 
-class SimStream:
+class SimStream(Closing):
     """A running acquisition (drivers.ports.Stream)."""
 
     def __init__(
@@ -111,11 +110,3 @@ class SimStream:
     def close(self) -> None:
         """Stop the card."""
         self.open = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

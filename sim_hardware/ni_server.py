@@ -8,13 +8,13 @@ Errors travel as NI's own server sends them: status metadata `ni-error` (NI gRPC
 import itertools
 from collections.abc import Callable, Mapping
 from concurrent import futures
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
+from sim_hardware.closing import Closing
 from sim_hardware.ni_errors import WORDS, NiError
 from sim_hardware.ni_output_task import NiOutputTask
 from sim_hardware.ni_properties import of_device, of_system, of_task, of_terminal
@@ -26,7 +26,7 @@ _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
 
 
-class NiServer:
+class NiServer(Closing):
     """Serves one card on loopback until closed.
 
     Attributes:
@@ -62,14 +62,6 @@ class NiServer:
         self._closed = True
         if self._server is not None:
             self._stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _start(self) -> None:
         self.device.stopping.clear()

@@ -11,17 +11,17 @@ import threading
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from drivers.errors import BenchError
+from sim_hardware.closing import Closing
 from sim_hardware.history_report import HistoryReport
 from sim_hardware.truth import BenchTruth
 
 HOST = "127.0.0.1"
 
 
-class BenchProcess:
+class BenchProcess(Closing):
     """A simulated bench that serves SCPI and NI's gRPC from another process; use it with `with`, or close it.
 
     Args:
@@ -134,14 +134,6 @@ class BenchProcess:
         if self._child.stdout is not None:
             self._child.stdout.close()
         self._words.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _listen(self) -> None:
         if self._child.stdout is not None:

@@ -2,13 +2,13 @@
 
 import os
 import threading
-from types import TracebackType
-from typing import Self
+
+from sim_hardware.closing import Closing
 
 TICK_S = 0.01
 
 
-class PtyLine:
+class PtyLine(Closing):
     """Served until closed; `_run` is what the thread does, until `_closing` is set.
 
     Attributes:
@@ -33,14 +33,6 @@ class PtyLine:
             self._thread.join()
             os.close(self._master)
             os.close(self._slave)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _run(self) -> None:
         raise NotImplementedError

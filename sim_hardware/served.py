@@ -1,10 +1,10 @@
 """A simulated bench on its real wires, and the words by which another process breaks, mends and asks it."""
 
 from dataclasses import asdict
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from sim_hardware.bench import VirtualBench
+from sim_hardware.closing import Closing
 from sim_hardware.ni_server import NiServer
 from sim_hardware.ni_task import NiDevice
 from sim_hardware.wire import ScpiServer
@@ -12,7 +12,7 @@ from sim_hardware.wire import ScpiServer
 DEVICE = "Dev1"
 
 
-class ServedBench:
+class ServedBench(Closing):
     """The generator on a SCPI socket and the card behind NI's gRPC service, both on loopback, until closed."""
 
     def __init__(self, bench: VirtualBench) -> None:
@@ -53,11 +53,3 @@ class ServedBench:
         """Stop both servers."""
         self.scpi.close()
         self.card.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -4,15 +4,14 @@ import contextlib
 import socket
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
+from sim_hardware.closing import Closing
 from sim_hardware.port import Port
 
 HOST = "127.0.0.1"
 
 
-class ThreadedServer:
+class ThreadedServer(Closing):
     """Serves a port until closed; `_serve` is what the thread of a connection does, until OSError or EOFError.
 
     Args:
@@ -44,14 +43,6 @@ class ThreadedServer:
         self._drop_all()
         for thread in self._threads:
             thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _serve(self, sock: socket.socket) -> None:
         raise NotImplementedError

@@ -6,9 +6,8 @@ import selectors
 import socket
 import threading
 import time
-from types import TracebackType
-from typing import Self
 
+from sim_hardware.closing import Closing
 from sim_hardware.port import Port
 from sim_hardware.scpi_blocks import messages_in
 
@@ -18,7 +17,7 @@ _SHORTEST_WAIT_S = 2e-4
 """The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
 
 
-class ScpiServer:
+class ScpiServer(Closing):
     """Serves a port on loopback until closed; any number of connections, one after the other or together.
 
     Args:
@@ -76,14 +75,6 @@ class ScpiServer:
         self._selector.close()
         self._wake.close()
         self._waker.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _listen(self) -> None:
         listener = socket.create_server((HOST, self.port))
