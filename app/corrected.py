@@ -9,13 +9,12 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from app.config import AmplifierTable, ConfigError, load_bench
 from drivers.sensor import LaserSensor
+from protocols.continuation import protocol_of
 from protocols.layout import ENTRY, columns
 from protocols.plain import plain
-from protocols.registry import PROTOCOLS
 from protocols.runreader import Run, RunError
 from protocols.values import Recording
 
@@ -129,15 +128,7 @@ class CorrectedRun(Run):
 
     @cached_property
     def _again(self) -> dict[str, NDArray[np.float64]]:
-        kind = PROTOCOLS.get(self.protocol)
-        if kind is None:
-            raise RunError(f"{self.path.name} is a run of '{self.protocol}', a protocol that is not known here")
-        try:
-            protocol = kind(**self.parameters)
-        except ValidationError as error:
-            raise RunError(
-                f"{self.path.name} has parameters this version refuses: {error.errors()[0]['msg']}"
-            ) from error
+        protocol = protocol_of(self, self.path.name)
         begun, measured = self.entries(), set(super().points()[ENTRY].astype(int).tolist())
         made = []
         for entry, recordings in sorted(self._latest().items()):
@@ -151,7 +142,7 @@ class CorrectedRun(Run):
             raise RunError(
                 f"{self.path.name}: the raw samples of {len(missing)} of its points are not there; bring the run it goes on with"
             )
-        names = list(columns(kind.point_type))
+        names = list(columns(protocol.point_type))
         table = {name: np.array([getattr(point, name) for _, point in made], float) for name in names}
         return table | {ENTRY: np.array([entry for entry, _ in made])}
 

@@ -7,7 +7,7 @@ sensor share it and two with different sensors do not.
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from model.identification.observations import (
 )
 from model.identification.setting import Setting
 from model.quantity import ParameterError
+from protocols.continuation import protocol_of
 from protocols.membrane_sag import MembraneSag as SagProtocol
 from protocols.quality import usable
 from protocols.runreader import Run, RunError
@@ -219,7 +220,7 @@ def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterat
     """One sag, the mean of all: what the repeats share - the reference's depth, the geometry - does not average out."""
     if not good.any():
         return
-    given = SagProtocol(**run.parameters)
+    given = cast(SagProtocol, protocol_of(run, run.path.name))
     mean_m, error_m = given.mean(columns["sag"][good], columns["sag_errors"][good])
     yield MembraneSag(
         run.path.stem,

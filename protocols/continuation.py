@@ -49,6 +49,21 @@ class Earlier:
     continuation: Continuation
 
 
+def protocol_of(run: Run, called: str) -> Protocol:
+    """The protocol of a run with its parameters; `called` is the run's name in what is said.
+
+    Raises:
+        RunError: it is not known here, or its parameters are none of this version's.
+    """
+    kind = PROTOCOLS.get(run.protocol)
+    if kind is None:
+        raise RunError(f"{called} is a run of '{run.protocol}', a protocol that is not known here")
+    try:
+        return kind(**run.parameters)
+    except ValidationError as error:
+        raise RunError(f"{called} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+
+
 def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
     """What `path` has measured, to go on with the rest, or to measure the entries `again` once more.
 
@@ -60,15 +75,9 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
             raise RunError(f"{path} is still being written; stop that run first")
         if run.imported:
             raise RunError(f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own")
-        kind = PROTOCOLS.get(run.protocol)
-        if kind is None:
-            raise RunError(f"{path} is a run of '{run.protocol}', a protocol that is not known here")
-        try:
-            protocol = kind(**run.parameters)
-        except ValidationError as error:
-            raise RunError(f"{path} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+        protocol = protocol_of(run, str(path))
         rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
-        points = {int(entry): point for entry, point in points_of(run, kind.point_type)}
+        points = {int(entry): point for entry, point in points_of(run, protocol.point_type)}
         begun = run.entries()
         plan = extended(protocol, protocol.plan(rest_v), points, rest_v)
         # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.

@@ -1,10 +1,13 @@
 """What an identification takes from a run says as much as the run itself, and no more."""
 
+import json
 from pathlib import Path
 
+import h5py
 import pytest
 
 from app.identifying import identify
+from app.observing import ObservingError
 from protocols.membrane_sag import MembraneSag
 from protocols.runreader import Run
 from tests.support import laboratory, run
@@ -20,3 +23,14 @@ def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path
         (E_m,) = [e for e in found.estimates if e.name == "E_m"]
         assert E_m.value == pytest.approx(told.value, rel=1e-3)
         assert E_m.standard_error == pytest.approx(told.standard_error, rel=0.02)
+
+
+def test_a_sag_of_another_version_is_a_sentence(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(MembraneSag(repeats=1, sample_rate_hz=1000), tmp_path, lab)
+    with h5py.File(ran.path, "r+") as file:
+        parameters = json.loads(file["entry/parameters"][()]) | {"length_m": -1.0}
+        del file["entry/parameters"]
+        file["entry/parameters"] = json.dumps(parameters)
+    with pytest.raises(ObservingError, match="has parameters this version refuses"):
+        identify([ran.path], "chain")
