@@ -7,11 +7,12 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.gui.copying import Copying, Shown, as_text, drawn
+from app.gui.copying import Shown, as_text, drawn
 from app.gui.form import mark
-from app.gui.plots import Corner, Fill, calm_range, ink, paint, quiet, simulated_mark
+from app.gui.framed_plot import FramedPlot
+from app.gui.plots import Fill, calm_range, ink
 from app.gui.theme import Theme
 from app.overlay import Curve as Modelled
 from app.sentences import estimate_words
@@ -21,7 +22,6 @@ from protocols.values import Curve
 
 Array = NDArray[np.float64]
 
-AXIS_WIDTH = 62
 MOST_DRAWN = 4000
 """More points than this are drawn as the smallest and largest of each stretch."""
 
@@ -29,28 +29,18 @@ SIGMAS = 2.0
 IN_LEGEND = 12
 
 
-class CurvesPlot(QWidget):
+class CurvesPlot(FramedPlot):
     """The newest kind of curve of the present run; under a frequency response of the bare tactor lies the model's."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._theme = theme
+        super().__init__(theme, parent)
         self._curves: Sequence[Curve] = ()
         self._modelled: Modelled | None = None
         self._bare = False
-        self.canvas = pg.PlotWidget(enableMenu=False)
-        self._plot = self.canvas.getPlotItem()
-        quiet(self._plot, self.font())
-        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
-        self._plot.setContentsMargins(0, 0, 8, 0)
-        self._plot.showGrid(x=True, y=True, alpha=0.12)
         self.model, self.band = pg.PlotCurveItem(antialias=True), Fill(self._plot)
         self._plot.addItem(self.model)
         self.legend = self._plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6)
         self.drawn: list[tuple[pg.PlotCurveItem, Fill]] = []
-        self.mark = simulated_mark(self._plot, self.font())
-        self.found = Corner(self._plot, "", self.font(), right=False)
-        self.copying = Copying(self.canvas, self._table)
         self.caption, self.source = QLabel("Curves"), QLabel()
         mark(self.caption, "caption")
         mark(self.source, "note")
@@ -62,27 +52,16 @@ class CurvesPlot(QWidget):
         head.addWidget(self.source)
         head.addStretch()
         head.addWidget(self.to_points)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addLayout(head)
-        layout.addWidget(self.canvas, 1)
+        self._under(head)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        self._theme = theme
-        self.canvas.setBackground(theme.panel)
-        paint(self._plot, theme)
-        self.mark.colour(theme.simulated)
-        self.found.colour(theme.text)
+        super().set_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.colour(theme.model)
         self.legend.setLabelTextColor(theme.text)
         self._draw()
-
-    def show_simulated(self, simulated: bool) -> None:
-        self.mark.show(simulated)
 
     def show_curves(self, curves: Sequence[Curve], bare: bool) -> None:
         """Draw the curves of the present run; `bare`: of the tactor as the model's curve has it, without a mass or skin."""

@@ -8,11 +8,11 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.gui.copying import Copying, as_text, drawn
+from app.gui.copying import as_text, drawn
 from app.gui.form import mark
-from app.gui.plots import Corner, paint, quiet, simulated_mark
+from app.gui.framed_plot import FramedPlot
 from app.gui.selection import Selection
 from app.gui.theme import Theme
 from app.sentences import estimate_words, point_words
@@ -22,36 +22,24 @@ from protocols.layout import columns
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 
-AXIS_WIDTH = 62
-
 HINT = "hollow: not usable, point at it for the reason"
 
 
-class PointsPlot(QWidget):
+class PointsPlot(FramedPlot):
     """One symbol a point; hollow where no fit may use it, its words on hover; a click chooses it."""
 
     again_pressed = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._theme = theme
+        super().__init__(theme, parent)
         self._kind: type[Protocol] | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
         self._shown: Sequence[int] = ()
-        self.canvas = pg.PlotWidget(enableMenu=False)
-        self._plot = self.canvas.getPlotItem()
-        quiet(self._plot, self.font())
-        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
-        self._plot.setContentsMargins(0, 0, 8, 0)
-        self._plot.showGrid(x=True, y=True, alpha=0.12)
         self._bars = pg.ErrorBarItem(beam=0.0)
         self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=_tip)
         for item in (self._bars, self.scatter):
             self._plot.addItem(item)
-        self.mark = simulated_mark(self._plot, self.font())
-        self.found = Corner(self._plot, "", self.font(), right=False)
-        self.copying = Copying(self.canvas, self._table)
         self.caption, self.hint, self.again = QLabel(), QLabel(HINT), QPushButton()
         self.to_curves = QPushButton("Show the curves")
         mark(self.to_curves, "choice")
@@ -68,20 +56,12 @@ class PointsPlot(QWidget):
         head.addWidget(self.hint)
         head.addWidget(self.to_curves)
         head.setSpacing(14)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addLayout(head)
-        layout.addWidget(self.canvas, 1)
+        self._under(head)
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        self._theme = theme
-        self.canvas.setBackground(theme.panel)
-        paint(self._plot, theme)
-        self.mark.colour(theme.simulated)
-        self.found.colour(theme.text)
+        super().set_theme(theme)
         self._bars.setData(pen=pg.mkPen(theme.measured))
         self._draw()
 
@@ -97,9 +77,6 @@ class PointsPlot(QWidget):
             _, shown = shown_unit(unit)
             self._plot.setLabel(side, name.replace("_", " ") + (f" ({shown})" if shown else ""))
         self._draw()
-
-    def show_simulated(self, simulated: bool) -> None:
-        self.mark.show(simulated)
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int], can_run: bool) -> None:
         """Draw the points of the present run."""

@@ -7,12 +7,13 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
-from app.gui.copying import Copying, Shown, as_text, drawn
+from app.gui.copying import Shown, as_text, drawn
 from app.gui.curve_band import CurveBand
 from app.gui.form import mark
-from app.gui.plots import Corner, calm_range, paint, quiet, simulated_mark
+from app.gui.framed_plot import AXIS_WIDTH, FramedPlot
+from app.gui.plots import calm_range
 from app.gui.selection import Selection
 from app.gui.series import SAMPLE, SERIES, sample
 from app.gui.strip import SHOWS, Strip
@@ -22,7 +23,6 @@ from app.sentences import estimate_words, point_words
 from protocols.events import RunEnded
 from protocols.quality import Quality
 
-AXIS_WIDTH = 62
 FELT_UM = 50.0
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.perception`)."""
 
@@ -31,27 +31,20 @@ HINT = "hollow: not usable"
 HINT_TIP = "A hollow point is one that no fit may use; point at it for the reason"
 
 
-class ResponsePlot(QWidget):
+class ResponsePlot(FramedPlot):
     """Measured points and the model's curve; the points are those of one run. A click on a point chooses it."""
 
     again_pressed = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._theme = theme
+        super().__init__(theme, parent)
         self._curve: Curve | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
         self._told: Sequence[Any] = ()
         self._top_hz = 250.0
-        self.canvas = pg.PlotWidget(enableMenu=False)
-        self._plot = self.canvas.getPlotItem()
-        quiet(self._plot, self.font())
-        self._plot.setContentsMargins(0, 0, 8, 0)
-        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
         self._plot.setLabel("left", "amplitude (µm)")
         self._plot.setLabel("bottom", "frequency (Hz)")
-        self._plot.showGrid(x=True, y=True, alpha=0.12)  # drawn once a point, not once a frame
         beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
         words = f"{FELT_UM:g} µm: felt on the abdomen"
         self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=beside)
@@ -66,12 +59,9 @@ class ResponsePlot(QWidget):
         ]
         for item in (*self._lines, *self._bars, *self.scatters):
             self._plot.addItem(item)
-        self.mark = simulated_mark(self._plot, self.font())
-        self.found = Corner(self._plot, "", self.font(), right=False)
         self.shown = [QCheckBox(series.words) for series in SERIES]
         self.hint = QLabel()
         self.hint.setToolTip(HINT_TIP)
-        self.copying = Copying(self.canvas, self._table)
         self._strip: Strip | None = None
         self.below = QComboBox()
         self.below.addItems([f"below: {words}" for words in SHOWS])
@@ -81,21 +71,13 @@ class ResponsePlot(QWidget):
         self.chosen = Selection(self.again, self._draw_points)
         self.again.clicked.connect(lambda: self.again_pressed.emit(self.chosen.take()))
         self.scatters[0].sigClicked.connect(lambda _, spots: self.chosen.toggle(self._entries, spots))
-        self._layout = layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        layout.addLayout(self._head())
-        layout.addWidget(self.canvas, 1)
+        self._under(self._head())
         self._scale()
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        self._theme = theme
-        self.canvas.setBackground(theme.panel)
-        paint(self._plot, theme)
-        self.mark.colour(theme.simulated)
-        self.found.colour(theme.text)
+        super().set_theme(theme)
         self._felt.setPen(pg.mkPen(theme.felt, width=1.5))
         self._felt.label.setColor(QColor(theme.felt))
         for at, (box, line, bars) in enumerate(zip(self.shown, self._lines, self._bars, strict=True)):
@@ -107,9 +89,6 @@ class ResponsePlot(QWidget):
         if self._strip is not None:
             self._strip.set_theme(theme)
         self._draw_points()
-
-    def show_simulated(self, simulated: bool) -> None:
-        self.mark.show(simulated)
 
     def show_curve(self, curve: Curve) -> None:
         """Draw the model's curve."""
