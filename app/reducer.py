@@ -72,17 +72,18 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
         case ConnectAsked():
             state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
             return replace(view, state=state, instruments=_lamps(view, Lamp.WAITING), trouble="")
-        case RunAsked(title):
-            progress = Progress(title, 0, 0.0)
-            view = replace(view, busy=True, progress=progress, outcome=None, trouble="", prompt=None)
-            return replace(view, points=(), entries=(), curves=(), pausing=False, paused=False)
+        case RunAsked(title, reads):
+            progress = Progress(title, 0, 0.0, label=f"reading {reads}" if reads else "")
+            view = replace(view, busy=True, progress=progress, trouble="", prompt=None, pausing=False, paused=False)
+            return view if reads else _bare(view)
         case Refused(words):
-            outcome = RunEnded(Status.FAILED, words, "")
+            before = view.outcome or RunEnded(Status.FAILED, words, "")
+            outcome = replace(before, status=Status.FAILED, reason=words)  # a run that was read can be asked for again
             return replace(view, busy=False, progress=None, trouble=words, state=_resting(view), outcome=outcome)
         case RunStarted():
             progress = Progress(title_of(event.protocol), event.entries, event.expected_s, left_s=event.expected_s)
             state = view.state if view.state is BenchState.GOING_TO_REST else BenchState.ARMING
-            view = replace(view, busy=True, state=state, progress=progress, simulated=event.simulated)
+            view = replace(_bare(view), busy=True, state=state, progress=progress, simulated=event.simulated)
             return replace(view, rest=None, drive=None, protocol=event.protocol)
         case Asked(_, prompt):
             # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
@@ -132,6 +133,11 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
             return replace(view, unsafe="", trouble="")
         case _:
             return view
+
+
+def _bare(view: View) -> View:
+    """Nothing of the run before."""
+    return replace(view, outcome=None, points=(), entries=(), curves=())
 
 
 def _live(view: View) -> View:

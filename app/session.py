@@ -56,7 +56,7 @@ class BenchFailed:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A run was not even begun: its file could not be created."""
+    """A run was not even begun: its file could not be created, or the one it goes on with not be read."""
 
     words: str
 
@@ -89,6 +89,21 @@ class _Job:
     prepare: tuple[Prompt, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class _Again:
+    """A run that goes on with another one, which is read when its turn comes."""
+
+    path: Path
+    entries: tuple[int, ...]
+    folder: Path
+
+    def read(self) -> _Job:
+        from protocols.continuation import earlier
+
+        before = earlier(self.path, self.entries)
+        return _Job(before.protocol, self.folder, before.specimen, before)
+
+
 class Session:
     """One bench, one thread, any number of runs one after the other.
 
@@ -105,7 +120,7 @@ class Session:
         operator: Operator,
     ) -> None:
         self._connect, self._observers, self._operator = connect, tuple(observers), operator
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Job | _Again | None] = queue.SimpleQueue()
         self._cancel, self._pause = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = State.CONNECTING
@@ -128,11 +143,18 @@ class Session:
         prepare: Sequence[Prompt] = (),
     ) -> None:
         """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
+        self._queue(_Job(protocol, folder, specimen, earlier, tuple(prepare)))
+
+    def measure_again(self, path: Path, entries: Sequence[int], folder: Path) -> None:
+        """Queue a run that measures some entries of the run `path` again. Returns at once; it is read in our thread."""
+        self._queue(_Again(path, tuple(entries), folder))
+
+    def _queue(self, job: _Job | _Again) -> None:
         self._cancel.clear()
         self._pause.clear()
         self.outcome = None
         self.finished.clear()
-        self._jobs.put(_Job(protocol, folder, specimen, earlier, tuple(prepare)))
+        self._jobs.put(job)
         if self.state in (State.NO_BENCH, State.CLOSED):
             self.finished.set()
 
@@ -181,13 +203,21 @@ class Session:
                 self._become(State.CLOSED)
             self.finished.set()
 
-    def _run(self, connected: Connected, job: _Job) -> None:
+    def _run(self, connected: Connected, asked: _Job | _Again) -> None:
         # HDF5 and what comes with it: not before the window is painted, and not in its thread.
         from protocols.runfile import RunFile
         from protocols.runner import Runner
+        from protocols.runopen import RunError
         from protocols.storing import StoreError
 
         self._become(State.RUNNING)
+        try:
+            job = asked.read() if isinstance(asked, _Again) else asked
+            if isinstance(asked, _Again) and self._cancel.is_set():
+                raise RunError(f"Stopped before the run began; nothing was measured. {asked.path.name} is as it was.")
+        except RunError as error:
+            self._refuse(str(error))
+            return
         for note in watchdog_notes(job.folder):
             self._tell(note)
         connected.bench.watchdog.log_to(job.folder)
@@ -195,9 +225,7 @@ class Session:
             continues = job.earlier.path if job.earlier else None
             store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen, continues))
         except StoreError as error:
-            self.outcome = (Status.FAILED, str(error))
-            self._become(State.IDLE)
-            self._tell(Refused(str(error)))
+            self._refuse(str(error))
         else:
             self.path = store.path
             operator = connected.operator or self._operator
@@ -214,6 +242,12 @@ class Session:
                 job.prepare,
             )
             self.outcome = runner.run()
+            self.finished.set()
+
+    def _refuse(self, words: str) -> None:
+        self.outcome = (Status.FAILED, words)
+        self._become(State.IDLE)
+        self._tell(Refused(words))
         self.finished.set()
 
     def _pass_on(self, event: Event) -> None:

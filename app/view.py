@@ -80,6 +80,8 @@ class RunAsked:
     """The operator pressed Run."""
 
     title: str
+    reads: str = ""
+    """The run that is read first, to be gone on with; what it measured is shown until the new one has begun."""
 
 
 @dataclass(frozen=True, slots=True)

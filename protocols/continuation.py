@@ -19,7 +19,7 @@ from protocols.layout import ENTRY
 from protocols.protocol import Protocol, extended
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
-from protocols.runreader import Run, RunError
+from protocols.runreader import Run, RunError, intact
 from protocols.steps import Prompt
 from protocols.values import Curve, Planned, Recording
 
@@ -70,7 +70,7 @@ def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
     Raises:
         RunError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
     """
-    with Run(path) as run:
+    with Run(path) as run, intact(path):
         if run.status is Status.RUNNING and not run.crashed:
             raise RunError(f"{path} is still being written; stop that run first")
         if run.imported:

@@ -176,7 +176,8 @@ class BenchBar(QWidget):
         progress, fraction = view.progress, 0.0
         flagged = f", {view.unusable} not usable" if view.unusable else ""
         if progress is None:
-            title, note = view.bench, "no run yet" if view.connected else ""
+            ended = "no run yet" if view.outcome is None else str(view.outcome.status)
+            title, note = view.bench, ended if view.connected else ""
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
             title = f"{progress.title} · {progress.label}" if progress.label else progress.title

@@ -96,6 +96,10 @@ class Book(Pages):
 
         self._jobs.do(load, lambda _: [QTimer.singleShot(0, self, partial(self._make, at)) for at in range(RUNS + 1)])
 
+    def beside(self, work: Callable[[], object]) -> None:
+        """Do something that reads files, beside the window."""
+        self._jobs.do(work)
+
     def back(self) -> None:
         """A step back on the page that is seen."""
         if self.currentIndex() == RUNS:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:  # run files and numerics are imported where they are used: in
 
 MOST_RECENT = 8
 
+Opened = tuple["Campaign", "Conductor", int]
+"""A campaign, who carries it out, and when its file was last changed."""
+
 
 class CampaignDesk(QObject):
     """Opens, changes and carries on one campaign.
@@ -85,10 +88,10 @@ class CampaignDesk(QObject):
     def new(self, folder: Path, specimen: str, simulated: bool) -> None:
         """Begin a campaign: the paper's measurements in their order."""
 
-        def begin() -> Campaign:
+        def begin() -> Opened:
             from app.campaign import Campaign
 
-            return Campaign.new(folder, specimen, simulated)
+            return _opened(Campaign.new(folder, specimen, simulated))
 
         self._jobs.do(begin, self._opened, self._failed)
 
@@ -96,13 +99,13 @@ class CampaignDesk(QObject):
         """Open a campaign's file."""
         writing = self.writing
 
-        def read() -> Campaign:
+        def read() -> Opened:
             from app.campaign import Campaign
 
             campaign = Campaign.at(path)
             if writing is not None:
                 campaign.leave(writing)
-            return campaign
+            return _opened(campaign)
 
         self._jobs.do(read, self._opened, self._failed)
 
@@ -206,11 +209,9 @@ class CampaignDesk(QObject):
             self._campaign, self._conductor = campaign, Conductor(campaign)
         return campaign
 
-    def _opened(self, campaign: Campaign) -> None:
-        from app.campaign_queue import Conductor
-
-        self._campaign, self._conductor = campaign, Conductor(campaign)
-        self._stamp = campaign.path.stat().st_mtime_ns
+    def _opened(self, opened: Opened) -> None:
+        campaign, self._conductor, self._stamp = opened
+        self._campaign = campaign
         self.known = self._told = None
         path = campaign.path.absolute()
         self.recent = [path, *(other for other in self.recent if other != path)][:MOST_RECENT]
@@ -244,3 +245,9 @@ class CampaignDesk(QObject):
         self.queue = False
         self.said.emit(str(error))
         self.changed.emit()
+
+
+def _opened(campaign: Campaign) -> Opened:
+    from app.campaign_queue import Conductor
+
+    return campaign, Conductor(campaign), campaign.path.stat().st_mtime_ns

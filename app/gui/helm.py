@@ -10,7 +10,7 @@ from PySide6.QtCore import QObject, Signal
 
 from app.gui.link import Link
 from app.reducer import reduce
-from app.session import Refused
+from app.sentences import title_of
 from app.view import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, View, ViewEvent
 from protocols.protocol import Protocol
 
@@ -56,20 +56,12 @@ class Helm(QObject):
         conductor.give(self.link.session, order)
 
     def measure_again(self, entries: tuple[int, ...], folder: Path) -> None:
-        """Measure some points of the last run again, into a run that goes on with it."""
-        from protocols.continuation import earlier  # HDF5, which the first paint does without
-        from protocols.runreader import RunError
-
+        """Measure some points of the last run again, into a run that goes on with it. The session reads that run."""
         outcome = self.view.outcome
-        if outcome is None or not self.ready:
-            return
-        try:
-            before = earlier(Path(outcome.path), entries)
-        except RunError as error:
-            self.link.observe(Refused(str(error)))
-            return
-        self._tell(RunAsked(before.protocol.title))
-        self.link.session.run(before.protocol, folder, before.specimen, before)
+        if outcome is not None and outcome.path and self.ready:
+            path = Path(outcome.path)
+            self._tell(RunAsked(title_of(self.view.protocol), reads=path.name))
+            self.link.session.measure_again(path, entries, folder)
 
     def stop(self) -> None:
         """Go to rest and end the run. The bench hears it first, then the screen."""

@@ -40,6 +40,8 @@ class SessionLike(Protocol):
         prepare: Sequence[Prompt] = (),
     ) -> None: ...
 
+    def measure_again(self, path: Path, entries: Sequence[int], folder: Path) -> None: ...
+
     def pause(self) -> None: ...
 
     def resume(self) -> None: ...
@@ -79,6 +81,11 @@ class Link:
                 yield self._heard.get_nowait()
             except queue.Empty:
                 return
+
+    def tell(self, events: Sequence[SessionEvent]) -> None:
+        """Tell what no session has told; from any thread."""
+        for event in events:
+            self.observe(event)
 
     def observe(self, event: SessionEvent) -> None:
         """Called in the bench thread: blocks go to the feed, everything else into the queue."""

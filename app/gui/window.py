@@ -68,8 +68,6 @@ class MainWindow(QMainWindow):
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
-        for note in watchdog_notes(self.pages.folder):
-            link.observe(note)
         self.set_theme(self.theme)
         self._show()
         QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system)
@@ -159,6 +157,8 @@ class MainWindow(QMainWindow):
             self._opened = True
             self.measure.begin()
             self.link.session.start()
+            folder = self.pages.folder
+            self.pages.beside(lambda: self.link.tell(watchdog_notes(folder)))
             self.pages.make_ahead()  # while the bench connects, so that looking at one is no wait
 
     def set_theme(self, theme: Theme) -> None:

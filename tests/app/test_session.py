@@ -5,9 +5,12 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from app.build import connect
 from app.session import BenchFailed, BenchOpened, Refused, Session, State
 from drivers.errors import InstrumentError
+from protocols.continuation import Earlier
 from protocols.events import PointMeasured, RunEnded, Status
 from protocols.sine_dwell import SineDwell
 from tests.support import Trigger, simulated, volts_are_safe
@@ -85,6 +88,46 @@ def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) 
     assert one.close(10)
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.is_set()
+
+
+def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_path: Path) -> None:
+    events: list = []
+    one, _ = session(events)
+    one.start()
+    one.run(SHORT, tmp_path, "T1")
+    assert one.finished.wait(30)
+    assert one.path is not None
+    before = one.path.read_bytes()
+    at = before.index(b"peak_to_peak_v")
+    (tmp_path / "damaged.h5").write_bytes(before[:at] + b"\xff" * 64 + before[at + 64 :])
+    for path, entries, says in (
+        (tmp_path / "gone.h5", (0,), "there is no file"),
+        (one.path, (7,), "no point of entry 7"),
+        (tmp_path / "damaged.h5", (0,), "damaged inside"),
+    ):
+        one.measure_again(path, entries, tmp_path)
+        assert one.finished.wait(20)
+        assert isinstance(events[-1], Refused)
+        assert says in events[-1].words
+        assert one.state is State.IDLE
+    one.measure_again(one.path, (0,), tmp_path)
+    assert one.finished.wait(30)
+    assert one.outcome is not None
+    assert one.outcome[0] == Status.COMPLETED
+    assert one.close(10)
+
+
+def test_stop_while_the_earlier_run_is_read_begins_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list = []
+    one, _ = session(events)
+    monkeypatch.setattr("protocols.continuation.earlier", lambda *_: one.stop() or Earlier(tmp_path, SHORT, "T1", None))
+    one.start()
+    one.measure_again(tmp_path / "run.h5", (0,), tmp_path)
+    assert one.finished.wait(20)
+    assert isinstance(events[-1], Refused)
+    assert "nothing was measured" in events[-1].words
+    assert list(tmp_path.iterdir()) == []
+    assert one.close(10)
 
 
 def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path: Path) -> None:

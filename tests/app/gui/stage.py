@@ -46,6 +46,7 @@ class ListeningSession:
     bench: Any = None
     runs: list[tuple[Protocol, Path, str]] = field(default_factory=list)
     continued: list[Any] = field(default_factory=list)
+    again: list[tuple[Path, tuple[int, ...], Path]] = field(default_factory=list)
     prepared: list[Any] = field(default_factory=list)
     stops: int = 0
     pauses: int = 0
@@ -62,6 +63,9 @@ class ListeningSession:
             self.prepared.append(prepare)
         if earlier is not None:
             self.continued.append(earlier)
+
+    def measure_again(self, path: Path, entries: Any, folder: Path) -> None:
+        self.again.append((path, tuple(entries), folder))
 
     def pause(self) -> None:
         self.pauses += 1

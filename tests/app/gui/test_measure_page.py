@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from app.presets import PresetError, Presets, presets_path
+from app.session import Refused
 from drivers.drive import Sine
 from protocols.events import (
     Answered,
@@ -29,7 +30,7 @@ from protocols.quality import Quality
 from protocols.sine_dwell import SineDwell
 from protocols.steps import Prompt
 from protocols.wiring_check import WiringCheck
-from tests.app.gui.happenings import AT_REST, LIVE, OPENED, point
+from tests.app.gui.happenings import AT_REST, LIVE, OPENED, STARTED, point
 from tests.app.gui.stage import Stage, until
 from tests.app.gui.test_other_protocols import POINT
 
@@ -150,7 +151,7 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, words: 
     assert stage.window.link.mailbox.answer(21) == words
 
 
-def test_chosen_points_are_measured_again(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     live(stage)
     stage.happen(*(point(i, 100.0 + 10 * i) for i in range(3)))
     plot = stage.window.measure.response
@@ -159,12 +160,20 @@ def test_chosen_points_are_measured_again(stage: Stage, monkeypatch: pytest.Monk
     assert not plot.again.isEnabled()
     stage.happen(AT_REST, RunEnded(Status.COMPLETED, "done", "run.h5"))
     assert plot.again.isEnabled()
-    asked: list[tuple[Path, tuple[int, ...]]] = []
-    before = type("Earlier", (), {"protocol": SineDwell(), "specimen": "T7"})()
-    monkeypatch.setattr("protocols.continuation.earlier", lambda path, again: asked.append((path, again)) or before)
     plot.again.click()
-    assert asked == [(Path("run.h5"), (1,))]
-    assert stage.session.continued == [before]
+    assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
+    assert stage.window.bar.task.words == "Sine dwell · reading run.h5"
+    assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
+    stage.press(Qt.Key.Key_F5)
+    assert len(stage.session.runs) == 1, "nothing else begins meanwhile"
+    stage.happen(Refused("run.h5 is damaged inside; take another copy of it"))
+    assert "another copy" in stage.window.notices.trouble.words.text()
+    assert len(plot.scatters[0].points()) == 3
+    plot.chosen.toggle((0, 1, 2), [plot.scatters[0].points()[2]])
+    plot.again.click()
+    assert stage.session.again[1:] == [(Path("run.h5"), (2,), tmp_path)], "it can be tried once more"
+    stage.happen(STARTED)
+    assert len(plot.scatters[0].points()) == 0
 
 
 def test_a_point_measured_again_takes_the_place_of_the_old_one(stage: Stage) -> None:

@@ -1,5 +1,6 @@
 """The whole way: a key pressed in the window, volts on the simulated bench, points on the screen, a file on the disk."""
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from PySide6.QtWidgets import QApplication
 from app.config import BenchConfig
 from app.gui.window import MainWindow
 from drivers.bench import BY_HAND
+from protocols.continuation import Earlier, earlier
 from protocols.events import Status
+from protocols.quality import Quality
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
 from tests.app.gui.stage import Bench, end, press, until
@@ -60,6 +63,37 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     drive, moved = (trace.curve()[1] for trace in window.link.feed.traces(window.measure.traces.span))
     assert drive[-1] == pytest.approx(2.5, abs=0.01)
     assert abs(moved[-1]) < 5.0
+
+
+def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
+    window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    press(window, Qt.Key.Key_F5)
+    until(lambda: not window.view.busy, "for the run")
+    (first,) = tmp_path.glob("*.h5")
+    asked, may_read, readers = threading.Event(), threading.Event(), []
+
+    def slowly(path: Path, entries: tuple[int, ...]) -> Earlier:
+        readers.append(threading.current_thread())
+        asked.set()
+        assert may_read.wait(20)
+        return earlier(path, entries)
+
+    monkeypatch.setattr("protocols.continuation.earlier", slowly)
+    window.helm.measure_again((1,), tmp_path)
+    until(asked.is_set, "for the session to read")
+    press(window, Qt.Key.Key_F5)
+    window.helm.measure_again((2,), tmp_path)
+    assert window.bar.task.words.endswith(f"reading {first.name}")
+    assert len(window.measure.response.scatters[0].points()) == 3
+    may_read.set()
+    until(lambda: not window.view.busy, "for the second run")
+    assert readers
+    assert threading.main_thread() not in readers
+    _, second = sorted(tmp_path.glob("*.h5"))
+    with Run(second) as run:
+        assert run.continues == first
+        assert [bool(int(flag) & Quality.SUPERSEDED) for flag in run.points()["quality"]] == [False, True, False, False]
 
 
 def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, bench: Bench) -> None:
