@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.explore import SLIDERS, Setting
+from app.explore import Setting
+from app.sliders import SLIDERS
 from app.words import uncertain
 from model.amplifier import AmplifierMap
 from model.parameters import Membrane

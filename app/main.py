@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 the run failed, 2 asked wrongly, 3 UNSAFE: rest could not 
 
 import argparse
 import functools
+import gc
 import logging
 import os
 import sys
@@ -15,6 +16,8 @@ from app.arguments import path, seed, shortened, specimen
 from app.exits import DONE, FAILED, USAGE, UsageError
 
 PROGRAM = "tactor-bench"
+GARBAGE = 50_000
+"""Objects made between two looks for garbage. Python's own 700 is a seventh of the time to a window: imports leave none."""
 PROTOCOL = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
 
 
@@ -47,6 +50,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     # Before numpy is there: our matrices are small, and threads that wait for each other take longer than one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Nor pydantic's: looking through every installed package for plug-ins of it, of which we use none.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    gc.set_threshold(GARBAGE)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         options = _parser().parse_args(arguments)

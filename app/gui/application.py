@@ -1,5 +1,6 @@
 """Opens the window and stays until it is closed; a signal from outside takes the same way out as closing."""
 
+import gc
 import os
 import signal
 import sys
@@ -99,6 +100,8 @@ def _until_closed(window: MainWindow, units: threading.Thread) -> int:
     window.show()
     if units.ident is None:
         QTimer.singleShot(UNITS_MS, window, units.start)
+        # What the window is made of stays: looking through it for garbage would be a gap between two frames.
+        QTimer.singleShot(UNITS_MS, window, gc.freeze)
     with _leave_on_signal(window):
         app.exec()
     view = window.view

@@ -7,10 +7,10 @@ from PySide6.QtCore import QPointF, QSize
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
-from app.explore import SLIDERS
 from app.gui.form import mark
 from app.gui.theme import Theme
 from app.live_estimates import Told
+from app.sliders import SLIDERS
 from app.words import uncertain
 
 ROWS = 3

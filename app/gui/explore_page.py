@@ -9,7 +9,7 @@ from PySide6.QtCore import QSettings, Qt, QTimer, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QFileDialog, QLabel, QSplitter, QWidget
 
-from app.explore import DRIVE, SLIDERS, TITLES, Kept, Setting, difference, preset, study_of
+from app.explore import DRIVE, TITLES, Kept, Setting, difference, preset, study_of
 from app.explore_answer import Answerer, Measured, Picture, Question
 from app.explore_fit import Fitted
 from app.explore_study import write_study
@@ -26,6 +26,7 @@ from app.gui.sliders import SliderPanel
 from app.gui.theme import Theme
 from app.history import History
 from app.latest import Latest
+from app.sliders import SLIDERS
 from app.view import View
 from model.quantity import ParameterError
 

@@ -108,16 +108,19 @@ def _fit(font: QFont, words: str, area: QRectF, bold: bool, most: int) -> tuple[
 
 
 def _largest(font: QFont, lines: list[str], area: QRectF, bold: bool, most: int) -> int:
-    low, high = 0, most
-    while low < high:
-        middle = (low + high + 1) // 2
-        metrics = QFontMetricsF(_sized(font, middle, bold))
+    """In pixels; 0 where nothing fits. Type grows almost evenly with its size: one look tells nearly where to end."""
+
+    def scale(px: int) -> float:
+        metrics = QFontMetricsF(_sized(font, px, bold))
         wide = max(metrics.horizontalAdvance(line) for line in lines)
-        if wide <= area.width() and metrics.lineSpacing() * len(lines) <= area.height() * 1.06:
-            low = middle
-        else:
-            high = middle - 1
-    return low
+        return min(area.width() / max(wide, 1e-9), 1.06 * area.height() / (metrics.lineSpacing() * len(lines)))
+
+    if (room := scale(most)) >= 1.0:
+        return most
+    px = int(most * max(room, 0.0)) + 1
+    while px > 0 and scale(px) < 1.0:
+        px -= 1
+    return px
 
 
 def _sized(font: QFont, px: int, bold: bool) -> QFont:

@@ -6,9 +6,10 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
 
-from app.explore import DRIVE, GROUPS, OF_SKIN, Setting, Slider
+from app.explore import DRIVE, OF_SKIN, Setting
 from app.gui.form import mark
 from app.model_inputs import PEAK_TO_PEAK, read_number
+from app.sliders import GROUPS, Slider
 from app.units import UnitError
 from model.quantity import ParameterError, Quantity
 from model.specimen import variables

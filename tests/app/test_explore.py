@@ -12,13 +12,14 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.explore import GROUPS, SLIDERS, TITLES, Setting, difference, preset, study_of
+from app.explore import TITLES, Setting, difference, preset, study_of
 from app.explore_answer import Answerer, Measured, Question, read_measured
 from app.explore_fit import fit_runs
 from app.history import History
 from app.latest import Latest
 from app.main import main
 from app.model_inputs import changed, read_settings
+from app.sliders import GROUPS, SLIDERS
 from model.identification.setting import FitCancelled
 from model.quantity import ParameterError
 from model.response import amplifier_response
