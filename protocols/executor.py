@@ -14,10 +14,11 @@ from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.ports import Block, Reading, Scale
 from protocols.counts import converted
-from protocols.events import Answered, Asked, BlockSeen, Event, Noted, Playing, Recorded, SettleEnded
+from protocols.events import Answered, Asked, BlockSeen, Noted, Playing, Recorded, SettleEnded
 from protocols.gathering import Gathering
 from protocols.operator import Operator
 from protocols.protocol import Protocol
+from protocols.publishing import Publisher
 from protocols.quality import Quality
 from protocols.runfile import RunFile
 from protocols.signals import SettlingDetector
@@ -44,8 +45,7 @@ class Executor:
     """The steps of one run, entry by entry.
 
     Args:
-        publish: stores an event and tells it.
-        tell: tells an event without storing it.
+        events: stores what happens, and tells it.
         interrupted: called after every block and in every wait; raises where the run shall not go on.
         expired: why the sensor's calibration is out of date; empty where it is not.
     """
@@ -55,14 +55,12 @@ class Executor:
         bench: Bench,
         store: RunFile,
         operator: Operator,
-        publish: Callable[[Event], None],
-        tell: Callable[[Event], None],
+        events: Publisher,
         interrupted: Callable[[], None],
         expired: str,
     ) -> None:
         self._bench, self._store, self._operator = bench, store, operator
-        self._publish, self._tell = publish, tell
-        self._interrupted, self._expired = interrupted, expired
+        self._events, self._interrupted, self._expired = events, interrupted, expired
         self._armed: ArmedBench | None = None
         self._recordings = 0
         self._taken = 0
@@ -107,7 +105,7 @@ class Executor:
                     case Read(meter):
                         answer = self._read_meter(meter)
                     case Note(text):
-                        self._publish(Noted(text))
+                        self._events.publish(Noted(text))
                         answer = None
 
     def ask(self, prompt: Prompt) -> str:
@@ -120,7 +118,7 @@ class Executor:
                 self.skip(self._armed)
             else:
                 self._bench.clock.sleep(0.05)
-        self._publish(Answered(ask_id, words))
+        self._events.publish(Answered(ask_id, words))
         if self._armed is not None:
             self._catch_up(self._armed)
         return words
@@ -135,7 +133,7 @@ class Executor:
         """Take a block that is not kept, and let whoever watches see it."""
         block = armed.skip()
         self._taken = block.stop
-        self._tell(BlockSeen(block))
+        self._events.tell(BlockSeen(block))
         return block
 
     def think(self, armed: ArmedBench, work: Callable[[], Answer]) -> Answer:
@@ -150,7 +148,7 @@ class Executor:
 
     def _show(self, prompt: Prompt) -> int:
         ask_id = next(_ASK_IDS)
-        self._publish(Asked(ask_id, prompt))
+        self._events.publish(Asked(ask_id, prompt))
         self._operator.show(ask_id, prompt)
         return ask_id
 
@@ -161,9 +159,9 @@ class Executor:
             block = self.skip(armed)
             drive_v, displacement_m, _ = self._units(armed, block.raw)
             if step.detector.feed(drive_v, displacement_m):
-                self._publish(Answered(ask_id, "seen by the laser"))
+                self._events.publish(Answered(ask_id, "seen by the laser"))
                 return Awaited(True, None)
-        self._publish(Answered(ask_id, words))
+        self._events.publish(Answered(ask_id, words))
         self._catch_up(armed)
         return Awaited(False, words)
 
@@ -190,7 +188,7 @@ class Executor:
                 f"{step.drive.frequency_hz:g} Hz is driven; check the cable from the generator to the card"
             )
         answer = Settled(done, (block.stop - first) / rate)
-        self._publish(SettleEnded(answer.settled, answer.after_s))
+        self._events.publish(SettleEnded(answer.settled, answer.after_s))
         return answer
 
     def _play(self, armed: ArmedBench, step: Play) -> Settled:
@@ -201,7 +199,7 @@ class Executor:
         while block.stop < last:
             block = self._read(armed)
         self._check_drive(armed, step.drive, block)
-        self._publish(SettleEnded(True, wait_s))
+        self._events.publish(SettleEnded(True, wait_s))
         return Settled(True, wait_s)
 
     def _record(self, armed: ArmedBench, drive: Drive | None, step: Record, settled: Settled, entry: int) -> Recording:
@@ -237,12 +235,12 @@ class Executor:
             recording = LongRecording(partial(self._stored, armed.scales, rows), **known)
         self._recordings += 1
         self._store.recording(recording.rows, int(quality), recording.drive, entry)
-        self._publish(Recorded(recording.index, recording.rows, int(quality), recording.drive, entry))
+        self._events.publish(Recorded(recording.index, recording.rows, int(quality), recording.drive, entry))
         return recording
 
     def _begin(self, armed: ArmedBench, drive: Drive) -> None:
         armed.play(drive)
-        self._publish(Playing(drive))
+        self._events.publish(Playing(drive))
 
     def _scan_now(self, armed: ArmedBench, later_s: float) -> int:
         """The scan that is taken `later_s` from now."""

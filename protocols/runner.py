@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -13,20 +13,15 @@ from typing import Any
 from drivers.bench import Armed as ArmedBench
 from drivers.bench import Bench
 from drivers.errors import BenchError, UnsafeError
-from drivers.ports import Block
 from protocols.continuation import Continuation, drifted
 from protocols.events import (
     Armed,
     AtRest,
-    BlockTaken,
     CurveReady,
     EntryBegan,
-    Event,
     GoingToRest,
     Noted,
     Paused,
-    PointMeasured,
-    Progressed,
     Resumed,
     RunEnded,
     RunStarted,
@@ -34,8 +29,10 @@ from protocols.events import (
     StreamStarted,
 )
 from protocols.executor import Executor
+from protocols.ledger import Ledger
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.protocol import Protocol, extended
+from protocols.protocol import Protocol
+from protocols.publishing import Observer, Publisher
 from protocols.rehearsal import rehearse
 from protocols.runfile import RunFile
 from protocols.steps import Prompt, Redo
@@ -43,8 +40,6 @@ from protocols.storing import StoreError
 from protocols.values import Curve, Estimate, Planned, Recording
 
 log = logging.getLogger(__name__)
-
-Observer = Callable[[Event], None]
 
 NUMERICS = ("scipy.fft", "scipy.optimize", "scipy.signal")
 """Imported before the card runs: the first fit in mid-run would hold everything up for a second or two."""
@@ -66,9 +61,9 @@ class Runner:
         file open -> card running -> armed at rest -> entry after entry ... -> to rest, measured -> file finished
                  \_______________ any failure, Stop, Ctrl-C _______________/
 
-    Every event is stored first and then told to the observers. A store error fails the run; an observer error is
-    logged and never does. `cancel` and `pause` may be set from any thread; they are looked at after every block and in
-    every wait. A paused run goes to rest, and measures the interrupted entry from its beginning once it goes on.
+    A store error fails the run; an observer's error never does (protocols.publishing). `cancel` and `pause` may be set
+    from any thread; they are looked at after every block and in every wait. A paused run goes to rest, and measures the
+    interrupted entry from its beginning once it goes on.
     """
 
     def __init__(
@@ -84,25 +79,16 @@ class Runner:
         prepare: Sequence[Prompt] = (),
     ) -> None:
         self._protocol, self._bench, self._store = protocol, bench, store
-        self._observers = tuple(observers)
         self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
         self._continuation = continuation or Continuation()
         self._prepare = tuple(prepare)
-        self._begin_s = bench.clock.now()
         self._armed: ArmedBench | None = None
-        self._store_error: StoreError | None = None
-        self._plan: list[Planned] = []
-        self._measured: dict[int, tuple[int, Any]] = {}
-        """Row in the file and point, by entry."""
-        self._curves: dict[int, tuple[Curve, ...]] = {}
-        self._remarked: set[str] = set()
-        self._without: list[str] = []
-        """Entries that gave no point."""
-        self._todo: list[int] = []
         self._setup: Prompt | None = None
         self._pausable = False
         self._expired = bench.sensor.expired(datetime.now(UTC).date())
-        self._executor = Executor(bench, store, operator, self._publish, self._tell, self._look_up, self._expired)
+        self._events = Publisher(store, observers, bench.clock)
+        self._ledger = Ledger(protocol, store, bench.amplifier.map.rest_v)
+        self._executor = Executor(bench, store, operator, self._events, self._look_up, self._expired)
 
     def run(self) -> tuple[Status, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
@@ -110,16 +96,16 @@ class Runner:
             self._begin()
             protocol = self._protocol
             with self._bench.armed(
-                protocol.sample_rate_hz, self._take, self, self._started, protocol.high_voltage
+                protocol.sample_rate_hz, self._events.take, self, self._started, protocol.high_voltage
             ) as armed:
-                self._publish(Armed(protocol.high_voltage))
+                self._events.publish(Armed(protocol.high_voltage))
                 try:
                     self._carry_out(armed)
                 finally:
-                    self._tell(GoingToRest())
-            status, reason = Status.COMPLETED, self._all_done()
+                    self._events.tell(GoingToRest())
+            status, reason = Status.COMPLETED, self._ledger.outcome()
         except Cancelled:
-            done = f"{len(self._measured)} of {len(self._plan)} points"
+            done = f"{self._ledger.measured} of {self._ledger.planned} points"
             status, reason = Status.STOPPED, f"stopped by the operator after {done}"
         except UnsafeError as error:
             status, reason = Status.UNSAFE, str(error)
@@ -128,7 +114,7 @@ class Runner:
         except (BenchError, StoreError) as error:
             status, reason = Status.FAILED, str(error)
         except KeyboardInterrupt:
-            status, reason = Status.STOPPED, f"interrupted after {len(self._measured)} points"
+            status, reason = Status.STOPPED, f"interrupted after {self._ledger.measured} points"
         except Exception as error:
             log.exception("the run failed by an error of this program")
             status, reason = Status.FAILED, f"an error of this program: {type(error).__name__}: {error}"
@@ -148,52 +134,38 @@ class Runner:
         rehearsal = rehearse(
             self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
         )
-        self._plan = list(self._protocol.plan(self._bench.amplifier.map.rest_v))
+        self._ledger.begin()
         path = str(self._store.path)
-        self._publish(
+        self._events.publish(
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
         for words in (self._bench.watchdog.words, self._expired, self._continuation.words):
             if words:
-                self._publish(Noted(words))
+                self._events.publish(Noted(words))
         for numerics in NUMERICS:
             importlib.import_module(numerics)
         for entry, point in self._continuation.points:
-            self._keep(entry, point)
-        for curve in self._continuation.curves:
-            self._curves[curve.entry] = (*self._curves.get(curve.entry, ()), curve)
-            self._tell(CurveReady(curve))
+            self._events.publish(self._ledger.keep(entry, point))
+        self._keep_curves(self._continuation.curves)
 
     def _carry_out(self, armed: ArmedBench) -> None:
-        self._extend()
-        again = self._continuation.again
-        self._todo = [i for i in range(len(self._plan)) if i not in self._measured or i in again]
-        self._progress()
+        self._ledger.leave(self._continuation.again)
+        self._events.publish(self._ledger.progress())
         with self._hands(armed, any(prompt.hands_on for prompt in self._prepare)):
             for prompt in self._prepare:
                 self._executor.ask(prompt)
         self._check_drift(armed)
-        while self._todo:
-            index = self._todo.pop(0)
-            if self._entry(armed, index) is Redo.PREVIOUS and index > 0:
-                self._todo[:0] = [index - 1, index]
-            if not self._todo:
-                self._todo = list(range(len(self._plan), self._extend()))
-            self._progress()
-
-    def _extend(self) -> int:
-        """Ask the protocol for further entries while all so far are measured; the length of the plan."""
-        points = {entry: point for entry, (_, point) in self._measured.items()}
-        self._plan = list(extended(self._protocol, self._plan, points, self._bench.amplifier.map.rest_v))
-        return len(self._plan)
+        while (index := self._ledger.next()) is not None:
+            self._ledger.done(index, self._entry(armed, index))
+            self._events.publish(self._ledger.progress())
 
     def _entry(self, armed: ArmedBench, index: int) -> Redo | None:
         """Measure one entry, as often as pauses and the protocol ask for it."""
-        entry = self._plan[index]
+        entry = self._ledger.entry(index)
         while True:
             try:
                 self._set_up(armed, entry.setup)
-                self._publish(EntryBegan(index, entry.label, entry.key))
+                self._events.publish(EntryBegan(index, entry.label, entry.key))
                 self._pausable = True
                 recordings, redo = self._executor.carry_out(self._protocol, index, entry, armed)
             except PauseAsked:
@@ -213,32 +185,25 @@ class Runner:
         try:
             point = self._executor.think(armed, partial(next, results))
         except ValueError as error:
-            self._without.append(entry.label)
-            self._publish(Noted(f"{entry.label} gives no point: {error}"))
+            self._ledger.give_up(index)
+            self._events.publish(Noted(f"{entry.label} gives no point: {error}"))
         else:
-            self._keep(index, point)
-            self._curves[index] = self._curves_of(armed, index, entry, results)
-            for curve in self._curves[index]:
-                self._tell(CurveReady(curve))
-            for words in self._protocol.remarks([self._measured[i][1] for i in sorted(self._measured)]):
-                if words not in self._remarked:
-                    self._remarked.add(words)
-                    self._publish(Noted(words))
+            self._events.publish(self._ledger.keep(index, point))
+            self._keep_curves(self._curves_of(armed, index, entry, results))
+            for words in self._ledger.remarks():
+                self._events.publish(Noted(words))
 
     def _curves_of(self, armed: ArmedBench, index: int, entry: Planned, results: Iterator[Any]) -> tuple[Curve, ...]:
         try:
             return tuple(replace(curve, entry=index) for curve in self._executor.think(armed, partial(tuple, results)))
         except ValueError as error:
-            self._publish(Noted(f"{entry.label} gives no curve: {error}"))
+            self._events.publish(Noted(f"{entry.label} gives no curve: {error}"))
             return ()
 
-    def _keep(self, entry: int, point: Any) -> None:
-        row = self._store.point(point, entry)
-        replaces, _ = self._measured.get(entry, (None, None))
-        if replaces is not None:
-            self._store.supersede(replaces)
-        self._measured[entry] = (row, point)
-        self._publish(PointMeasured(row, point, entry, replaces))
+    def _keep_curves(self, curves: Sequence[Curve]) -> None:
+        for curve in curves:
+            self._ledger.keep_curve(curve)
+            self._events.tell(CurveReady(curve))
 
     def _set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
         """Have a person set up what the entry needs, where that is not what stands there."""
@@ -255,68 +220,29 @@ class Runner:
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.to_rest()
-        self._publish(Paused(rest.words))
+        self._events.publish(Paused(rest.words))
         while self._pause.is_set():
             self._look_up()
             self._executor.skip(armed)
-        self._publish(Resumed())
+        self._events.publish(Resumed())
 
     def _check_drift(self, armed: ArmedBench) -> None:
         """After an interruption, measure the last good entry again before going on."""
         last = self._continuation.check
         if last is None or last in self._continuation.again:
             return
-        _, before = self._measured[last]
+        before = self._ledger.point(last)
         self._entry(armed, last)
-        _, now = self._measured[last]
-        words, question = drifted(self._protocol, self._plan[last].label, before, now)
-        self._publish(Noted(words))
+        words, question = drifted(self._protocol, self._ledger.entry(last).label, before, self._ledger.point(last))
+        self._events.publish(Noted(words))
         if question is not None and self._executor.ask(question) != question.choices[0]:
             raise Cancelled
-
-    def _all_done(self) -> str:
-        if not self._without:
-            return "all points measured"
-        return f"{len(self._measured)} of {len(self._plan)} points; none from {', '.join(self._without)}"
-
-    # -- blocks and events ---------------------------------------------------------------------------------------------
 
     def _started(self, armed: ArmedBench) -> None:
         self._armed = armed
         self._executor.started(armed)
         self._store.begin(armed.rate_hz, armed.scales)
-        self._publish(StreamStarted(armed.rate_hz, armed.scales))
-
-    def _take(self, block: Block) -> None:
-        """The bench's sink: into the file, then to the observers."""
-        row = self._store.block(block, self._now())
-        self._tell(BlockTaken(block, row))
-
-    def _now(self) -> float:
-        return self._bench.clock.now() - self._begin_s
-
-    def _progress(self) -> None:
-        left = [self._plan[i] for i in self._todo]
-        label = left[0].label if left else "done"
-        left_s = sum(entry.expected_s for entry in left)
-        self._publish(Progressed(len(self._plan) - len(left), len(self._plan), left_s, label))
-
-    def _publish(self, event: Event) -> None:
-        """Store an event, then tell it. After the store failed once, only tell."""
-        if self._store_error is None:
-            try:
-                self._store.event(event, self._now())
-            except StoreError as error:
-                self._store_error = error
-                raise
-        self._tell(event)
-
-    def _tell(self, event: Event) -> None:
-        for observer in self._observers:
-            try:
-                observer(event)
-            except Exception:
-                log.exception("an observer failed on %s", type(event).__name__)
+        self._events.publish(StreamStarted(armed.rate_hz, armed.scales))
 
     def _look_up(self) -> None:
         """Whether somebody wants something else than to go on."""
@@ -331,22 +257,21 @@ class Runner:
         if rest is not None:
             event = AtRest(rest.confirmed, rest.measured_v, rest.words)
             try:
-                self._publish(event)
+                self._events.publish(event)
             except StoreError:
-                self._tell(event)  # whether it is safe must be heard, full disk or not
+                self._events.tell(event)  # whether it is safe must be heard, full disk or not
         estimates: tuple[Estimate, ...] = ()
         try:
-            estimates = self._protocol.estimates([self._measured[i][1] for i in sorted(self._measured)])
+            estimates = self._protocol.estimates(self._ledger.points)
         except Exception as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
         try:
-            curves = [curve for index in sorted(self._curves) for curve in self._curves[index]]
-            reason = self._store.finish(status, reason, estimates, curves)
+            reason = self._store.finish(status, reason, estimates, self._ledger.curves)
         except StoreError as error:
             if status in (Status.COMPLETED, Status.STOPPED):
                 status, reason = Status.FAILED, str(error)
             with contextlib.suppress(StoreError):
                 self._store.abandon()
-        self._tell(RunEnded(status, reason, str(self._store.path), estimates))
+        self._events.tell(RunEnded(status, reason, str(self._store.path), estimates))
         return status, reason

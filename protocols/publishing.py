@@ -1,0 +1,60 @@
+"""What happens in a run is stored first and then told: nobody hears of what the file does not hold."""
+
+import logging
+from collections.abc import Callable, Sequence
+
+from drivers.clock import Clock
+from drivers.ports import Block
+from protocols.events import BlockTaken, Event
+from protocols.runfile import RunFile
+from protocols.storing import StoreError
+
+log = logging.getLogger(__name__)
+
+Observer = Callable[[Event], None]
+
+
+class Publisher:
+    """The way of every event and block of a run: into its file, then to the observers.
+
+    A store error fails the run; an observer's error is logged and never does. Times are seconds since this was made.
+    """
+
+    def __init__(self, store: RunFile, observers: Sequence[Observer], clock: Clock) -> None:
+        self._store, self._observers, self._clock = store, tuple(observers), clock
+        self._begin_s = clock.now()
+        self._broken = False
+
+    def publish(self, event: Event) -> None:
+        """Store an event, then tell it. After the store failed once, only tell.
+
+        Raises:
+            StoreError: the file cannot be written; nobody was told.
+        """
+        if not self._broken:
+            try:
+                self._store.event(event, self._now())
+            except StoreError:
+                self._broken = True
+                raise
+        self.tell(event)
+
+    def take(self, block: Block) -> None:
+        """Append a block of samples, then tell it: the sink of an armed bench.
+
+        Raises:
+            StoreError: the file cannot be written; nobody was told.
+        """
+        row = self._store.block(block, self._now())
+        self.tell(BlockTaken(block, row))
+
+    def tell(self, event: Event) -> None:
+        """Tell what need not be kept, or cannot."""
+        for observer in self._observers:
+            try:
+                observer(event)
+            except Exception:
+                log.exception("an observer failed on %s", type(event).__name__)
+
+    def _now(self) -> float:
+        return self._clock.now() - self._begin_s
