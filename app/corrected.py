@@ -152,7 +152,7 @@ class CorrectedRun(Run):
         if (earlier := self.continues) is not None and earlier.exists():
             with CorrectedRun(earlier, self._correction) as before:
                 found = before._latest()
-        own, begun = list(self.own_recordings()), dict[int, int]()
+        own, begun = list(self.trace.recordings()), dict[int, int]()
         for event in self.events():
             if event.kind == "EntryBegan":
                 begun[int(event.fields["index"])] = event.row

@@ -60,9 +60,9 @@ def export(
     Raises:
         ExportError: a file cannot be written, or the run is too long for the format.
     """
-    if kind != "csv" and "raw" in parts and run.samples > LARGEST_WHOLE:
+    if kind != "csv" and "raw" in parts and run.trace.samples > LARGEST_WHOLE:
         raise ExportError(
-            f"{run.path.name} has {run.samples} scans, and {kind} holds at most {LARGEST_WHOLE}: "
+            f"{run.path.name} has {run.trace.samples} scans, and {kind} holds at most {LARGEST_WHOLE}: "
             "take csv, or leave the raw data out"
         )
     stem = run.path.stem + ("_SIMULATED" if run.simulated else "")
@@ -188,9 +188,10 @@ def _mat(
 
 def _raw(run: Run) -> Iterator[tuple[Any, ...]]:
     """How much is done after it, then time, drive and displacement of the next scans."""
-    for start in range(0, run.samples, CHUNK):
-        stop = min(start + CHUNK, run.samples)
-        yield stop / run.samples, run.time_s(start, stop), run.drive_v(start, stop), run.displacement_m(start, stop)
+    trace, samples = run.trace, run.trace.samples
+    for start in range(0, samples, CHUNK):
+        stop = min(start + CHUNK, samples)
+        yield stop / samples, trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
 
 
 def _table(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
@@ -229,8 +230,8 @@ def _about(run: Run) -> Iterator[tuple[str, Any]]:
     for name in ("protocol", "specimen", "state", "reason", "start_time"):
         yield name, str(getattr(run, name))
     yield "simulated", int(run.simulated)
-    yield "sample_rate_hz", run.rate_hz
-    yield "samples", run.samples
+    yield "sample_rate_hz", run.trace.rate_hz
+    yield "samples", run.trace.samples
     for name, value in run.parameters.items():
         yield f"parameter_{name}", value if isinstance(value, int | float | str) else json.dumps(value)
     for name, value in run.software.items():

@@ -206,7 +206,7 @@ def _amplifier(run: Run) -> AmplifierMap:
 
 
 def _draw_trace(axes: Any, run: Run) -> None:
-    last = run.last_recording()
+    last = run.trace.last_recording()
     if last is None:
         words = "imported: there are no samples" if run.imported else "nothing was recorded"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)

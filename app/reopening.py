@@ -16,6 +16,7 @@ from protocols import events as happened
 from protocols.continuation import points_of
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
+from protocols.run_trace import Trace
 from protocols.runreader import Happened, Run, RunError
 from protocols.values import Curve, Estimate
 
@@ -87,28 +88,28 @@ def reopen(path: Path) -> Reopened:
                 run.curves(),
                 run.estimates(),
                 tuple(message for message in log if message is not None),
-                read_traces(run),
-                run.samples / run.rate_hz if run.rate_hz else 0.0,
+                read_traces(run.trace),
+                run.trace.duration_s,
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise RunError(f"{path} is damaged inside: {error}") from None
 
 
-def read_traces(run: Run, start: int = 0, stop: int | None = None) -> Traces:
+def read_traces(trace: Trace, start: int = 0, stop: int | None = None) -> Traces:
     """Smallest and largest of each of `COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
-    stop = run.samples if stop is None else min(stop, run.samples)
+    stop = trace.samples if stop is None else min(stop, trace.samples)
     per = max(-(-(stop - start) // COLUMNS), 1)
     if 0 < stop - start <= 2 * COLUMNS:
         return Traces(
-            run.time_s(start, stop), run.drive_v(start, stop), 1e6 * run.displacement_m(start, stop), raw=True
+            trace.time_s(start, stop), trace.drive_v(start, stop), 1e6 * trace.displacement_m(start, stop), raw=True
         )
     kept: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
     step = max(CHUNK // per, 1) * per
     for first in range(start, stop, step):
         last = min(first + step, stop)
         edges = np.arange(0, last - first, per)
-        kept[0].append(run.time_s(first, last)[edges])
-        for into, values in ((kept[1], run.drive_v(first, last)), (kept[2], 1e6 * run.displacement_m(first, last))):
+        kept[0].append(trace.time_s(first, last)[edges])
+        for into, values in ((kept[1], trace.drive_v(first, last)), (kept[2], 1e6 * trace.displacement_m(first, last))):
             pairs = np.stack((np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)), axis=1)
             into.append(pairs.ravel())
     if not kept[0]:
@@ -124,13 +125,14 @@ def look_closer(path: Path, from_s: float, to_s: float) -> Traces:
     """
     try:
         with Run(path) as run:
-            rows = range(run.samples)
+            trace = run.trace
+            rows = range(trace.samples)
 
             def scanned(row: int) -> float:
-                return float(run.time_s(row, row + 1)[0])
+                return float(trace.time_s(row, row + 1)[0])
 
             start, stop = bisect_left(rows, from_s, key=scanned), bisect_right(rows, to_s, key=scanned)
-            return read_traces(run, max(start - 1, 0), stop + 1)
+            return read_traces(trace, max(start - 1, 0), stop + 1)
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise RunError(f"{path} is damaged inside: {error}") from None
 

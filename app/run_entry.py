@@ -149,7 +149,7 @@ def read_entry(file: Path, path: str) -> Entry | None:
                     start_time=run.start_time,
                     simulated=int(run.simulated),
                     points=run.point_count,
-                    seconds=run.samples / run.rate_hz if run.rate_hz else 0.0,
+                    seconds=run.trace.duration_s,
                     found=found,
                     tags="",
                     note="",

@@ -22,8 +22,8 @@ def run_record(run: Run) -> dict[str, Any]:
         "start_time": run.start_time,
         "simulated": run.simulated,
         "imported": run.imported,
-        "sample_rate_hz": run.rate_hz,
-        "samples": run.samples,
+        "sample_rate_hz": run.trace.rate_hz,
+        "samples": run.trace.samples,
         "parameters": run.parameters,
         "points": run.points(),
         "units": run.units(),
@@ -38,12 +38,12 @@ def run_record(run: Run) -> dict[str, Any]:
 def run_text(run: Run) -> str:
     """A page about a run, for a terminal."""
     points = run.points()
-    length = duration(run.samples / run.rate_hz) if run.rate_hz else "0 s"
+    length = duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
         f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
         f"{run.state}: {run.reason}" if run.reason else run.state,
         _origin(run)
-        or f"begun {run.start_time}, {run.samples} scans at {run.rate_hz:g} Hz ({length}), "
+        or f"begun {run.start_time}, {run.trace.samples} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{size(run.path.stat().st_size)}",
         "",
     ]

@@ -61,7 +61,7 @@ def written(folder: Path) -> Path:
 
 def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     with Run(path) as run:
-        return run.drive_v(), run.displacement_m()
+        return run.trace.drive_v(), run.trace.displacement_m()
 
 
 def whole(path: Path) -> float:

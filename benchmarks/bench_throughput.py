@@ -61,7 +61,7 @@ def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
         with Run(store.path) as run:
             recording = next(run.recordings())
             lost = round(seconds * rate_hz) - len(recording.drive_v)
-            samples = run.samples
+            samples = run.trace.samples
         size = store.path.stat().st_size
     busy = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / took
     gap = max(b[0] - a[0] - b[1] / rate_hz for a, b in pairwise(arrivals))

@@ -62,7 +62,7 @@ def case(rate_hz: float) -> None:
         QObject.disconnect(watching)
         gc.unfreeze()
         with Run(Path(window.view.outcome.path)) as run:
-            samples = run.samples
+            samples = run.trace.samples
             lost = sum(bool(int(quality) & 8) for quality in run.points()["quality"])
         window.leave(at_once=True)
         until(lambda: not window.isVisible())

@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench import channel_skew_s
-from drivers.drive import from_record
-from drivers.ports import Scale
 from drivers.sensor import LaserSensor
-from protocols.counts import converted
 from protocols.events import Status
-from protocols.layout import CHANNELS, ENTRY, FORMAT, FORMAT_VERSION
-from protocols.quality import Quality
+from protocols.layout import ENTRY, FORMAT, FORMAT_VERSION
+from protocols.run_trace import Trace, sensor_of
 from protocols.runopen import NewerRunError, NoRunError, RunError, intact, opened
 from protocols.values import Column, Curve, Estimate, Recording
 
@@ -150,94 +146,21 @@ class Run:
         return bool(self._entry["simulated"][()])
 
     @property
-    def rate_hz(self) -> float:
-        return float(self._entry["trace/sample_rate"][()])
-
-    @property
-    def samples(self) -> int:
-        """Rows that every channel has."""
-        return min(int(self._entry[f"trace/{name}"].shape[0]) for name in CHANNELS)
-
-    @property
     def sensor(self) -> LaserSensor:
-        group = self._entry["instrument/displacement_sensor"]
-        number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
-        return LaserSensor(
-            name=group["name"].asstr()[()],
-            gain_m_per_v=number["gain"],
-            zero_v=number["zero"],
-            valid_low_v=float(group["valid_low"][()]),
-            valid_high_v=float(group["valid_high"][()]),
-            delay_s=number["delay"],
-            gain_relative_uncertainty=number["gain_relative_uncertainty"],
-            serial=group["serial"].asstr()[()],
-            calibrated=group["calibrated"].asstr()[()],
-        )
+        """The displacement sensor with its calibration."""
+        return sensor_of(self._entry)
 
-    def scale(self, channel: str) -> Scale:
-        coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
-        skew = f"trace/{channel}_skew"  # not in files of format 1
-        return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
-
-    def raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
-        """Integers as the card gave them, rows start..stop."""
-        stop = self.samples if stop is None else min(stop, self.samples)
-        return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
-
-    def time_s(self, start: int = 0, stop: int | None = None) -> Array:
-        """When rows start..stop were scanned, seconds since the stream began; where nothing was kept it jumps."""
-        rows = np.arange(start, self.samples if stop is None else min(stop, self.samples))
-        blocks = self._entry["blocks"][:]
-        if not len(blocks):
-            return rows / self.rate_hz
-        at = np.searchsorted(blocks["row"], rows, side="right") - 1
-        return np.asarray((blocks["scan"][at] + rows - blocks["row"][at]) / self.rate_hz)
-
-    def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
-        """Volts at the amplifier's input."""
-        return converted(self.scale("drive").volts, self.raw("drive", start, stop))
-
-    def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
-        """Displacement as the sensor tells it; a Recording's quality says where not to believe it."""
-        sensor, scale = self.sensor, self.scale("displacement")
-        return converted(
-            lambda counts: sensor.displacement_m(scale.volts(counts)), self.raw("displacement", start, stop)
-        )
+    @property
+    def trace(self) -> Trace:
+        """What the card sampled."""
+        return Trace(self._entry, lambda: self.sensor)
 
     def recordings(self) -> Iterator[Recording]:
         """What was kept, in order, exactly as the live run had it; first that of the run this one goes on with."""
         if (earlier := self.continues) is not None and earlier.exists():
             with Run(earlier) as before:
                 yield from before.recordings()
-        yield from self.own_recordings()
-
-    def own_recordings(self) -> Iterator[Recording]:
-        """What was kept in this very file, in order."""
-        delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
-        for index, row in enumerate(self._entry["recordings"][:]):
-            yield self._recording(index, row, delay_s)
-
-    def last_recording(self) -> Recording | None:
-        """The last of what this file keeps, without reading the rest; None where it keeps nothing."""
-        table = self._entry["recordings"]
-        if not len(table):
-            return None
-        delay_s = self.sensor.delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
-        return self._recording(len(table) - 1, table[-1], delay_s)
-
-    def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
-        rows = (int(row["start_row"]), int(row["stop_row"]))
-        return Recording(
-            index=index,
-            rows=rows,
-            rate_hz=self.rate_hz,
-            drive=from_record(json.loads(row["drive"].decode())),
-            drive_v=self.drive_v(*rows),
-            displacement_m=self.displacement_m(*rows),
-            quality=Quality(int(row["quality"])),
-            sensor_delay_s=delay_s,
-            entry=int(row[ENTRY]) if ENTRY in row.dtype.names else index,  # format 1: one each
-        )
+        yield from self.trace.recordings()
 
     def points(self) -> dict[str, Array]:
         """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""

@@ -53,7 +53,7 @@ def test_raw_samples_keep_their_time_over_a_gap(path: Path, tmp_path: Path) -> N
 def test_json_holds_the_same(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
         (file,) = export(run, tmp_path / "out", "json")
-        drive = run.drive_v()
+        drive = run.trace.drive_v()
     got = json.loads(file.read_text("utf-8"))
     assert got["points"]["frequency"] == [100.0, 160.0]
     assert got["raw"]["units"] == {"time": "s", "drive": "V", "displacement": "m"}
@@ -66,7 +66,7 @@ def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None
 
     with Run(path) as run:
         (file,) = export(run, tmp_path / "out", "mat")
-        moved = run.displacement_m()
+        moved = run.trace.displacement_m()
     got = loadmat(file, simplify_cells=True)
     np.testing.assert_allclose(got["points"]["frequency"], [100.0, 160.0])
     assert got["points"]["units"]["peak_to_peak"] == "m"

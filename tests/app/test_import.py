@@ -242,7 +242,7 @@ def test_a_time_series_gives_amplitude_and_phase(tmp_path: Path) -> None:
     np.testing.assert_allclose(got["drive_amplitude"], 2.0, rtol=1e-6)
     with Run(path) as run:
         assert run.protocol == "sine-dwell"
-        assert run.samples == 0
+        assert run.trace.samples == 0
         assert len(run.curves()[0].columns["displacement"].values) == 5000
 
 

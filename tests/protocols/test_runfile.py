@@ -76,9 +76,9 @@ def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, 
     file.finish(Status.COMPLETED, "fine", [Estimate("c0", 159.0, 0.5, "kg/(m s)", "here")])
     with Run(file.path) as run:
         both = np.concatenate([raw, raw[:, ::-1]], axis=1)
-        assert np.array_equal(run.raw("drive"), both[0])
-        assert np.array_equal(run.raw("displacement"), both[1])
-        assert run.displacement_m() == pytest.approx((SCALE.volts(both[1]) - 0.5) * 1e-4)
+        assert np.array_equal(run.trace.raw("drive"), both[0])
+        assert np.array_equal(run.trace.raw("displacement"), both[1])
+        assert run.trace.displacement_m() == pytest.approx((SCALE.volts(both[1]) - 0.5) * 1e-4)
         (event,) = run.events()
         assert (event.time_s, event.kind, event.fields) == (0.3, "Noted", {"text": text})
         (recording,) = run.recordings()
@@ -97,7 +97,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
         for k in range(2):
             file.block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
             file.point(Spot(k, k))
-            code = "import sys; from pathlib import Path; from protocols.runreader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.samples, len(r.points()['height']))"
+            code = "import sys; from pathlib import Path; from protocols.runreader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.samples, len(r.points()['height']))"
             seen = subprocess.run(
                 [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
             )
@@ -148,8 +148,8 @@ def test_a_killed_program_leaves_everything_it_had_acknowledged(tmp_path: Path) 
         with Run(path) as run:
             assert run.state == "crashed"
             assert run.status == Status.RUNNING
-            assert run.samples >= acknowledged - 500  # the last number printed may be cut
-            raw = run.raw("displacement")
+            assert run.trace.samples >= acknowledged - 500  # the last number printed may be cut
+            raw = run.trace.raw("displacement")
             assert np.array_equal(raw, (np.arange(len(raw)) // 500 % 1000).astype(np.int16))
         path.unlink()
 
@@ -176,9 +176,9 @@ def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_writte
     assert events[-2]["event"] == "AtRest"
     assert events[-2]["confirmed"]
     with Run(Path(events[-1]["path"])) as file:
-        assert file.samples > 5_000
+        assert file.trace.samples > 5_000
         assert file.state in ("crashed", "failed")  # the status is told where it still can be
-        assert file.drive_v().max() == pytest.approx(5, abs=0.01)
+        assert file.trace.drive_v().max() == pytest.approx(5, abs=0.01)
 
 
 def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Path, monkeypatch: Any) -> None:
@@ -276,10 +276,10 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100,)), tmp_path, lab)
     with Run(ran.path) as file:
-        before = file.raw("displacement").tobytes()
+        before = file.trace.raw("displacement").tobytes()
     append_estimates(ran.path, [Estimate("quality factor", 2.4, 0.1, "1", "by hand")])
     with Run(ran.path) as file:
-        assert file.raw("displacement").tobytes() == before
+        assert file.trace.raw("displacement").tobytes() == before
         assert [e.name for e in file.estimates()] == ["quality factor"]
 
 
@@ -306,8 +306,8 @@ def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path)
             unitless += [d.name for d in group.values() if d.dtype.kind in "fi" and "units" not in d.attrs]
     assert unitless == []
     with Run(ran.path) as run_:
-        assert scaled["displacement"] == pytest.approx(run_.displacement_m(), abs=1e-9)
-        assert scaled["drive"] == pytest.approx(run_.drive_v(), abs=1e-5)
+        assert scaled["displacement"] == pytest.approx(run_.trace.displacement_m(), abs=1e-9)
+        assert scaled["drive"] == pytest.approx(run_.trace.drive_v(), abs=1e-5)
         assert run_.configuration["speed"] == "max"
         assert set(run_.points()) == {*SinePoint.__slots__, "entry"}
 

@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_bytes_of_samples_and_another_does_not(tmp_
         with laboratory(simulated(seed=seed)) as lab:
             ran = run(SineDwell(frequencies_hz=(160,)), tmp_path, lab)
         with Run(ran.path) as file:
-            raws.append(file.raw("displacement"))
+            raws.append(file.trace.raw("displacement"))
     assert np.array_equal(raws[0], raws[1])
     assert not np.array_equal(raws[0], raws[2])
 

@@ -55,7 +55,7 @@ def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself
         safe(bench)
     with Run(run.file) as file:
         assert file.state == "crashed"
-        assert file.samples > 1000
+        assert file.trace.samples > 1000
 
 
 def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:

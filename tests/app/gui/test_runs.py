@@ -116,7 +116,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     x, y = view.response.scatters[0].getData()
     np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
     with Run(next(folder.glob("*_T7_*"))) as run:
-        drive, length = run.drive_v(), run.time_s()[-1]
+        drive, length = run.trace.drive_v(), run.trace.time_s()[-1]
     t, v = view.traces.curves[1].getData()
     assert (v.min(), v.max()) == (drive.min(), drive.max())
     assert t[-1] == pytest.approx(length, abs=0.01)
@@ -146,8 +146,8 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     until(lambda: len(traces.curves[0].getData()[0]) < 190, "for the samples")
     seen_s, seen_um = traces.curves[0].getData()
     with Run(next(folder.glob("*_T7_*"))) as run:
-        at = (run.time_s() > 0.0999) & (run.time_s() < 0.1301)
-        times, moved = run.time_s()[at], 1e6 * run.displacement_m()[at]
+        at = (run.trace.time_s() > 0.0999) & (run.trace.time_s() < 0.1301)
+        times, moved = run.trace.time_s()[at], 1e6 * run.trace.displacement_m()[at]
     np.testing.assert_allclose(np.interp(times, seen_s, seen_um), moved)
     assert set(times.round(6)) <= set(seen_s.round(6))
     assert "every sample" in traces._plots[1].getAxis("bottom").labelText
