@@ -18,6 +18,7 @@ from protocols.events import (
     BlockSeen,
     BlockTaken,
     CurveReady,
+    FaultSwitched,
     GoingToRest,
     Noted,
     Paused,
@@ -91,6 +92,8 @@ class ConsoleObserver:
                 self._say(f"  {words}")
             case Noted(text):
                 self._say(text)
+            case FaultSwitched(fault, words, broken):
+                self._say((f"{'broken' if broken else 'mended'} on purpose", "bold yellow"), f": {words} ({fault})")
             case PointMeasured(_, point):
                 self._say(point_line(point))
             case CurveReady(curve) if words := curve_line(curve):

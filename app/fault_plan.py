@@ -10,7 +10,7 @@ from typing import Protocol
 
 from app.exits import UsageError
 from app.session import Connected, SessionEvent
-from protocols.events import RunStarted
+from protocols.events import FaultSwitched, RunStarted
 from sim_hardware.faults import FAULTS
 
 Connect = Callable[[], AbstractContextManager[Connected]]
@@ -49,6 +49,8 @@ class FaultPlan:
         self._due = sorted(faults, key=lambda fault: fault.after_s)
         self._laboratory: Connected | None = None
         self._begin_s: float | None = None
+        self.tell: Callable[[FaultSwitched], object] = lambda _: None
+        """Told what was broken or mended, in the thread that did it: `Session.happened`, for the run's file and the log."""
 
     def around(self, connect: Connect) -> Connect:
         """The same way to a bench, known to this plan from then on."""
@@ -71,11 +73,20 @@ class FaultPlan:
             UsageError: the bench is not open, or is a real one.
             BenchError: the simulated bench has died.
         """
-        self._hands().inject(name)
+        hands = self._hands()
+        before = hands.broken()
+        hands.inject(name)
+        if name not in before:
+            self._switched(name, broken=True)
 
     def clear(self, name: str | None = None) -> None:
         """Mend one fault, or all. As `inject`."""
-        self._hands().clear(name)
+        hands = self._hands()
+        before = hands.broken()
+        hands.clear(name)
+        for each in before:
+            if name in (None, each):
+                self._switched(each, broken=False)
 
     def broken(self) -> tuple[str, ...]:
         """What is broken now, as the bench itself says; nothing where none is open."""
@@ -85,10 +96,16 @@ class FaultPlan:
         if self._laboratory is None:
             return
         now_s = self._laboratory.bench.clock.now()
-        if isinstance(event, RunStarted) and self._begin_s is None:
-            self._begin_s = now_s
+        if isinstance(event, RunStarted):
+            if self._begin_s is None:
+                self._begin_s = now_s
+            for name in self.broken() if self._laboratory.control is not None else ():
+                self._switched(name, broken=True)  # this run, too, is told what is broken
         while self._begin_s is not None and self._due and now_s - self._begin_s >= self._due[0].after_s:
             self.inject(self._due.pop(0).name)
+
+    def _switched(self, name: str, broken: bool) -> None:
+        self.tell(FaultSwitched(name, FAULTS[name], broken))
 
     def _hands(self) -> "Hands":
         if self._laboratory is None or self._laboratory.control is None:

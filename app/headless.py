@@ -63,6 +63,7 @@ def headless(
     with observer:
         way = plan.around(lambda: connect(config, speed, HASTY_BLOCK_S))
         front = Headless(Session(way, [observer, operator, plan, *listeners], operator))
+        plan.tell = front.session.happened
         with _stop_on_signal(front), operator.listening(front.session):
             front.session.start()
             try:

@@ -14,6 +14,7 @@ from protocols.events import (
     Asked,
     AtRest,
     CurveReady,
+    FaultSwitched,
     GoingToRest,
     Noted,
     Paused,
@@ -79,6 +80,8 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
             return Level.PLAIN, words
         case Noted(text):
             return Level.PLAIN, text
+        case FaultSwitched(fault, words, broken):
+            return Level.ATTENTION, f"{'Broken' if broken else 'Mended'} on purpose: {words} ({fault})"
         case Asked(_, prompt):
             return Level.ATTENTION, f"Asked: {prompt.text}"
         case Answered(_, words):

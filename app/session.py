@@ -7,7 +7,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -120,6 +120,7 @@ class Session:
         operator: Operator,
     ) -> None:
         self._connect, self._observers, self._operator = connect, tuple(observers), operator
+        self._outside: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._jobs: queue.SimpleQueue[_Job | _Again | None] = queue.SimpleQueue()
         self._cancel, self._pause = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
@@ -175,6 +176,12 @@ class Session:
         """Let a paused run go on; returns at once."""
         self._pause.clear()
 
+    def happened(self, event: Event) -> None:
+        """Something happened to the bench from outside: into the file of the run that goes on, and told. From any thread."""
+        self._outside.put(event)
+        if self.state is not State.RUNNING:
+            self._tell_outside()
+
     def close(self, timeout_s: float | None = None) -> bool:
         """Stop, go to rest, let go of the bench; whether the thread has ended within `timeout_s`."""
         self.stop()
@@ -211,6 +218,7 @@ class Session:
         from protocols.storing import StoreError
 
         self._become(State.RUNNING)
+        self._tell_outside()
         try:
             job = asked.read() if isinstance(asked, _Again) else asked
             if isinstance(asked, _Again) and self._cancel.is_set():
@@ -240,6 +248,7 @@ class Session:
                 self._pause,
                 continuation,
                 job.prepare,
+                self._outside,
             )
             self.outcome = runner.run()
             self.finished.set()
@@ -253,7 +262,13 @@ class Session:
     def _pass_on(self, event: Event) -> None:
         if isinstance(event, RunEnded):
             self._become(State.IDLE)  # before observers hear, so that they see a session ready for the next run
+            self._tell_outside()
         self._tell(event)
+
+    def _tell_outside(self) -> None:
+        with suppress(queue.Empty):
+            while True:
+                self._tell(self._outside.get_nowait())
 
     def _lose(self, words: str) -> None:
         self._become(State.NO_BENCH)

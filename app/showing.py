@@ -1,11 +1,12 @@
 """What a run file holds, in words and as plain values."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from app.words import duration, point_line, quantity, size
 from protocols.continuation import points_of
+from protocols.events import FaultSwitched
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run
@@ -24,6 +25,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "imported": run.imported,
         "sample_rate_hz": run.trace.rate_hz,
         "samples": run.trace.samples,
+        "broken_on_purpose": [broken._asdict() for broken in broken_on_purpose(run)],
         "parameters": run.parameters,
         "points": run.points(),
         "units": run.units(),
@@ -45,6 +47,7 @@ def run_text(run: Run) -> str:
         _origin(run)
         or f"begun {run.start_time}, {run.trace.samples} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{size(run.path.stat().st_size)}",
+        *_broken(run),
         "",
     ]
     if not len(next(iter(points.values()), ())):
@@ -94,6 +97,45 @@ def run_text(run: Run) -> str:
         value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
+
+
+class Broken(NamedTuple):
+    """A fault of the simulated bench that somebody set while a run went on; seconds after the run's beginning."""
+
+    fault: str
+    words: str
+    from_s: float
+    until_s: float | None
+    """None where it was still broken when the run ended."""
+
+    @property
+    def sentence(self) -> str:
+        until = "to its end" if self.until_s is None else f"to {self.until_s:.2f} s"
+        return f"BROKEN ON PURPOSE, {self.from_s:.2f} s {until}: {self.words} ({self.fault})"
+
+
+def broken_on_purpose(run: Run) -> list[Broken]:
+    """What was broken on purpose during a run, in its order."""
+    found: list[Broken] = []
+    for event in () if run.imported else run.events():
+        if event.kind != FaultSwitched.__name__:
+            continue
+        name, at_s = event.fields["fault"], event.time_s
+        last = next((i for i, b in enumerate(found) if b.fault == name and b.until_s is None), None)
+        if event.fields["broken"] and last is None:
+            found.append(Broken(name, event.fields["words"], at_s, None))
+        elif not event.fields["broken"] and last is not None:
+            found[last] = found[last]._replace(until_s=at_s)
+    return found
+
+
+def _broken(run: Run) -> list[str]:
+    """A line for each fault; those of the run this one goes on with are about the points that it carries over."""
+    lines = [broken.sentence for broken in broken_on_purpose(run)]
+    if (earlier := run.continues) is not None and earlier.exists():
+        with Run(earlier) as before:
+            lines += [f"{words}, in {earlier.name}" for words in _broken(before)]
+    return lines
 
 
 def _origin(run: Run) -> str:

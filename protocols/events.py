@@ -163,6 +163,17 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultSwitched:
+    """Something of a simulated bench was broken on purpose, or mended: what a run measured then is a lesson."""
+
+    fault: str
+    """Its name."""
+    words: str
+    """What it does."""
+    broken: bool
+
+
+@dataclass(frozen=True, slots=True)
 class GoingToRest:
     """The way out has begun; nothing is measured any more."""
 
@@ -204,6 +215,7 @@ Event = (
     | Asked
     | Answered
     | Noted
+    | FaultSwitched
     | GoingToRest
     | AtRest
     | RunEnded

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from queue import SimpleQueue
 
 from drivers.clock import Clock
 from drivers.ports import Block
@@ -18,11 +19,15 @@ class Publisher:
     """The way of every event and block of a run: into its file, then to the observers.
 
     A store error fails the run; an observer's error is logged and never does. Times are seconds since this was made.
+    Other threads put what happens to the bench from outside into `outside`.
     """
 
-    def __init__(self, store: RunFile, observers: Sequence[Observer], clock: Clock) -> None:
+    def __init__(
+        self, store: RunFile, observers: Sequence[Observer], clock: Clock, outside: SimpleQueue[Event] | None = None
+    ) -> None:
         self._store, self._observers, self._clock = store, tuple(observers), clock
         self._begin_s = clock.now()
+        self._outside: SimpleQueue[Event] = SimpleQueue() if outside is None else outside
         self._broken = False
 
     def publish(self, event: Event) -> None:
@@ -38,6 +43,20 @@ class Publisher:
                 self._broken = True
                 raise
         self.tell(event)
+
+    def publish_outside(self) -> None:
+        """Store and tell what happened from outside meanwhile.
+
+        Raises:
+            StoreError: the file cannot be written; it was told all the same.
+        """
+        while not self._outside.empty():
+            event = self._outside.get()
+            try:
+                self.publish(event)
+            except StoreError:
+                self.tell(event)
+                raise
 
     def take(self, block: Block) -> None:
         """Append a block of samples, then tell it: the sink of an armed bench.

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
+from queue import SimpleQueue
 from typing import Any
 
 from drivers.bench import Armed as ArmedBench
@@ -19,6 +20,7 @@ from protocols.events import (
     AtRest,
     CurveReady,
     EntryBegan,
+    Event,
     GoingToRest,
     Noted,
     Paused,
@@ -64,6 +66,9 @@ class Runner:
     A store error fails the run; an observer's error never does (protocols.publishing). `cancel` and `pause` may be set
     from any thread; they are looked at after every block and in every wait. A paused run goes to rest, and measures the
     interrupted entry from its beginning once it goes on.
+
+    What happens to the bench from outside (`outside`: faults that somebody sets on purpose) is stored and told within a
+    block.
     """
 
     def __init__(
@@ -77,6 +82,7 @@ class Runner:
         pause: threading.Event | None = None,
         continuation: Continuation | None = None,
         prepare: Sequence[Prompt] = (),
+        outside: SimpleQueue[Event] | None = None,
     ) -> None:
         self._protocol, self._bench, self._store = protocol, bench, store
         self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
@@ -86,7 +92,7 @@ class Runner:
         self._setup: Prompt | None = None
         self._pausable = False
         self._expired = bench.sensor.expired(datetime.now(UTC).date())
-        self._events = Publisher(store, observers, bench.clock)
+        self._events = Publisher(store, observers, bench.clock, outside)
         self._ledger = Ledger(protocol, store, bench.amplifier.map.rest_v)
         self._executor = Executor(bench, store, operator, self._events, self._look_up, self._expired)
 
@@ -102,6 +108,8 @@ class Runner:
                 try:
                     self._carry_out(armed)
                 finally:
+                    with contextlib.suppress(StoreError):
+                        self._events.publish_outside()
                     self._events.tell(GoingToRest())
             status, reason = Status.COMPLETED, self._ledger.outcome()
         except Cancelled:
@@ -139,6 +147,7 @@ class Runner:
         self._events.publish(
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
+        self._events.publish_outside()  # what was broken before
         for words in (self._bench.watchdog.words, self._expired, self._continuation.words):
             if words:
                 self._events.publish(Noted(words))
@@ -246,6 +255,7 @@ class Runner:
 
     def _look_up(self) -> None:
         """Whether somebody wants something else than to go on."""
+        self._events.publish_outside()
         if self._cancel.is_set():
             raise Cancelled
         if self._pausable and self._pause.is_set():
@@ -253,6 +263,8 @@ class Runner:
 
     def _finish(self, status: Status, reason: str) -> tuple[Status, str]:
         """Say how it ended: in the file while it can be written, to the observers in any case."""
+        with contextlib.suppress(StoreError):
+            self._events.publish_outside()
         rest = self._armed.rest if self._armed is not None else None
         if rest is not None:
             event = AtRest(rest.confirmed, rest.measured_v, rest.words)

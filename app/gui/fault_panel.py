@@ -1,6 +1,6 @@
 """For lessons on the simulated bench: what can be broken, ticked to break it, and a band that says what is broken."""
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QFrame,
@@ -30,9 +30,6 @@ class FaultPanel(QWidget):
     Args:
         plan: breaks and mends the bench; asked in a thread of this panel's own.
     """
-
-    told = Signal(str)
-    """What was broken or mended, for the log."""
 
     def __init__(self, plan: FaultPlan, parent: QWidget) -> None:
         super().__init__(parent)
@@ -87,8 +84,6 @@ class FaultPanel(QWidget):
         self._jobs.do(act, self._show, self._failed)
 
     def _show(self, broken: tuple[str, ...]) -> None:
-        for name in (name for name in FAULTS if (name in broken) != (name in self.broken)):
-            self.told.emit(f"{'Broken' if name in broken else 'Mended'} on purpose: {FAULTS[name]} ({name})")
         self.broken = broken
         self.said.setText("")
         self.words.setText(f"BROKEN ON PURPOSE:  {';  '.join(FAULTS[name] for name in broken)}")

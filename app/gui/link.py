@@ -13,7 +13,7 @@ from app.gui.mailbox import MailboxOperator
 from app.session import Connected, Observer, Session, SessionEvent
 from app.view import Heard
 from drivers.bench import Bench
-from protocols.events import BlockSeen, BlockTaken, RunEnded, StreamStarted
+from protocols.events import BlockSeen, BlockTaken, Event, RunEnded, RunStarted, StreamStarted
 from protocols.operator import Operator
 from protocols.protocol import Protocol as Measurement
 from protocols.steps import Prompt
@@ -47,6 +47,8 @@ class SessionLike(Protocol):
     def resume(self) -> None: ...
 
     def stop(self) -> None: ...
+
+    def happened(self, event: Event) -> None: ...
 
     def close(self, timeout_s: float | None = None) -> bool: ...
 
@@ -97,10 +99,14 @@ class Link:
         elif isinstance(event, RunEnded):
             self.mailbox.forget()
         try:
+            if isinstance(event, RunStarted):
+                self.faults(event)
             for listener in self.listeners:
                 listener(event)
         finally:
             self._heard.put(Heard(event, datetime.now().astimezone(), self.feed.streamed_s))
 
     def _begin(self) -> SessionLike:
-        return self._make_session(self._connect, [self.observe], self.mailbox)
+        session = self._make_session(self._connect, [self.observe], self.mailbox)
+        self.faults.tell = session.happened
+        return session

@@ -21,7 +21,6 @@ from app.gui.style import sheet
 from app.gui.theme import Theme, system_theme
 from app.session import watchdog_notes
 from app.view import View, opening
-from protocols.events import Noted
 from protocols.protocol import Protocol
 from protocols.sine_dwell import SineDwell
 
@@ -239,7 +238,6 @@ class MainWindow(QMainWindow):
         if self.faults is not None:
             layout.addWidget(self.faults)
             self.pages.setCornerWidget(self.faults.corner)
-            self.faults.told.connect(lambda words: self.link.observe(Noted(words)))
         layout.addWidget(self.notices)
         layout.addWidget(self.room, 1)
         self.setCentralWidget(centre)

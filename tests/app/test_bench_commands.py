@@ -13,6 +13,7 @@ from app.exits import DONE, FAILED, UNSAFE, USAGE
 from app.fault_plan import FaultPlan
 from app.finding import find
 from app.main import main
+from app.showing import broken_on_purpose
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError
 from drivers.visa import resources
@@ -70,7 +71,18 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
     assert main([*arguments, "--fault", "card-overrun@3"]) == UNSAFE
     with Run(next(tmp_path.glob("*.h5"))) as file:
         assert 2.0 < file.trace.duration_s <= 3.1
-    assert "lost samples" in " ".join(capsys.readouterr().err.split())
+        path, ((fault, words, from_s, until_s),) = file.path, broken_on_purpose(file)
+        assert (fault, words, until_s) == ("card-overrun", FAULTS["card-overrun"], None)
+        assert from_s == pytest.approx(3.0, abs=0.15)
+    said = " ".join(capsys.readouterr().err.split())
+    assert "lost samples" in said
+    assert f"broken on purpose: {FAULTS['card-overrun']}" in said
+    assert main(["show", str(path)]) == DONE
+    assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULTS['card-overrun']} (card-overrun)" in (
+        capsys.readouterr().out
+    )
+    assert main(["show", str(path), "--json"]) == DONE
+    assert json.loads(capsys.readouterr().out)["broken_on_purpose"][0]["fault"] == "card-overrun"
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,8 @@ class ListeningSession:
     def stop(self) -> None:
         self.stops += 1
 
+    def happened(self, event: Any) -> None: ...
+
     def close(self, _timeout_s: float | None = None) -> bool:
         self.closed = True
         return self.lets_go

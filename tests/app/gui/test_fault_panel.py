@@ -12,6 +12,8 @@ from app.build import connect
 from app.config import BenchConfig
 from app.gui.link import Link
 from app.gui.window import MainWindow
+from app.showing import broken_on_purpose, run_text
+from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
 from sim_hardware.faults import FAULTS
 from tests.app.gui.happenings import OPENED
@@ -64,6 +66,39 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     until(lambda: not faults.broken, "for the repair")
     assert window.link.faults.broken() == ()
     assert faults.isHidden()
+
+
+def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
+    window: MainWindow, tmp_path: Path
+) -> None:
+    faults = window.faults
+    assert faults is not None
+    faults.boxes["sensor-stuck"].click()
+    until(lambda: faults.broken, "for the bench's word")
+    assert any("Broken on purpose: the laser" in m.words for m in window.view.messages), (
+        "with no run it is told all the same"
+    )
+    press(window, Qt.Key.Key_F5)
+    until(lambda: window.view.points, "for a point")
+    faults.mend.click()
+    until(lambda: not faults.broken, "for the repair")
+    faults.boxes["clock-drift"].click()
+    until(lambda: faults.broken, "for the second fault")
+    window.helm.stop()
+    until(lambda: not window.view.busy, "for the end")
+    faults.mend.click()
+    until(lambda: not faults.broken, "for the repair after the run")
+    (path,) = tmp_path.glob("*.h5")
+    with Run(path) as run:
+        stuck, drift = broken_on_purpose(run)
+        length_s = run.trace.duration_s
+        assert stuck.sentence in run_text(run)
+    assert (stuck.fault, stuck.from_s) == ("sensor-stuck", pytest.approx(0.0, abs=0.5))
+    assert stuck.until_s is not None
+    assert stuck.from_s < stuck.until_s < length_s + 1
+    assert (drift.fault, drift.until_s) == ("clock-drift", None), "mended after the run: it does not say when"
+    told = [m.words for m in window.view.messages if "on purpose" in m.words]
+    assert [words.partition(" ")[0] for words in told] == ["Broken", "Broken", "Mended", "Broken", "Mended"]
 
 
 def test_stop_is_one_key_while_the_list_is_open(stage: Stage) -> None:
