@@ -1,15 +1,16 @@
 """The Explore page: sliders for every number of the model, and at once what the skin would feel."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QSettings, Qt, QTimer, Signal
+from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QLabel, QSplitter, QWidget
+from PySide6.QtWidgets import QFileDialog, QSplitter, QWidget
 
-from app.explore import DRIVE, TITLES, Kept, Setting, difference, preset, study_of
+from app.exploration import Exploration
+from app.explore import TITLES, Setting, study_of
 from app.explore_answer import Answerer, Measured, Picture, Question
 from app.explore_fit import Fitted
 from app.explore_study import write_study
@@ -17,24 +18,19 @@ from app.gui.dropped import run_urls
 from app.gui.explore_bar import ExploreBar
 from app.gui.explore_layout import columns
 from app.gui.explore_plot import ExplorePlot
-from app.gui.form import mark
 from app.gui.jobs import Jobs
 from app.gui.keys import HERE, bind
 from app.gui.overlaid_runs import Fit, OverlaidRuns
+from app.gui.remark import Remark
 from app.gui.shape_plot import ShapePlot
 from app.gui.sliders import SliderPanel
 from app.gui.theme import Theme
-from app.history import History
 from app.latest import Latest
-from app.sliders import SLIDERS
 from app.view import View
 from model.quantity import ParameterError
 
 PAINT_S = 0.02
 """After the curve the worker waits so long for it to be painted, before it goes on with the motion."""
-
-SAY_MS = 8000
-"""How long a remark stays."""
 
 
 class ExplorePage(QSplitter):
@@ -49,13 +45,10 @@ class ExplorePage(QSplitter):
 
     def __init__(self, theme: Theme, fit: Fit | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
-        self.history = History(Setting())
-        self.kept: tuple[Kept, ...] = ()
+        self.exploration = Exploration()
         self.picture: Picture | None = None
         self.shape_of: Question | None = None
         """The question whose whole answer is on the screen."""
-        self._variable = "delta"
-        self._top_hz, self._at_hz = 250.0, 160.0
         self._asked: Question | None = None
         self._stale = True
         self._jobs = Jobs("explore study", self)
@@ -63,13 +56,8 @@ class ExplorePage(QSplitter):
         self._latest: Latest[Question, Picture] | None = None
         self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.bar = ExploreBar(TITLES, fit is not None, self)
-        self.said = QLabel()
-        self.said.hide()
-        self.said.setWordWrap(True)
-        self.said.setTextFormat(Qt.TextFormat.PlainText)
-        self._silence = QTimer(self, singleShot=True, interval=SAY_MS)
-        self._silence.timeout.connect(lambda: self._say(""))
-        for side in columns(self.sliders, self.said, self.plot, self.shape, self.bar):
+        self.remark = Remark()
+        for side in columns(self.sliders, self.remark, self.plot, self.shape, self.bar):
             self.addWidget(side)
         self.setStretchFactor(0, 0)
         self.setStretchFactor(1, 1)
@@ -83,7 +71,7 @@ class ExplorePage(QSplitter):
 
     @property
     def setting(self) -> Setting:
-        return self.history.now
+        return self.exploration.setting
 
     @property
     def measured(self) -> tuple[Measured, ...]:
@@ -111,7 +99,7 @@ class ExplorePage(QSplitter):
         if self._stale:
             self._stale = False
             self.sliders.show_setting(self.setting)
-            self.bar.show_setting(self.setting, self.history)
+            self.bar.show_setting(self.setting, self.exploration.history)
         self.shape.refresh()
 
     def end(self) -> None:
@@ -123,76 +111,54 @@ class ExplorePage(QSplitter):
 
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
-        s = self.setting
-        record = {"values": dict(s.values), "on_skin": s.on_skin, "peak_to_peak_v": s.peak_to_peak_v}
-        settings.setValue("explore/setting", json.dumps(record))
+        settings.setValue("explore/setting", json.dumps(self.exploration.record()))
 
     def restore(self, settings: QSettings) -> None:
         """Be as it was."""
         try:
-            record = json.loads(str(settings.value("explore/setting", "")))
-            values = {str(n): float(v) for n, v in record["values"].items() if n in SLIDERS}
-            setting = Setting(values, bool(record["on_skin"]), float(record["peak_to_peak_v"]))
-            _ = setting.specimen
+            self.exploration.begin_from(json.loads(str(settings.value("explore/setting", ""))))
         except (ValueError, KeyError, TypeError, AttributeError):
             return
-        self.history = History(setting)
         self._show_setting()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
 
     def turn(self, name: str, value: float) -> None:
         """One slider to a value, SI."""
-        if name == DRIVE.name:
-            self.go(Setting(self.setting.values, self.setting.on_skin, value), name)
-            return
-        self._variable = name
-        self.go(self.setting.moved(name, value), name)
+        self._moved(lambda: self.exploration.turn(name, value))
 
     def reset(self, name: str) -> None:
         """One slider back."""
-        s = self.setting
-        self.go(Setting(s.values, s.on_skin) if name == DRIVE.name else s.reset(name))
+        self._moved(lambda: self.exploration.reset(name))
 
-    def go(self, setting: Setting, moving: str = "") -> None:
-        """Another setting; one that is not physical is refused in words and the sliders stay."""
-        try:
-            _ = setting.specimen
-        except ParameterError as error:
-            self._say(str(error), fault=True)
-            self._show_setting()
-            return
-        self.history.go(setting, moving)
-        self._say("")
-        self._show_setting()
+    def go(self, setting: Setting) -> None:
+        """Another setting."""
+        self._moved(lambda: self.exploration.go(setting))
 
     def choose(self, name: str) -> None:
         """Begin from a preset."""
-        chosen = preset(name)
-        self.kept, self._variable = chosen.kept, chosen.variable or self._variable
-        if chosen.kept:
+        self._moved(lambda: self.exploration.choose(name))
+        if self.exploration.kept:
             self.bar.series[1].setChecked(True)  # the paper's theory is the fundamental
             self.bar.series[0].setChecked(False)
-        self.go(chosen.setting)
         self._ask()
 
     def undo(self) -> None:
-        self.history.undo()
+        self.exploration.history.undo()
         self._show_setting()
 
     def redo(self) -> None:
-        self.history.redo()
+        self.exploration.history.redo()
         self._show_setting()
 
     def keep(self) -> None:
         """Let the present curve stay while the sliders move on."""
-        last = self.kept[-1].setting if self.kept else Setting()
-        self.kept += (Kept(difference(last, self.setting), self.setting),)
+        self.exploration.keep()
         self._ask()
 
     def clear(self) -> None:
         """Take kept curves and measured runs away."""
-        self.kept = ()
+        self.exploration.kept = ()
         self.overlaid.clear()
         self._ask()
 
@@ -208,16 +174,18 @@ class ExplorePage(QSplitter):
         """The numbers as text for `--set`."""
         text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
         QGuiApplication.clipboard().setText(text)
-        self._say(f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"')
+        self.remark.say(
+            f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"'
+        )
 
     def save_study(self, path: Path) -> None:
         """What the kept curves vary, or the slider moved last, as a study file."""
-        self._say("computing the study …")
-        setting, kept, variable = self.setting, self.kept, self._variable
+        self.remark.say("computing the study …")
+        setting, kept, variable = self.setting, self.exploration.kept, self.exploration.variable
         frequencies: Any = range(1, 251) if self.picture is None else self.picture.line.frequency_hz
         self._jobs.do(
             lambda: write_study(path, study_of(setting, kept, variable, frequencies), variable),
-            lambda words: self._say(str(words)),
+            lambda words: self.remark.say(str(words)),
             self._failed,
         )
 
@@ -225,29 +193,32 @@ class ExplorePage(QSplitter):
 
     def _fitted(self, fitted: Fitted) -> None:
         self.go(fitted.setting)
-        self._say(f"Fitted: {fitted.words}")
-        self._silence.stop()  # it stays until a slider is moved
+        self.remark.say(f"Fitted: {fitted.words}", stays=True)  # until a slider is moved
 
     def _fitting(self, fitting: bool) -> None:
         self.bar.show_fitting(fitting)
         if fitting:
-            self._say("fitting …")
-            self._silence.stop()
+            self.remark.say("fitting …", stays=True)
 
     def _failed(self, error: Exception) -> None:
-        self._say(str(error), fault=True)
+        self.remark.say(str(error), fault=True)
 
     def _show_measured(self) -> None:
         self.plot.show_measured(self.measured)
         self.bar.show_measured(self.measured, self.overlaid.drop)
-        other = [f"{r.label} at {r.peak_to_peak_v:.3g} V" for r in self.measured if self._other_drive(r)]
-        if other:
-            self._say(
-                f"{', '.join(other)}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", fault=True
-            )
+        if other := self.exploration.otherwise_driven(self.measured):
+            drives = ", ".join(f"{run.label} at {run.peak_to_peak_v:.3g} V" for run in other)
+            self.remark.say(f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", fault=True)
 
-    def _other_drive(self, run: Measured) -> bool:
-        return abs(run.peak_to_peak_v / self.setting.peak_to_peak_v - 1) > 0.02
+    def _moved(self, move: Callable[[], object]) -> None:
+        """Do what moves sliders; where the model refuses, say why: they stay where they were."""
+        try:
+            move()
+        except ParameterError as error:
+            self.remark.say(str(error), fault=True)
+        else:
+            self.remark.say("")
+        self._show_setting()
 
     def _show_setting(self) -> None:
         if self.isVisible():
@@ -257,7 +228,7 @@ class ExplorePage(QSplitter):
         self._stale = True  # the curve first; the sliders follow with the next frame
 
     def _ask(self) -> None:
-        question = Question(self.setting, self.kept, self._top_hz, self._at_hz)
+        question = self.exploration.question
         if question == self._asked:
             return
         self._asked = question
@@ -267,7 +238,7 @@ class ExplorePage(QSplitter):
 
     def _show(self, question: Question, answer: Picture | Exception) -> None:
         if isinstance(answer, Exception):
-            self._say(f"the model cannot be computed so: {answer}; move a slider back", fault=True)
+            self.remark.say(f"the model cannot be computed so: {answer}; move a slider back", fault=True)
             return
         self.picture = answer
         self.plot.show_picture(answer, question.kept)
@@ -276,25 +247,17 @@ class ExplorePage(QSplitter):
             self.shape_of = question
 
     def _cursor(self, hz: float) -> None:
-        self._at_hz = float(f"{hz:.4g}")
-        self.bar.show_frequency(self._at_hz)
+        self.exploration.at_hz = float(f"{hz:.4g}")
+        self.bar.show_frequency(self.exploration.at_hz)
         self._ask()
 
     def _range(self, top_hz: float) -> None:
-        self._top_hz = top_hz
+        self.exploration.top_hz = top_hz
         self.plot.show_range(top_hz)
         self._ask()
 
     def _series(self) -> None:
         self.plot.show_series(*(box.isChecked() for box in self.bar.series))
-
-    def _say(self, words: str, fault: bool = False) -> None:
-        if words != self.said.text():
-            self.said.setText(words)
-            mark(self.said, "fault" if fault else "note")
-            self.said.setVisible(bool(words))
-        if words and not fault:
-            self._silence.start()
 
     def _browse(self) -> None:
         names, _ = QFileDialog.getOpenFileNames(self, "Runs to lay over", "", "Runs (*.h5)")
@@ -311,13 +274,13 @@ class ExplorePage(QSplitter):
         self.overlaid.changed.connect(self._show_measured)
         self.overlaid.fitting.connect(self._fitting)
         self.overlaid.fitted.connect(self._fitted)
-        self.overlaid.said.connect(self._say)
+        self.overlaid.said.connect(self.remark.say)
         self.sliders.moved.connect(self.turn)
         self.sliders.reset.connect(self.reset)
-        self.sliders.refused.connect(lambda words: self._say(words, fault=True))
+        self.sliders.refused.connect(lambda words: self.remark.say(words, fault=True))
         self.plot.cursor_moved.connect(self._cursor)
         bar.preset_chosen.connect(self.choose)
-        bar.skin_chosen.connect(lambda on: self.go(Setting(self.setting.values, on, self.setting.peak_to_peak_v)))
+        bar.skin_chosen.connect(lambda on: self._moved(lambda: self.exploration.lay_on_skin(on)))
         bar.frequency_chosen.connect(self.plot.pointer.setValue)
         bar.range_chosen.connect(self._range)
         bar.series_changed.connect(self._series)

@@ -91,10 +91,10 @@ def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
     assert page.setting.value("delta") == pytest.approx(0.037)
     assert page.setting.on_skin
     type_into(page, "m_add", "-1")
-    assert "at least 0 kg" in page.said.text()
+    assert "at least 0 kg" in page.remark.text()
     assert page.setting.value("m_add") == 7.73e-3
     type_into(page, "L1", "16 mm")
-    assert "L1" in page.said.text()
+    assert "L1" in page.remark.text()
     assert page.setting.value("L1") == 8e-3
 
 
@@ -102,7 +102,7 @@ def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     page.bar.presets.setCurrentIndex(3)
     page.bar.presets.activated.emit(3)
     settled(page)
-    assert [kept.label for kept in page.kept][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
+    assert [kept.label for kept in page.exploration.kept][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
     assert len(page.plot._kept_curves) == 5
     assert len(page.plot.legend.items) == 5
     page.bar.clear.click()
@@ -123,7 +123,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     assert page.plot.mark.visible
     type_into(page, "peak_to_peak_v", "4")
     page._show_measured()
-    assert "at 5 V; the curve is for 4 V" in page.said.text()
+    assert "at 5 V; the curve is for 4 V" in page.remark.text()
     page.bar.chips[0].click()
     assert page.measured == ()
     assert not page.plot.mark.visible
@@ -132,7 +132,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
 def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
     (tmp_path / "bad.h5").write_text("nothing of the kind")
     page.lay_over([tmp_path / "bad.h5"])
-    until(lambda: "bad.h5" in page.said.text(), "for the sentence")
+    until(lambda: "bad.h5" in page.remark.text(), "for the sentence")
 
 
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
@@ -159,7 +159,7 @@ def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
 
     type_into(page, "delta", "1")
     page.save_study(tmp_path / "study.h5")
-    until(lambda: "study.h5: max" in page.said.text(), "for the study")
+    until(lambda: "study.h5: max" in page.remark.text(), "for the study")
     assert [axis.name for axis in read_study(tmp_path / "study.h5").axes] == ["delta", "frequency"]
 
 
@@ -176,12 +176,12 @@ def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
 def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_path: Path) -> None:
     page.overlaid.fit_with = lambda runs, setting, _: Fitted(setting.moved("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2")
     page.fit()
-    assert "lay a measured run" in page.said.text()
+    assert "lay a measured run" in page.remark.text()
     page.lay_over([finished_run(tmp_path)])
     until(lambda: page.measured, "for the run")
     page.bar.fit.click()
     until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
-    assert page.said.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
+    assert page.remark.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
     assert page.bar.fit.text() == "Fit these"
 
 
@@ -198,7 +198,7 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
     page.bar.fit.click()
     assert page.bar.fit.text() == "Cancel the fit"
     page.bar.fit.click()
-    until(lambda: "cancelled" in page.said.text(), "for the end of it")
+    until(lambda: "cancelled" in page.remark.text(), "for the end of it")
     assert page.setting == before
     assert page.bar.fit.text() == "Fit these"
 
