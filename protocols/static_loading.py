@@ -4,80 +4,32 @@ Every weight is one entry: zero, weight on, zero again. The laser sees the weigh
 what is on the tactor is held against what that weight should do, and what does not fit is asked about at once.
 """
 
-import math
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers.drive import Hold
 from drivers.errors import BenchError
 from drivers.rest import REST_TOLERANCE_V
 from protocols.compliance import SIDES, estimates
+from protocols.load_point import LoadPoint, load_point
 from protocols.protocol import Protocol
 from protocols.quality import Quality
-from protocols.signals.landing import LandingDetector
 from protocols.signals.level import Level, level
-from protocols.steps import Ask, Await, Prompt, Record, Redo, Step
+from protocols.steps import Ask, Await, Record, Redo, Step
 from protocols.values import Estimate, Planned, Recording
-from protocols.weights import WeightClass, uncertainty_kg
+from protocols.weight_prompts import ATTEMPTS, KEEP, PREVIOUS, REPEAT, Landed, doubt, lift, place, turn_side
+from protocols.weights import WeightClass, grams, uncertainty_kg
 
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
-
-DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
-
-ATTEMPTS = 3
-"""So often a weight that does not fit is asked for again before it is taken for what the specimen does."""
 
 LEAST_SHARE = 0.2
 """Of what the smallest weight should do: a smaller move is no landing."""
 
 HANDS_S = 3.0
 """About what a person needs to put a weight on, or to take it off."""
-
-
-@dataclass(frozen=True, slots=True)
-class LoadPoint:
-    """One weight on one side. Errors are standard and statistical; the sensor's gain is common to all."""
-
-    side: Annotated[float, Unit("1"), "1 with the MFC up, -1 with the aluminium up"]
-    mass: Annotated[float, Unit("kg"), "mass of the weight, besides the offset"]
-    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
-    load: Annotated[float, Unit("N"), "its weight"]
-    load_errors: Annotated[float, Unit("N"), "standard uncertainty of its weight; the same in every repeat"]
-    deflection: Annotated[
-        float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
-    ]
-    deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, the zero's move included"]
-    zero_before: Annotated[float, Unit("m"), "displacement before, as the sensor tells it"]
-    zero_after: Annotated[float, Unit("m"), "displacement after the weight was taken off"]
-    drift: Annotated[float, Unit("m"), "zero after - zero before"]
-    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
-    noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave under the weight"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.quality"]
-
-    @property
-    def words(self) -> str:
-        """The point in a line, for a log."""
-        moved = f"deflection {1e6 * self.deflection:+.2f} ± {1e6 * self.deflection_errors:.2g} µm"
-        return (
-            f"{SIDES.get(self.side, 'either side')}, {grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
-            f"zero moved {1e6 * self.drift:+.2f} µm"
-        )
-
-
-class Landed:
-    """Watches the laser for a weight that lands or leaves (protocols.steps.Detector); knows the level it starts from."""
-
-    def __init__(self, before: Recording, least_m: float, last_s: float) -> None:
-        self._detector = LandingDetector(before.rate_hz, least_m)
-        self._detector.feed(before.displacement_m[-round(last_s * before.rate_hz) :])
-
-    def feed(self, drive_v: Any, displacement_m: Any) -> bool:
-        return self._detector.feed(displacement_m) is not None
 
 
 class StaticLoading(Protocol):
@@ -140,7 +92,7 @@ class StaticLoading(Protocol):
                 (),
                 each_s,
                 (side, mass_kg, float(repeat)),
-                self._set_up(side),
+                turn_side(side, self.offset_kg),
                 prompts=2,
             )
             for side in SIDES
@@ -157,7 +109,7 @@ class StaticLoading(Protocol):
             # Whatever hands did before, or the key they pressed, has come to rest by the end of it.
             zero: Recording = yield Record(self.settle_s + self.record_s)
             _rest_is_seen(zero, rest_v)
-            placed = yield Await(_place(side, mass_kg, can_go_back), Landed(zero, self._least_m, self.record_s))
+            placed = yield Await(place(side, mass_kg, can_go_back), Landed(zero, self._least_m, self.record_s))
             if placed.words == PREVIOUS:
                 return Redo.PREVIOUS
             loaded: Recording = yield Record(self.settle_s + self.record_s)
@@ -166,63 +118,23 @@ class StaticLoading(Protocol):
             if wrong := self._implausible(mass_kg, zero, loaded):
                 if attempt >= ATTEMPTS and self._backwards(mass_kg, zero, loaded):
                     raise BenchError(f"{wrong} So it was {attempt} times: correct gain_m_per_v in the bench file")
-                again = (yield Ask(_question("implausible-step", wrong, attempt))) == REPEAT
-            lifted = yield Await(_lift(side, mass_kg), Landed(loaded, self._least_m, self.record_s))
+                again = (yield Ask(doubt("implausible-step", wrong, attempt))) == REPEAT
+            lifted = yield Await(lift(side, mass_kg), Landed(loaded, self._least_m, self.record_s))
             after: Recording = yield Record(self.settle_s + self.record_s)
             if not again and lifted.words != REPEAT:
                 moved = self._read(after).value - self._read(zero).value
                 if abs(moved) <= self.zero_limit_m:
                     return None
-                if (yield Ask(_question("zero-moved", self._zero_moved(mass_kg, moved), attempt))) == KEEP:
+                if (yield Ask(doubt("zero-moved", self._zero_moved(mass_kg, moved), attempt))) == KEEP:
                     return None
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoadPoint:
         side, mass_kg, repeat = (float(value) for value in key)
-        if len(recordings) < 3:
-            raise ValueError("a weight needs three recordings: zero, weight on, zero again")
-        parts = recordings[-3:]
-        before, under, after = (self._read(part) for part in parts)
-        quality = Quality.SIMULATED if simulated else Quality.GOOD
-        for part in parts:
-            quality |= part.quality
-            if isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V:
-                quality |= Quality.DRIVE_OFF
-        drift = after.value - before.value
-        if abs(drift) > self.zero_limit_m:
-            quality |= Quality.UNSETTLED
-        deflection = under.value - (before.value + after.value) / 2
-        zero_error = math.hypot(before.standard_error, after.standard_error) / 2
-        # When the zero moved in between nobody knows: anywhere from one to the other, a rectangle.
-        error = math.hypot(under.standard_error, zero_error, drift / math.sqrt(12))
-        if abs(deflection) <= 5 * error:
-            quality |= Quality.NO_RESPONSE
-        return LoadPoint(
-            side=side,
-            mass=mass_kg,
-            repeat=repeat,
-            load=mass_kg * self.gravity_m_per_s2,
-            load_errors=self._mass_error_kg(mass_kg) * self.gravity_m_per_s2,
-            deflection=deflection,
-            deflection_errors=error,
-            zero_before=before.value,
-            zero_after=after.value,
-            drift=drift,
-            creep=under.drift_per_s,
-            noise=under.noise,
-            quality=int(quality),
-        )
+        load_n = mass_kg * self.gravity_m_per_s2, self._mass_error_kg(mass_kg) * self.gravity_m_per_s2
+        return load_point((side, mass_kg, repeat), recordings, self._read, load_n, self.zero_limit_m, simulated)
 
     def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
         return estimates([point for point in points if Quality(point.quality).usable])
-
-    def _set_up(self, side: float) -> Prompt:
-        offset = f" and put the {grams(self.offset_kg)} offset weight on its centre" if self.offset_kg else ""
-        return Prompt(
-            "turn-side",
-            f"High voltage is off. Short the electrodes, lay the tactor with the {SIDES[side].replace(' up', ' side')} up{offset}.",
-            {"side": side, "offset_kg": self.offset_kg, "shorted": 1.0},
-            hands_on=True,
-        )
 
     def _shuffled(self, side: float, repeat: int) -> tuple[float, ...]:
         order = np.random.default_rng([self.seed, int(side > 0), repeat]).permutation(len(self.weights_kg))
@@ -273,33 +185,6 @@ class StaticLoading(Protocol):
             f"The zero moved by {1e6 * moved_m:+.1f} µm over the {grams(mass_kg)} weight (limit "
             f"{1e6 * self.zero_limit_m:.1f} µm): was the sensor touched, or did the clamp give?"
         )
-
-
-def grams(mass_kg: float) -> str:
-    """`20 g`."""
-    return f"{1e3 * mass_kg:.6g} g"
-
-
-def _place(side: float, mass_kg: float, can_go_back: bool) -> Prompt:
-    return Prompt(
-        "place-weight",
-        f"Place the {grams(mass_kg)} weight on the centre; the laser sees it land.",
-        {"mass_kg": mass_kg, "side": side},
-        (DONE, PREVIOUS) if can_go_back else (DONE,),
-        hands_on=True,
-    )
-
-
-def _lift(side: float, mass_kg: float) -> Prompt:
-    words = f"Take the {grams(mass_kg)} weight off."
-    return Prompt("remove-weight", words, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
-
-
-def _question(action: str, words: str, attempt: int) -> Prompt:
-    """Again, at first; what comes out the same so often is what the specimen does."""
-    if attempt < ATTEMPTS:
-        return Prompt(action, f"{words} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
-    return Prompt(action, f"{words} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))
 
 
 def _rest_is_seen(recording: Recording, rest_v: float) -> None:
