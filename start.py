@@ -3,6 +3,7 @@
     python3 start.py              sets up, then the main job: the window with the simulated bench running a sine dwell;
                                   where there is no screen the same job with a progress bar, leaving a file and a picture
     python3 start.py test         sets up, then every check and test
+    python3 start.py docs         sets up, then makes the handbook for the browser in build/handbook; no network is needed for that
     python3 start.py ARGUMENTS    sets up, then the command `tactor-bench ARGUMENTS`
 
 Everything goes into the folder .venv beside this file; delete it to undo.
@@ -36,12 +37,14 @@ def main(arguments: list[str]) -> int:
         return fail(
             f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; install it and run this again with it"
         )
-    testing = arguments[:1] == ["test"]
+    extra = arguments[0] if arguments[:1] in (["test"], ["docs"]) else ""
     try:
-        set_up("test" if testing else "")
+        set_up(extra)
     except (subprocess.CalledProcessError, OSError) as error:
         return fail(f"the set-up failed: {error}; the lines above say why. Mend that and run this again")
-    if testing:
+    if extra == "docs":
+        return make_handbook()
+    if extra == "test":
         provide_system_libraries(always=True)
         return run_checks(arguments[1:])
     if not arguments:
@@ -103,6 +106,15 @@ def run_checks(arguments: list[str]) -> int:
         if code:
             return code
     return 0
+
+
+def make_handbook() -> int:
+    """The pages of docs/ as HTML. A link that leads nowhere is an error."""
+    handbook = HERE / "build" / "handbook"
+    code = subprocess.call([PYTHON, "-m", "sphinx", "-q", "-W", "--keep-going", HERE / "docs", handbook])
+    if code == 0:
+        say(f"The handbook: {handbook / 'index.html'}")
+    return code
 
 
 def say(text: str) -> None:

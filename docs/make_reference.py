@@ -1,4 +1,6 @@
-"""Writes docs/reference from the code: protocols, commands, the run file. `python docs/make_reference.py`.
+"""Writes docs/reference from the code: protocols, commands, the run file; and the lists of decisions and of pictures.
+
+`python docs/make_reference.py`
 
 tests/docs/test_documentation.py fails where these pages are not what this script writes.
 """
@@ -23,23 +25,25 @@ from protocols.layout import columns  # noqa: E402
 from protocols.protocol import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
 
-REFERENCE = HERE / "reference"
 MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
+LISTED = "<!-- Written by docs/make_reference.py from the files beside it. -->\n\n"
 
 
 def main() -> int:
-    REFERENCE.mkdir(exist_ok=True)
     for name, text in pages():
-        (REFERENCE / name).write_text(text, "utf-8")
-        print(REFERENCE / name)
+        (HERE / name).parent.mkdir(exist_ok=True)
+        (HERE / name).write_text(text, "utf-8")
+        print(HERE / name)
     return 0
 
 
 def pages() -> Iterator[tuple[str, str]]:
-    """Every page by its file name."""
-    yield "protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
-    yield "commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
-    yield "run-file.md", MADE + run_file()
+    """Every page by its place below docs/."""
+    yield "reference/protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
+    yield "reference/commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
+    yield "reference/run-file.md", MADE + run_file()
+    yield "decisions/README.md", LISTED + decisions()
+    yield "pictures/README.md", LISTED + pictures()
 
 
 def protocol(kind: type[Protocol]) -> str:
@@ -123,6 +127,25 @@ def run_file() -> str:
         with h5py.File(ran.path) as file:
             file.visititems(tell)
     return "\n".join([*lines, ""])
+
+
+def decisions() -> str:
+    lines = ["# Decisions", "", "Why the house is built as it is, in the order in which it was decided.", ""]
+    for record in sorted((HERE / "decisions").glob("[0-9]*.md")):
+        number, _, title = record.read_text("utf-8").partition("\n")[0].removeprefix("# ").partition(". ")
+        lines.append(f"- {number}: [{title}]({record.name})")
+    return "\n".join([*lines, ""])
+
+
+def pictures() -> str:
+    lines = ["# Pictures", "", "Taken by `docs/take_pictures.py` from the running program on its simulated bench.", ""]
+    there = {picture.stem for picture in (HERE / "pictures").glob("*.png")}
+    for name in sorted(n for n in there if not n.endswith(("-dark", "-large"))):
+        beside = [f"{name}{look}" for look in ("-dark", "-large", "-large-dark") if f"{name}{look}" in there]
+        words = name.replace("-", " ").capitalize()
+        more = ", ".join(f"[{other.removeprefix(name)[1:].replace('-', ', ')}]({other}.png)" for other in beside)
+        lines += [f"## {words}", "", f"![{words}]({name}.png)", "", *([f"Also: {more}.", ""] if more else [])]
+    return "\n".join(lines)
 
 
 def cell(text: str) -> str:

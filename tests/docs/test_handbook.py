@@ -1,0 +1,52 @@
+"""The handbook is built from the pages without a network, whole, and needs none when it is read."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+NO_NETWORK = """
+import socket, sys
+def refuse(*_):
+    raise AssertionError("the handbook wants a network")
+socket.socket.connect = socket.create_connection = socket.getaddrinfo = refuse
+from sphinx.cmd.build import main
+sys.exit(main(["-q", "-W", "--keep-going", *sys.argv[1:]]))
+"""
+
+
+@pytest.fixture(scope="module")
+def handbook(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("handbook")
+    built = subprocess.run(
+        [sys.executable, "-c", NO_NETWORK, DOCS, out], capture_output=True, text=True, timeout=240, check=False
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    return out
+
+
+@pytest.mark.slow
+def test_every_page_is_in_the_handbook(handbook: Path) -> None:
+    pages = [page for page in DOCS.rglob("*.md") if page != DOCS / "README.md"]
+    assert len(pages) > 60
+    for page in pages:
+        assert (handbook / page.relative_to(DOCS).with_suffix(".html")).exists(), page
+
+
+@pytest.mark.slow
+def test_nothing_is_fetched_when_it_is_read(handbook: Path) -> None:
+    for page in handbook.rglob("*.html"):
+        text = page.read_text("utf-8")
+        fetched = re.findall(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//[^"]*"', text)
+        fetched += re.findall(r'<link[^>]*href="(?:https?:)?//[^"]*"', text)
+        assert fetched == [], page
+
+
+@pytest.mark.slow
+def test_equations_are_drawn_by_the_browser_itself(handbook: Path) -> None:
+    theory = (handbook / "theory.html").read_text("utf-8")
+    assert theory.count("<math") > 60
+    assert not re.search(r"\$\$|\\frac|\\left", re.sub(r"<annotation.*?</annotation>", "", theory, flags=re.S))
