@@ -8,8 +8,8 @@ import numpy as np
 
 from app.answer import Column, Table, tracked
 from model.identification.adequacy import Adequacy
+from model.identification.compared import observed
 from model.identification.fitted import JointFit, chance
-from model.identification.forward import observed
 from model.identification.names import quantity
 from model.identification.observations import Campaign, MassResonance, MembraneSag
 from model.identification.planning import Expected, Proposal, candidates, next_best

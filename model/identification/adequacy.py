@@ -14,6 +14,7 @@ from scipy.special import chdtrc, ndtr
 
 from model.drive import series
 from model.identification.departures import Departure, departures
+from model.identification.equation import Values, beam_of, factors_of, skin_of
 from model.identification.fitted import DOUBTFUL, JointFit, Residuals, chance
 from model.identification.observations import FrequencyResponse
 from model.identification.receptance import Dense
@@ -190,10 +191,9 @@ def _harmonics(fit: JointFit, larger: float) -> list[Finding]:
 
 
 def _expected(fit: JointFit, run: FrequencyResponse, k: int, f: Array, here: NDArray[np.bool_]) -> Array:
-    v = fit.values
-    forward = fit.problem.forward
-    factors, per_volt = forward.plain(run, v)
-    l1, l2 = float(v["L1"] or 0) / float(v["L"] or 1), float(v["L2"] or 0) / float(v["L"] or 1)
+    v: Values = fit.values
+    factors = factors_of(beam_of(v, run.added_mass_kg), skin_of(run, v), 1)
+    per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = Dense(l1, l2, fit.setting.n).response(factors.rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]
     drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use][here]
     different, where = np.unique(drives, axis=0, return_inverse=True)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from model.identification.chain import chain
 from model.identification.chain_method import Chain, ChainError, ChainMethod
+from model.identification.compared import observed
 from model.identification.curves import measured, vertex
 from model.identification.draws import redrawn
 from model.identification.estimates import Estimate
-from model.identification.forward import Forward, observed
+from model.identification.forward import Forward
 from model.identification.names import at, defaults, elongation_of, quantity
 from model.identification.observations import (
     Campaign,

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.closed_form import exact_response
+from model.identification.compared import observed
 from model.identification.curves import vertex
+from model.identification.equation import skin_of
 from model.identification.fitted import JointFit
-from model.identification.forward import observed
 from model.identification.observations import (
     Campaign,
     FrequencyResponse,
@@ -182,7 +183,7 @@ def _of_the_clamp(fit: JointFit, y: dict[str, Any]) -> Found:
                 parts[run.label] = p * np.array(shifts) / CLAMP
             case FrequencyResponse():
                 t = tactor if run.added_mass_kg is None else replace(tactor, m_add=run.added_mass_kg)
-                skin = None if run.elongation_m is None else Skin(*(float(x) for x in fit.problem.forward.skin(run, v)))
+                skin = None if run.elongation_m is None else Skin(*(float(x) for x in skin_of(run, v)))
                 r = ratio(t, run.frequency_hz[run.use], skin) / CLAMP
                 parts[run.label] = p * (r if np.iscomplexobj(p) else r.real)
             case MembraneSag():

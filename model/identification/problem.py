@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.identification import names as known
-from model.identification.forward import Forward, observed
+from model.identification.compared import observed
+from model.identification.forward import Forward
 from model.identification.observations import Campaign
 from model.identification.setting import IdentificationError, Setting
 
