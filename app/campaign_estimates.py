@@ -9,6 +9,7 @@ from app.identifying import Identified, identify
 from app.observing import ObservingError
 from model.amplifier import AmplifierMap
 from model.identification.chain_method import ChainError
+from model.identification.setting import Setting
 from model.parameters import Tactor
 from model.quantity import ParameterError
 from protocols.runreader import Run, RunError
@@ -22,7 +23,7 @@ def identified(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Ide
     runs, why = campaign.counting(), "no run of this campaign counts yet"
     for last in range(len(runs), 0, -1):
         try:
-            found = identify(runs[:last], "chain", amplifier=amplifier or _amplifier_of(runs[0]))
+            found = identify(runs[:last], "chain", Setting(amplifier=amplifier or _amplifier_of(runs[0])))
         except (RunError, ObservingError, ChainError, ParameterError) as error:
             why = str(error)
         else:

@@ -6,9 +6,6 @@ from typing import Any
 
 from app.arguments import path
 
-WORST = "the worst"
-"""What stands for the parameter that is known worst."""
-
 
 def add_identify_commands(known: Any) -> None:
     """Register the commands with the subparsers of the command."""
@@ -88,7 +85,7 @@ def _add_identification(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--next",
         nargs="?",
-        const=WORST,
+        const="",
         metavar="NAME",
         help="what to measure next for this parameter, by default the one known worst: every candidate with its minutes",
     )
@@ -160,6 +157,6 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _calibration(options: argparse.Namespace) -> int:
-    from app.identify_commands import calibration
+    from app.calibration_commands import calibration
 
     return calibration(options)

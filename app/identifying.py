@@ -1,7 +1,7 @@
 """Identification of one specimen from its run files, by the paper's chain or by the joint fit, as one kind of result."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.observing import campaign_of, shapes_of
-from model.amplifier import AmplifierMap
 from model.identification.adequacy import Adequacy, adequacy
 from model.identification.chain import chain
 from model.identification.chain_errors import chain_errors
@@ -19,7 +18,7 @@ from model.identification.fitted import JointFit
 from model.identification.joint import joint_fit
 from model.identification.names import defaults
 from model.identification.observations import Campaign
-from model.identification.setting import Loss, Setting
+from model.identification.setting import Setting
 from model.parameters import Membrane, Tactor
 from model.quantity import quantities
 from protocols.runreader import Run
@@ -80,17 +79,10 @@ class Identified:
 def identify(
     paths: Sequence[Path],
     method: Method = "joint",
-    free: Sequence[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    loss: Loss = "linear",
-    amplifier: AmplifierMap | None = None,
-    tactor: Tactor | None = None,
-    membrane: Membrane | None = None,
-    progress: Callable[..., None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    setting: Setting | None = None,
+    n: int | None = None,
     opened: Callable[[Path], Run] = Run,
     told: Callable[[Sequence[Path]], Iterable[Path]] = iter,
-    n: int | None = None,
 ) -> Identified:
     """Identify the specimen of these runs; `opened` may correct them; `n` shapes, by default as `observing.shapes_of` says.
 
@@ -100,59 +92,45 @@ def identify(
     """
     paths = tuple(paths)
     specimen, campaign, left_out = campaign_of(told(paths), opened)
-    n = n or max(map(shapes_of, paths))
-    return identify_campaign(
-        specimen, campaign, method, free, fixed, loss, amplifier, tactor, membrane, progress, cancelled, left_out, n
-    )
+    setting = replace(setting or Setting(), n=n or max(map(shapes_of, paths)))
+    return identify_campaign(specimen, campaign, method, setting, left_out)
 
 
 def identify_campaign(
     specimen: str,
     campaign: Campaign,
-    method: Method = "joint",
-    free: Sequence[str] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    loss: Loss = "linear",
-    amplifier: AmplifierMap | None = None,
-    tactor: Tactor | None = None,
-    membrane: Membrane | None = None,
-    progress: Callable[..., None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    method: Method,
+    setting: Setting,
     left_out: Sequence[str] = (),
-    n: int = Setting.n,
+    progress: Callable[..., None] | None = None,
 ) -> Identified:
     """As `identify`, from observations that were read already; `left_out` are sentences that go into the notes.
+
+    Of the setting the chain takes what it begins from, the amplifier and the number of shapes: its steps are its own.
 
     Raises:
         ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
     """
-    tactor, membrane = tactor or Tactor(), membrane or Membrane()
-    base = defaults(tactor, membrane, None)
-    amplifier = amplifier or AmplifierMap()
     if method == "chain":
-        chosen = ChainMethod(tactor=tactor, membrane=membrane, amplifier=amplifier, n=n)
+        chosen = ChainMethod(tactor=setting.tactor, membrane=setting.membrane, amplifier=setting.amplifier, n=setting.n)
         found = chain(campaign, chosen)
         estimates, covariance = chain_errors(campaign, chosen, found)
         words = (
             "the paper's chain: every step takes the results of those before it; errors are carried through all steps"
         )
         return _result(
-            specimen, method, campaign, estimates, covariance, base, words,
-            shapes=n, validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
+            specimen, method, campaign, estimates, covariance, defaults(setting.tactor, setting.membrane, None), words,
+            shapes=setting.n, validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
         )  # fmt: skip
-    setting = Setting(
-        tactor=tactor, membrane=membrane, free=tuple(free) if free else None, fixed=dict(fixed or {}), loss=loss,
-        amplifier=amplifier, n=n,
-    )  # fmt: skip
-    fit = joint_fit(campaign, setting, progress, cancelled)
+    fit = joint_fit(campaign, setting, progress)
     estimates = fit.estimates()
     misfits = tuple(
         RunMisfit(r.label, len(r.values), r.chi_square, r.probability, len(r.outliers)) for r in fit.residuals
     )
     return _result(
-        specimen, method, campaign, estimates, fit.covariance_of(estimates), base | dict(fixed or {}), fit.verdict,
+        specimen, method, campaign, estimates, fit.covariance_of(estimates), setting.base(), fit.verdict,
         misfits=misfits, unidentified=tuple(c.words for c in fit.unidentified), seconds=fit.seconds, fit=fit,
-        adequacy=adequacy(fit), shapes=n,
+        adequacy=adequacy(fit), shapes=setting.n,
         notes=(*left_out, *([] if fit.converged else [fit.message])),
     )  # fmt: skip
 

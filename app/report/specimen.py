@@ -174,7 +174,7 @@ def specimen_of(
     except ParameterError as error:
         return replace(table, why_not=str(error)), None
     try:
-        found = identify_campaign(name, campaign, amplifier=amplifier, progress=progress, n=n)
+        found = identify_campaign(name, campaign, "joint", Setting(amplifier=amplifier, n=n), progress=progress)
         tactor, membrane = _fitted(found)
     except ValueError as error:  # of the fit: a sentence what it lacks
         return replace(table, why_not=str(error)), campaign

@@ -8,6 +8,7 @@ import pytest
 
 from app.identifying import identify
 from app.observing import ObservingError
+from model.identification.setting import Setting
 from protocols.membrane_sag import MembraneSag
 from protocols.runreader import Run
 from tests.support import laboratory, run
@@ -19,7 +20,7 @@ def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path
         ran = run(MembraneSag(repeats=3, sample_rate_hz=1000), tmp_path, lab)
     with Run(ran.path) as file:
         (told,) = [e for e in file.estimates() if e.name == "Young modulus"]
-    for found in (identify([ran.path], "chain"), identify([ran.path], "joint", free=["E_m"])):
+    for found in (identify([ran.path], "chain"), identify([ran.path], "joint", Setting(free=("E_m",)))):
         (E_m,) = [e for e in found.estimates if e.name == "E_m"]
         assert E_m.value == pytest.approx(told.value, rel=1e-3)
         assert E_m.standard_error == pytest.approx(told.standard_error, rel=0.02)
