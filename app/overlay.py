@@ -1,9 +1,11 @@
 """The model's curve under the measured points, with its band: computed beside the window, never in its thread, and kept."""
 
 import math
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +14,17 @@ from app.believed import PAPER, Believed, believed
 from model.amplifier import AmplifierMap
 from protocols.protocol import Protocol
 
+if TYPE_CHECKING:
+    from model.specimen import Specimen
+    from model.uncertainty import Estimates
+
 Array = NDArray[np.float64]
 
 LOWEST_HZ = 5.0
 """Below this the response is quasi-static, and the curve needs ever more harmonics."""
+
+PARTS_HZ = (15.0, 60.0)
+"""Where the frequencies are divided: a seventh of the time, and within 2e-5 of the whole."""
 
 KEPT = 64
 FREQUENCIES = 400
@@ -33,6 +42,8 @@ class Question:
     amplitude_v: float
     folder: Path | None = None
     specimen: str = ""
+    elongations_m: tuple[float, ...] = ()
+    """Of the membrane: the curves that are wanted besides the free tactor's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +58,8 @@ def question_of(protocol: Protocol, folder: Path | None = None, specimen: str = 
     """The curve that belongs to a protocol's points on a specimen."""
     frequencies = getattr(protocol, "frequencies_hz", (getattr(protocol, "stop_hz", 250.0),))
     top_hz = 25.0 * math.ceil(1.04 * max(frequencies) / 25.0)
-    return Question(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2, folder, specimen)
+    elongations = tuple(sorted(set(getattr(protocol, "elongations_m", ()))))
+    return Question(top_hz, getattr(protocol, "peak_to_peak_v", 5.0) / 2, folder, specimen, elongations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +75,16 @@ class Curve:
     """Whose curve it is."""
     band: Band | None = None
     """None where nothing is known of the errors: the paper's values have none."""
+    elongation_m: float | None = None
+    """Of the membrane under the tactor; None is the free tactor."""
+    on: tuple["Curve", ...] = ()
+    """The same on the membrane, at the elongations that were asked for; one that the model cannot answer is left out."""
+
+    def at(self, elongation_m: float | None) -> "Curve | None":
+        """The curve at an elongation; None or NaN is the free tactor's. None where there is none."""
+        if elongation_m is None or math.isnan(elongation_m):
+            return self
+        return next((curve for curve in self.on if _same(curve.elongation_m, elongation_m)), None)
 
 
 class Overlay:
@@ -110,7 +132,7 @@ class Overlay:
     def curve(self, question: Question) -> Curve:
         """Compute a curve here and now; one that was computed before is given again."""
         self._believed = of = believed(question.folder, question.specimen, self._believed)
-        name = (question.top_hz, question.amplitude_v, of.stamp, of.words, of.trouble)
+        name = (question.top_hz, question.amplitude_v, question.elongations_m, of.stamp, of.words, of.trouble)
         if name not in self._known:
             if len(self._known) >= KEPT:
                 self._known.pop(next(iter(self._known)))
@@ -122,35 +144,75 @@ class Overlay:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _computed(self, question: Question, of: Believed) -> Curve:
+        from model.quantity import ParameterError
+        from model.specimen import Specimen
+
+        free = self._drawn(question, of, Specimen(of.tactor))
+        on = []
+        for elongation_m in question.elongations_m:
+            alone = next((c_s for at, c_s in of.damping if _same(at, elongation_m)), None)
+            try:
+                pressed = Specimen(of.tactor, of.membrane, elongation_m / of.membrane.L_m, c_s=alone)
+                on.append(replace(self._drawn(question, of, pressed), elongation_m=elongation_m))
+            except ParameterError:  # as a damping below zero: of this elongation there is no curve
+                continue
+        return replace(free, on=tuple(on))
+
+    def _drawn(self, question: Question, of: Believed, specimen: "Specimen") -> Curve:
         from model.response import amplifier_response  # scipy.linalg takes a quarter of a second, and nobody waits here
 
         frequency = np.linspace(LOWEST_HZ, max(question.top_hz, 2 * LOWEST_HZ), FREQUENCIES)
-        driven = amplifier_response(of.tactor, frequency, question.amplitude_v, self._amplifier.rest_v, self._amplifier)
-        peak_to_peak, fundamental = driven.peak_to_peak, np.abs(driven.fundamental)
+        amplitude_v, amplifier = question.amplitude_v, self._amplifier
+        # The harmonics that matter reach up to the same frequency: low ones need many, so they go by themselves.
+        driven = [
+            amplifier_response(specimen.tactor, part, amplitude_v, amplifier.rest_v, amplifier, skin=specimen.skin)
+            for part in np.split(frequency, np.searchsorted(frequency, PARTS_HZ))
+            if part.size
+        ]
+        peak_to_peak = np.concatenate([part.peak_to_peak for part in driven])
+        motion = np.concatenate([part.fundamental for part in driven])
+        fundamental, phase = np.abs(motion), np.angle(motion)
+        estimates = of.estimates if specimen.membrane is None else of.on_membrane
         band = None
-        if of.estimates is not None:
-            reach = self._reach(question, of, frequency)
+        if estimates is not None:
+            reach = self._reach(question, estimates, specimen, frequency)
             band = Band(*((y - r, y + r) for y, r in zip((peak_to_peak, fundamental), reach, strict=True)))
-        return Curve(question, frequency, peak_to_peak, fundamental, np.angle(driven.fundamental), of, band)
+        return Curve(question, frequency, peak_to_peak, fundamental, phase, of, band)
 
-    def _reach(self, question: Question, of: Believed, frequency: Array) -> tuple[Array, Array]:
+    def _reach(
+        self, question: Question, estimates: "Estimates", specimen: "Specimen", frequency: Array
+    ) -> tuple[Array, Array]:
         """Half the band of either series; its derivatives are those of the quick curve, 0.01 % from the thorough one."""
-        from dataclasses import replace
-
         from model.curve import curve
-        from model.specimen import Specimen
         from model.uncertainty import linear_band
 
-        assert of.estimates is not None
-
-        def both(tactor_values: tuple[float, ...]) -> Array:
-            tactor = replace(of.tactor, **dict(zip(names, tactor_values, strict=True)))
-            got = curve(Specimen(tactor), frequency, question.amplitude_v, self._amplifier)
+        def both(values: tuple[float, ...]) -> Array:
+            given = dict(zip(estimates.names, values, strict=True))
+            got = curve(_with(specimen, given), frequency, question.amplitude_v, self._amplifier)
             return np.concatenate((got.peak_to_peak, np.abs(got.fundamental)))
 
-        names = of.estimates.names
         band = linear_band(
-            lambda values: np.array([both(row) for row in zip(*values.values(), strict=True)]), of.estimates, COVERAGE
+            lambda values: np.array([both(row) for row in zip(*values.values(), strict=True)]), estimates, COVERAGE
         )
         reach = band.upper - band.centre
         return reach[: frequency.size], reach[frequency.size :]
+
+
+def elongations_of(points: Iterable[Any]) -> tuple[float, ...]:
+    """The elongations of the membrane at which points were measured, rising; none for those of the free tactor."""
+    found = {float(getattr(point, "elongation", math.nan)) for point in points}
+    return tuple(sorted(elongation for elongation in found if not math.isnan(elongation)))
+
+
+def _same(one_m: float | None, other_m: float) -> bool:
+    return one_m is not None and math.isclose(one_m, other_m, rel_tol=1e-5, abs_tol=1e-8)
+
+
+def _with(specimen: "Specimen", given: Mapping[str, float]) -> "Specimen":
+    """Another tactor, and another membrane where there is one."""
+    tactor, membrane = specimen.tactor, specimen.membrane
+    names = {field.name for field in fields(tactor)}
+    tactor = replace(tactor, **{name: value for name, value in given.items() if name in names})
+    if membrane is not None:
+        membrane = replace(membrane, **{name: value for name, value in given.items() if name not in names})
+    return replace(specimen, tactor=tactor, membrane=membrane)

@@ -1,5 +1,6 @@
 """Amplitude over frequency: points as they arrive, on the model's curve, above the line where skin feels them."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,15 +11,15 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from app.gui.copying import Shown, as_text, drawn
-from app.gui.curve_band import CurveBand
 from app.gui.form import mark
 from app.gui.framed_plot import AXIS_WIDTH, FramedPlot
+from app.gui.model_curves import ModelCurves
 from app.gui.plots import calm_range
 from app.gui.selection import Selection
 from app.gui.series import SAMPLE, SERIES, sample
 from app.gui.strip import SHOWS, Strip
 from app.gui.theme import Theme
-from app.overlay import Curve
+from app.overlay import Curve, elongations_of
 from app.sentences import estimate_words, point_words
 from protocols.events import RunEnded
 from protocols.quality import Quality
@@ -45,19 +46,18 @@ class ResponsePlot(FramedPlot):
         self._top_hz = 250.0
         self._plot.setLabel("left", "amplitude (µm)")
         self._plot.setLabel("bottom", "frequency (Hz)")
-        beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
+        beside = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}  # where no points come down to them
         words = f"{FELT_UM:g} µm: felt on the abdomen"
         self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=beside)
         self._felt.label.setFont(self.font())
         self._plot.addItem(self._felt)
-        self.band = CurveBand(self._plot)
-        self._lines = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
+        self.band = ModelCurves(self._plot)
         self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
         self.scatters = [
             pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=_tip)
             for s in SERIES
         ]
-        for item in (*self._lines, *self._bars, *self.scatters):
+        for item in (*self._bars, *self.scatters):
             self._plot.addItem(item)
         self.shown = [QCheckBox(series.words) for series in SERIES]
         self.hint = QLabel()
@@ -80,8 +80,7 @@ class ResponsePlot(FramedPlot):
         super().set_theme(theme)
         self._felt.setPen(pg.mkPen(theme.felt, width=1.5))
         self._felt.label.setColor(QColor(theme.felt))
-        for at, (box, line, bars) in enumerate(zip(self.shown, self._lines, self._bars, strict=True)):
-            line.setPen(pg.mkPen(theme.model, width=1.5, style=SERIES[at].line))
+        for at, (box, bars) in enumerate(zip(self.shown, self._bars, strict=True)):
             bars.setData(pen=pg.mkPen(self._ink(at)))
             box.setIcon(sample(SERIES[at], theme.model, self._ink(at), self.devicePixelRatioF()))
             box.setIconSize(SAMPLE)
@@ -96,10 +95,8 @@ class ResponsePlot(FramedPlot):
             return
         self._curve = curve
         self._top_hz = curve.question.top_hz
-        for series, line in zip(SERIES, self._lines, strict=True):
-            line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
         self.band.show_curve(curve)
-        self._draw_strip()
+        self._draw_points()
         self._scale()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
@@ -126,10 +123,13 @@ class ResponsePlot(FramedPlot):
         for at, series in enumerate(SERIES):
             y = series.factor * np.array([getattr(p, series.column) for p in self._points])
             errors = series.factor * np.array([getattr(p, f"{series.column}_errors") for p in self._points])
-            ink = QColor(self._ink(at))
+            inks = [self.band.colour_at(getattr(p, "elongation", math.nan), self._ink(at)) for p in self._points]
             taken = [at < len(self._entries) and self._entries[at] in self.chosen.entries for at in range(len(x))]
-            pens = [pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2) for t in taken]
-            fills = [pg.mkBrush(ink) if good else pg.mkBrush(self._theme.panel) for good in usable]
+            pens = [
+                pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2)
+                for t, ink in zip(taken, inks, strict=True)
+            ]
+            fills = [pg.mkBrush(ink if good else self._theme.panel) for good, ink in zip(usable, inks, strict=True)]
             # Qt does not survive painting what is nowhere: an imported table may tell one of the two only.
             there = np.flatnonzero(np.isfinite(y)).tolist()
             pens, fills, said = ([every[i] for i in there] for every in (pens, fills, words))
@@ -144,8 +144,7 @@ class ResponsePlot(FramedPlot):
         for series in visible:
             sizes = (series.factor * getattr(p, series.column) for p in self._points)
             tops += [size for size in sizes if np.isfinite(size)]
-            if self._curve is not None:
-                tops.append(series.factor * float(getattr(self._curve, series.column).max()))
+        tops += self.band.tops()
         right = max([self._top_hz, *(1.03 * p.frequency for p in self._points)])
         self._plot.setXRange(0, right, padding=0)
         self._plot.setYRange(0, calm_range(0.0, max(tops), None)[1], padding=0)
@@ -158,6 +157,9 @@ class ResponsePlot(FramedPlot):
             points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
             if abs(points_v - curve_v) > 0.02 * curve_v:
                 words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
+            bare = [e for e in elongations_of(self._points) if self._curve is not None and self._curve.at(e) is None]
+            if bare:
+                words = f"no curve of {', '.join(f'{1e3 * e:g}' for e in bare)} mm"
         self.hint.setText(words)
         self.hint.setVisible(bool(words))
         mark(self.hint, "fault" if words and words != HINT else "note")
@@ -183,7 +185,7 @@ class ResponsePlot(FramedPlot):
         return head
 
     def _toggled(self) -> None:
-        for items in zip(self.shown, self._lines, self._bars, self.scatters, strict=True):
+        for items in zip(self.shown, self._bars, self.scatters, strict=True):
             box, *drawn = items
             for item in drawn:
                 item.setVisible(box.isChecked())
@@ -201,7 +203,8 @@ class ResponsePlot(FramedPlot):
 
     def _draw_strip(self) -> None:
         if self._strip is not None:
-            self._strip.draw(self._points, self._curve)
+            inks = [self.band.colour_at(getattr(p, "elongation", math.nan), self._ink(0)) for p in self._points]
+            self._strip.draw(self._points, self._curve, inks)
 
     def _show_below(self, at: int) -> None:
         self.strip.shows = SHOWS[at]
@@ -212,11 +215,7 @@ class ResponsePlot(FramedPlot):
         shown: list[Shown] = []
         for at, series in enumerate(SERIES):
             shown += drawn(f"{series.words}, measured", self.scatters[at], self._bars[at])
-            shown += drawn(f"{series.words}, {self.band.source.text()}", self._lines[at])
-            if (ends := self.band.fills[at].ends) is not None and self.band.fills[at].isVisible():
-                names = (f"{series.words}, {self.band.box.text()}, {end} end" for end in ("lower", "upper"))
-                shown += [Shown(name, ends[0], end) for name, end in zip(names, ends[1:], strict=True)]
-        return as_text(shown, "frequency (Hz)", "amplitude (µm)", self.mark.visible)
+        return as_text((*shown, *self.band.table()), "frequency (Hz)", "amplitude (µm)", self.mark.visible)
 
     def _ink(self, at: int) -> str:
         return (self._theme.measured, self._theme.second)[at]

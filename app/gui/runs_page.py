@@ -19,7 +19,7 @@ from app.gui.run_view import RunView
 from app.gui.runs_list import RunsList, RunsTable
 from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
-from app.overlay import Overlay, Question
+from app.overlay import Overlay, Question, elongations_of
 from app.reopening import Reopened, Traces, look_closer, reopen
 from app.run_deeds import annotate, export_runs, measured_of, take_in
 from app.run_entry import Entry
@@ -219,7 +219,8 @@ class RunsPage(QStackedWidget):
         self.side.say("")
         self.opened.show_run(run)
         peak_to_peak = run.parameters.get("peak_to_peak_v", 5.0)
-        self._overlay.ask(Question(1.05 * run.top_hz, float(peak_to_peak) / 2, run.path.parent, run.specimen))
+        amplitude_v, elongations = float(peak_to_peak) / 2, elongations_of(run.points)
+        self._overlay.ask(Question(1.05 * run.top_hz, amplitude_v, run.path.parent, run.specimen, elongations))
         self.setCurrentWidget(self.opened)
         self.opened.back.setFocus()
 

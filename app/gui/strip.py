@@ -1,5 +1,6 @@
 """A low plot under the response: what the model leaves of the points, or their phase."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,7 +34,7 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         self._plot.setXLink(above)
         self._plot.showGrid(x=True, y=True, alpha=0.12)
         self.setFixedHeight(HEIGHT)
-        self._line = pg.PlotCurveItem(antialias=True)
+        self._line = pg.PlotCurveItem(antialias=True, connect="finite")
         self._bars = pg.ErrorBarItem(beam=0.0)
         self.scatter = pg.ScatterPlotItem(size=8, antialias=True)
         for item in (self._line, self._bars, self.scatter):
@@ -55,8 +56,8 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         shown = [*drawn("measured", self.scatter, self._bars), *drawn("model", self._line)]
         return as_text(shown, "frequency (Hz)", self._plot.getAxis("left").labelText, self._simulated)
 
-    def draw(self, points: Sequence[Any], curve: Curve | None) -> None:
-        """Draw what is wanted of points and curve."""
+    def draw(self, points: Sequence[Any], curve: Curve | None, inks: Sequence[QColor]) -> None:
+        """Draw what is wanted of points, each in its ink, and curve."""
         self.setVisible(self.shows != NOTHING)
         self._simulated = any(Quality.SIMULATED in Quality(p.quality) for p in points)
         if self.shows == NOTHING:
@@ -66,14 +67,15 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         y, errors, line = _residual(points, curve) if residual else _phase(points, curve)
         self._plot.setLabel("left", "Δ (%)" if residual else "phase (°)")
         self._line.setData(*line)
-        ink = QColor(self._theme.measured)
         there = np.isfinite(y)  # Qt does not survive painting what is nowhere
-        usable = [Quality(p.quality).usable for p, seen in zip(points, there, strict=True) if seen]
-        fills = [pg.mkBrush(ink if good else self._theme.panel) for good in usable]
-        self.scatter.setData(x=x[there], y=y[there], symbol="o", pen=pg.mkPen(ink, width=2), brush=fills)
+        seen = [(p, ink) for p, ink, is_there in zip(points, inks, there, strict=True) if is_there]
+        fills = [pg.mkBrush(ink if Quality(p.quality).usable else self._theme.panel) for p, ink in seen]
+        pens = [pg.mkPen(ink, width=2) for _, ink in seen]
+        self.scatter.setData(x=x[there], y=y[there], symbol="o", pen=pens, brush=fills)
         half = np.nan_to_num(errors[there])
         self._bars.setData(x=x[there], y=y[there], height=2 * half)
-        every = np.concatenate([y[there] - half, y[there] + half, np.asarray(line[1])])
+        modelled = np.asarray(line[1])
+        every = np.concatenate([y[there] - half, y[there] + half, modelled[np.isfinite(modelled)]])
         lowest, highest = (float(every.min()), float(every.max())) if every.size else (-1.0, 1.0)
         low, high = calm_range(lowest, highest, None)
         self._plot.setYRange(low, high, padding=0.02)
@@ -85,13 +87,24 @@ def _residual(points: Sequence[Any], curve: Curve | None) -> tuple[Any, Any, tup
     if curve is None:
         nothing = np.full(len(points), np.nan)
         return nothing, nothing, ([], [])
-    model = np.interp([p.frequency for p in points], curve.frequency_hz, curve.peak_to_peak)
+    model = np.array([_modelled(point, curve) for point in points])
     y = 100 * (np.array([p.peak_to_peak for p in points]) / model - 1)
     return y, 100 * np.array([p.peak_to_peak_errors for p in points]) / model, (curve.frequency_hz[[0, -1]], [0.0, 0.0])
+
+
+def _modelled(point: Any, curve: Curve) -> float:
+    """The model's max - min at a point, on the membrane as it was then; NaN where there is no such curve."""
+    own = curve.at(getattr(point, "elongation", None))
+    return math.nan if own is None else float(np.interp(point.frequency, own.frequency_hz, own.peak_to_peak))
 
 
 def _phase(points: Sequence[Any], curve: Curve | None) -> tuple[Any, Any, tuple[Any, Any]]:
     """Phase of the fundamental behind the drive, in degrees, unwrapped downwards from zero."""
     y = np.degrees([(p.phase + 0.5) % (2 * np.pi) - 2 * np.pi - 0.5 if p.phase > 0.5 else p.phase for p in points])
     errors = np.degrees([p.phase_errors for p in points])
-    return y, errors, ([], []) if curve is None else (curve.frequency_hz, np.degrees(np.unwrap(curve.phase)))
+    if curve is None:
+        return y, errors, ([], [])
+    # One line behind the other, with a gap between: free, then on the membrane.
+    gap, every = [np.nan], (curve, *curve.on)
+    x = np.concatenate([part for one in every for part in (one.frequency_hz, gap)])
+    return y, errors, (x, np.concatenate([part for one in every for part in (np.degrees(np.unwrap(one.phase)), gap)]))

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from app.calibrations import Calibrations, calibrations_path, write
-from app.overlay import Curve, Overlay, Question
-from model.parameters import Tactor
+from app.overlay import Curve, Overlay, Question, question_of
+from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError
 from model.response import amplifier_response
+from model.skin import skin
+from protocols.membrane_series import MembraneSeries
 from tests.app.calibrating import calibration
 
 
@@ -81,12 +83,60 @@ def test_the_curve_is_that_of_the_active_calibration_and_its_band_is_one_errors_
     curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
     assert curve.believed.words == "calibration 1 of T7, SIMULATED"
     truth = amplifier_response(Tactor(k2=8e-3), curve.frequency_hz).peak_to_peak
-    np.testing.assert_allclose(curve.peak_to_peak, truth)
+    np.testing.assert_allclose(curve.peak_to_peak, truth, rtol=5e-5)
     moved = amplifier_response(Tactor(k2=8e-3 + 1.96 * error), curve.frequency_hz).peak_to_peak
     assert curve.band is not None
     low, high = curve.band.peak_to_peak
     np.testing.assert_allclose(high - curve.peak_to_peak, abs(moved - truth), rtol=0.1, atol=2e-6)
     np.testing.assert_allclose(low + high, 2 * curve.peak_to_peak)
+
+
+def test_on_the_membrane_the_curve_is_that_of_the_skin_at_each_elongation(overlay: Overlay) -> None:
+    question = question_of(MembraneSeries(elongations_m=(2.54e-3, 0.0, 1.27e-3, 2.54e-3)))
+    free = overlay.curve(question)
+    assert [curve.elongation_m for curve in free.on] == [0.0, 1.27e-3, 2.54e-3]
+    for curve in free.on:
+        pressed = skin(Membrane(), curve.elongation_m / Membrane().L_m)
+        truth = amplifier_response(Tactor(), curve.frequency_hz, skin=pressed)
+        np.testing.assert_allclose(curve.peak_to_peak, truth.peak_to_peak, rtol=5e-5)
+        np.testing.assert_allclose(curve.fundamental, abs(truth.fundamental), rtol=1e-9)
+        assert free.at(curve.elongation_m) is curve
+    assert free.at(float("nan")) is free
+    assert free.at(3.81e-3) is None
+    np.testing.assert_array_equal(free.peak_to_peak, overlay.curve(replace(question, elongations_m=())).peak_to_peak)
+
+
+def test_a_calibration_of_the_skin_moves_the_curves_on_the_membrane_and_gives_them_bands(
+    overlay: Overlay, tmp_path: Path
+) -> None:
+    found = {"c_s_0": (200.0, 10.0), "E_m": (6e6, 1e5), "c_s(1.27 mm)": (700.0, 5.0)}
+    write(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
+    free = overlay.curve(Question(275.0, 2.5, tmp_path, "T7", (0.0, 1.27e-3)))
+    assert free.band is None, "nothing of the tactor itself was identified"
+    unstretched, stretched = free.on
+    rubber = Membrane(c_s_0=200.0, E_m=6e6)
+    at_rest, pulled = (skin(rubber, e / rubber.L_m) for e in (0.0, 1.27e-3))
+    f = free.frequency_hz
+    np.testing.assert_allclose(
+        unstretched.peak_to_peak, amplifier_response(Tactor(), f, skin=at_rest).peak_to_peak, 5e-5
+    )
+    alone = replace(pulled, c_s=700.0)
+    np.testing.assert_allclose(stretched.peak_to_peak, amplifier_response(Tactor(), f, skin=alone).peak_to_peak, 5e-5)
+    more = amplifier_response(Tactor(), f, skin=replace(at_rest, c_s=200.0 + 1.96 * 10.0)).peak_to_peak
+    stiffer = skin(replace(rubber, E_m=6e6 + 1.96e5), 0.0)
+    softer = amplifier_response(Tactor(), f, skin=stiffer).peak_to_peak
+    both = np.hypot(more - unstretched.peak_to_peak, softer - unstretched.peak_to_peak)
+    assert unstretched.band is not None
+    np.testing.assert_allclose(unstretched.band.peak_to_peak[1] - unstretched.peak_to_peak, both, rtol=0.1, atol=1e-6)
+
+
+def test_an_elongation_that_the_model_refuses_has_no_curve_and_the_others_have(
+    overlay: Overlay, tmp_path: Path
+) -> None:
+    found = {"c_s_0": (10.0, 1.0), "c_s_delta": (-5e4, 1.0)}
+    write(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
+    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7", (0.0, 6.35e-3)))
+    assert [on.elongation_m for on in curve.on] == [0.0]
 
 
 def test_the_papers_values_have_no_band_and_say_so(overlay: Overlay, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Under the points: the specimen's own curve with its band; beside them: what they tell so far, and what is foreseen."""
 
-from dataclasses import replace
+import math
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,13 +17,15 @@ from app.gui import measure_page
 from app.live_estimates import LiveEstimates
 from drivers.sensor import LaserSensor
 from model.amplifier import AmplifierMap
-from model.parameters import Tactor
+from model.parameters import Membrane, Tactor
 from model.response import amplifier_response
+from model.skin import skin
 from protocols.events import PointMeasured, RunEnded, Status
+from protocols.membrane_series import MembranePoint, MembraneSeries
 from protocols.quality import Quality
-from protocols.sine_dwell import SinePoint
+from protocols.sine_dwell import SineDwell, SinePoint
 from tests.app.calibrating import calibration
-from tests.app.gui.happenings import LIVE, OPENED
+from tests.app.gui.happenings import AT_REST, LIVE, OPENED
 from tests.app.gui.stage import Stage, until
 from tests.protocols.test_rehearsal import guard
 
@@ -72,6 +75,42 @@ def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_o
     assert shown_ink(stage, float(x[top]), beside) != ground
     response.band.box.click()
     assert shown_ink(stage, float(x[top]), beside) == ground
+
+
+def test_points_on_a_membrane_lie_on_the_curve_of_their_elongation_in_its_colour(stage: Stage) -> None:
+    response, rubber = stage.window.measure.response, Membrane()
+    stage.window.measure.panel.fill(MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150)))
+    until(lambda: response.band.on, "for the curves of the form")
+    assert [label.text for _, label in response.band.legend.items] == ["free", "0 mm", "5.08 mm"]
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    at = (math.nan, 0.0, 5.08e-3)
+    for i, elongation in enumerate(at):
+        pressed = None if math.isnan(elongation) else skin(rubber, elongation / rubber.L_m)
+        driven = amplifier_response(Tactor(), np.array([150.0]), skin=pressed)
+        like, (size,), (w,) = measured()[3], driven.peak_to_peak, driven.fundamental
+        stage.happen(PointMeasured(i, MembranePoint(
+            **{f.name: getattr(like, f.name) for f in fields(like)} | {
+                "peak_to_peak": size, "fundamental": abs(w), "phase": float(np.angle(w)),
+            },
+            elongation=elongation, part=float(i),
+        ), i))  # fmt: skip
+    shown = response.scatters[0].points()
+    for spot, drawn in zip(shown, response.band.every, strict=True):
+        x, y = drawn.lines[0].getData()
+        assert spot.pos().y() == pytest.approx(np.interp(150.0, x, y), rel=1e-3)
+        assert spot.brush().color() == drawn.lines[0].opts["pen"].color()
+    assert len({spot.brush().color().name() for spot in shown}) == 3
+    response.below.setCurrentIndex(1)
+    assert response.strip.scatter.getData()[1] == pytest.approx([0, 0, 0], abs=0.1), "per cent from its own curve"
+    stage.happen(AT_REST, RunEnded(Status.COMPLETED, "done", "run.h5"))
+    stage.window.measure.panel.fill(MembraneSeries(elongations_m=(0.0,), frequencies_hz=(50, 150)))
+    until(lambda: len(response.band.on) == 1, "for the curves of the other form")
+    assert response.hint.text() == "no curve of 5.08 mm"
+    stage.window.measure.panel.fill(SineDwell())
+    until(lambda: not response.band.on, "for the free tactor's curve alone")
+    assert response.band.legend.items == []
 
 
 def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:

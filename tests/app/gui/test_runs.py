@@ -127,7 +127,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.ready() is not None, "for the curve")
     page.refresh()
-    assert len(view.response._lines[0].getData()[0]) > 100
+    assert len(view.response.band.lines[0].getData()[0]) > 100
 
 
 def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
