@@ -43,7 +43,7 @@ from protocols.values import Curve, Estimate, Planned, Recording
 
 log = logging.getLogger(__name__)
 
-NUMERICS = ("scipy.fft", "scipy.optimize", "scipy.signal")
+NUMERICS = ("scipy.fft", "scipy.optimize")
 """Imported before the card runs: the first fit in mid-run would hold everything up for a second or two."""
 
 

@@ -49,14 +49,20 @@ def no_widget_left_behind(qt: QApplication) -> Iterator[None]:
 def open_stage(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, no_widget_left_behind: None
 ) -> Iterator[OpenStage]:
-    """Makes stages and ends them."""
+    """Makes stages and ends them.
+
+    A page is made when a test looks at it, as it is for somebody who is quicker than the window; `ahead` makes all of them
+    behind the first one, which costs as much as the window itself.
+    """
     stages: list[Stage] = []
 
-    def make(**options: Any) -> Stage:
+    def make(*, ahead: bool = False, **options: Any) -> Stage:
         session = ListeningSession()
         link = Link(lambda: pytest.fail("nobody connects here"), lambda *_: session)
         given = {"folder": tmp_path, "specimen": "T7", "settings": settings} | options
         window = MainWindow(link, config, SineDwell(), **given)
+        if not ahead:
+            window.pages.make_ahead = lambda: None  # type: ignore[method-assign]
         window.show()
         window.activateWindow()
         assert QTest.qWaitForWindowActive(window, 5000)

@@ -8,7 +8,7 @@ from PySide6.QtTest import QTest
 
 from app.gui.copying import Copying
 from tests.app.gui.happenings import LIVE, OPENED, point
-from tests.app.gui.stage import Stage, until
+from tests.app.gui.stage import OpenStage, Stage, until
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 
@@ -17,7 +17,8 @@ def pasted() -> str:
     return QGuiApplication.clipboard().text()
 
 
-def test_every_canvas_of_the_window_can_be_copied(stage: Stage) -> None:
+def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None:
+    stage = open_stage(ahead=True)
     until(lambda: len(stage.window.pages.made) == stage.window.pages.count(), "for the pages")
     stage.window.measure.response.below.setCurrentIndex(1)
     _ = stage.window.measure.right.curves  # these are made when they are needed

@@ -23,7 +23,7 @@ def test_the_other_pages_are_made_behind_the_first_one(open_stage: OpenStage, qt
     windows = Windows()
     qt.installEventFilter(windows)
     try:
-        pages = open_stage().window.pages
+        pages = open_stage(ahead=True).window.pages
         assert list(pages.made) == [0]
         until(lambda: len(pages.made) == pages.count(), "for the other pages")
     finally:
