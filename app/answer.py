@@ -118,7 +118,7 @@ def deliver(answer: Answer, options: argparse.Namespace) -> int:
         with writing(options.csv):
             (answer.curve or answer.tables[0]).to_csv(options.csv)
     if getattr(options, "picture", None):
-        from app.figures import draw
+        from app.drawing import draw
 
         with writing(options.picture, PICTURES):
             draw(answer.pictures, options.picture, log=answer.log)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from app.config import AmplifierTable
-from app.figures import THRESHOLD_M
 from app.words import quantity, shown_unit
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
+from model.perception import THRESHOLD_M
 from model.response import amplifier_response, frequency_response
 from protocols.layout import ENTRY
 from protocols.quality import usable

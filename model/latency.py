@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from model.amplifier import AmplifierMap
 from model.drive import series
 from model.parameters import Tactor
+from model.perception import THRESHOLD_M
 from model.poles import Modal, receptance
 from model.quantity import Quantity
 from model.response import PERIODIC, modal, orders_for
@@ -18,7 +19,7 @@ from model.time import onset_response, unit_step
 
 Array = NDArray[np.float64]
 
-THRESHOLD = Quantity("threshold", "m", Interval(gt=0), "deflection that can be felt", 50e-6)
+THRESHOLD = Quantity("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 TOLERANCE = Quantity("tolerance", "", Interval(gt=0, lt=1), "settling band as a fraction of the final value", 0.02)
 POINTS = 20_000
 
@@ -41,7 +42,7 @@ class Latency:
 def step_latency(
     tactor: Tactor,
     volts: float = 1500.0,
-    threshold_m: float = 50e-6,
+    threshold_m: float = THRESHOLD_M,
     tolerance: float = 0.02,
     skin: Skin | None = None,
     n: int = 7,
@@ -66,7 +67,7 @@ def sine_latency(
     frequency_hz: float,
     amplitude_v: float = 2.5,
     offset_v: float = 2.5,
-    threshold_m: float = 50e-6,
+    threshold_m: float = THRESHOLD_M,
     tolerance: float = 0.02,
     skin: Skin | None = None,
     amplifier: AmplifierMap | None = None,

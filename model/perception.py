@@ -11,7 +11,11 @@ from model.response import PERIODIC
 
 Array = NDArray[np.float64]
 
-AMPLITUDE = Quantity("threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", 50e-6)
+THRESHOLD_M = 50e-6
+"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
+
+
+AMPLITUDE = Quantity("threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,7 @@ class Threshold:
         return np.exp(np.interp(f, np.log(self.frequency_hz), np.log(self.amplitude_m)))
 
 
-ABDOMEN = Threshold((1.0,), (50e-6,))
+ABDOMEN = Threshold((1.0,), (THRESHOLD_M,))
 """50 um on the abdomen, almost constant below 250 Hz (paper, ref. [33])."""
 
 

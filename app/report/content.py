@@ -2,35 +2,23 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from app.commands import version
 from app.report import origins, tables
 from app.report.blocks import Block, Outcome, Plot, Report, Section, Words
+from app.report.known import Known, known_of
 from app.report.limits import Limits, judge
-from app.report.merits import Felt, Merit, Quick, felt, merits_of, quick
+from app.report.merits import Merit
 from app.report.plots import plots_of
 from app.report.responses import TITLE
-from app.report.specimen import Specimen, specimen_of
+from app.report.specimen import Specimen
 from app.report.taken import Taken, Told, take
-from model.identification.observations import Campaign, FrequencyResponse
 
 
 class ReportError(Exception):
     """There is nothing to report. The sentence says why and what to do."""
-
-
-@dataclass(frozen=True, slots=True)
-class Known:
-    """All that is known of a specimen before it is put into words."""
-
-    specimen: Specimen
-    campaign: Campaign | None
-    felt: tuple[Felt, ...]
-    """Free, then on the membrane, at every elongation that was measured."""
-    quick: Quick | None
-    merits: Mapping[str, Merit]
 
 
 def gather(
@@ -43,14 +31,14 @@ def gather(
         OSError: the folder cannot be looked into.
     """
     runs = _runs(folder, specimen, told)
-    known = _known(specimen, runs, told)
+    known = known_of(specimen, runs, told)
     outcomes: tuple[Outcome, ...] = ()
     if limits is not None:
         golden: Mapping[str, Merit] = {}
         if limits.golden == specimen:
             golden = known.merits
         elif limits.golden:
-            golden = _known(limits.golden, _runs(folder, limits.golden, told), told).merits
+            golden = known_of(limits.golden, _runs(folder, limits.golden, told), told).merits
         outcomes = judge(limits, known.merits, golden)
     told("figures", 0, 1)
     drawn = plots_of(known.specimen, known.campaign) if known.campaign is not None else []
@@ -87,20 +75,6 @@ def _runs(folder: Path, specimen: str, told: Told) -> tuple[Taken, ...]:
             f"there is no run of specimen '{specimen}' in {folder}; 'tactor-bench runs' lists what is there"
         )
     return runs
-
-
-def _known(name: str, runs: tuple[Taken, ...], told: Told) -> Known:
-    told("identifying", 0, 1)
-    found, campaign = specimen_of(name, runs, lambda evaluations, _: told("identifying", min(evaluations, 40), 41))
-    if campaign is None or found.found is None:
-        return Known(found, campaign, (), None, merits_of(found, campaign, None, None, None))
-    told("margins and latency", 0, 1)
-    on = sorted({r.elongation_m for r in campaign.of(FrequencyResponse) if r.elongation_m is not None})
-    free = felt(found, None) if found.tells_free else None
-    pressed = [felt(found, elongation) for elongation in on if found.tells_on(elongation)]
-    soon = quick(found) if found.tells_free else None
-    merits = merits_of(found, campaign, free, pressed[-1] if pressed else None, soon)
-    return Known(found, campaign, tuple(f for f in (free, *pressed) if f is not None), soon, merits)
 
 
 def _subtitle(runs: tuple[Taken, ...]) -> str:

@@ -10,14 +10,13 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from app.figures import THRESHOLD_M
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, NORMAL, Specimen
 from model.identification.curves import vertex
 from model.identification.names import OWN
 from model.identification.observations import Campaign, FrequencyResponse
 from model.latency import step_latency
 from model.parameters import Membrane, Tactor
-from model.perception import margin, usable_bands
+from model.perception import THRESHOLD_M, margin, usable_bands
 from model.quantity import Quantity
 from model.uncertainty import Band
 

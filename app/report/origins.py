@@ -3,17 +3,15 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from app.report.blocks import Block, Grid, Outcome
+from app.report.known import Known
 from app.report.numbers import SPACE, counted, plain, printed_unit
 from app.report.specimen import TACTOR, Specimen
 from app.report.taken import Taken
 from app.words import shown_unit
 from model.identification.names import OWN
-
-if TYPE_CHECKING:
-    from app.report.content import Known
 
 
 def held(known: Specimen) -> list[Block]:
@@ -88,7 +86,7 @@ def hashes(runs: Sequence[Taken]) -> Grid:
 
 
 def record(
-    specimen: str, known: "Known", runs: Sequence[Taken], outcomes: Sequence[Outcome], fingerprint: str, code: str
+    specimen: str, known: Known, runs: Sequence[Taken], outcomes: Sequence[Outcome], fingerprint: str, code: str
 ) -> dict[str, Any]:
     """The report's numbers for a machine, SI."""
     found = known.specimen.found

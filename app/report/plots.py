@@ -1,6 +1,7 @@
 """The paper's Figs. 4, 5, 6, 8 and 9 of one specimen: its points on the model, with bands and residuals."""
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from model.identification.observations import (
 from model.statics import load_compliance, voltage_gain
 
 Array = NDArray[np.float64]
+Kind = TypeVar("Kind", bound=np.generic)
 
 
 def plots_of(known: Specimen, campaign: Campaign) -> list[Plot]:
@@ -44,7 +46,7 @@ def loading(known: Specimen, runs: Sequence[StaticLoading]) -> Plot | None:
         Dots(
             looks[side][1],
             *_joined((r.load_n, 1e6 * r.deflection_m, 1e6 * NORMAL * r.errors_m) for r in runs if r.side == side),
-            _good(r.use for r in runs if r.side == side),
+            _stack(r.use for r in runs if r.side == side),
             looks[side][0],
             1e6 * per_newton * _stack(r.load_n for r in runs if r.side == side),
         )
@@ -113,7 +115,7 @@ def steps(known: Specimen, runs: Sequence[VoltageSteps]) -> Plot | None:
                 for r, a in zip(runs, at, strict=True)
             )
             model = 1e6 * voltage_gain(known.tactor) * map_.specimen_v(x)
-            yield Dots(label, x, y, half, _good(r.use[a] for r, a in zip(runs, at, strict=True)), marker, model)
+            yield Dots(label, x, y, half, _stack(r.use[a] for r, a in zip(runs, at, strict=True)), marker, model)
 
     def none(run: VoltageSteps) -> NDArray[np.bool_]:
         return np.full(run.input_v.size, run.rising is None)
@@ -167,11 +169,7 @@ def damping(known: Specimen) -> Plot | None:
     return Plot("Fig. 8: damping by the skin", (panel,), caption)
 
 
-def _stack(parts: Iterable[Array]) -> Array:
-    return np.concatenate(list(parts))
-
-
-def _good(parts: Iterable[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+def _stack(parts: Iterable[NDArray[Kind]]) -> NDArray[Kind]:
     return np.concatenate(list(parts))
 
 

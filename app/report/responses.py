@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from app.figures import THRESHOLD_M
 from app.report.blocks import Dots, Line, Panel, Plot
 from app.report.specimen import GRID_HZ, NORMAL, Specimen
 from model.identification.observations import Campaign, FrequencyResponse
+from model.perception import THRESHOLD_M
 from model.uncertainty import Band
 
 Array = NDArray[np.float64]

@@ -3,12 +3,11 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from app.campaign_plan import PAPER
-from app.figures import THRESHOLD_M
 from app.report.agreement import Agreement, agreements
 from app.report.blocks import Block, Grid, Outcome, Plot, Tone, Words
+from app.report.known import Known
 from app.report.limits import Limits
 from app.report.merits import MERITS, Felt
 from app.report.numbers import MINUS, counted, plain, printed_unit, probability, stated, with_error
@@ -16,9 +15,7 @@ from app.report.specimen import Specimen, meaning
 from app.report.taken import Taken
 from app.words import shown_unit
 from model.parameters import Membrane, Tactor
-
-if TYPE_CHECKING:
-    from app.report.content import Known
+from model.perception import THRESHOLD_M
 
 NONE = "–"
 MOST = 10
@@ -47,7 +44,7 @@ def verdict(limits: Limits, outcomes: Sequence[Outcome]) -> list[Block]:
     ]
 
 
-def sentences(known: "Known", runs: Sequence[Taken]) -> list[Block]:
+def sentences(known: Known, runs: Sequence[Taken]) -> list[Block]:
     """What a reader has to know before the numbers."""
     found = known.specimen.found
     words: list[Words] = []
@@ -145,7 +142,7 @@ def parameters(known: Specimen) -> Grid:
     return Grid("Parameters", heads, tuple(rows), note)
 
 
-def agreement(known: "Known", drawn: Sequence[Plot]) -> list[Block]:
+def agreement(known: Known, drawn: Sequence[Plot]) -> list[Block]:
     """Pearson's r, its p and R^2 for every curve, and how far the fit explains each run."""
     rows = tuple(_agreement_row(each) for each in agreements(drawn))
     fitted = known.specimen.found is not None
@@ -194,7 +191,7 @@ def _agreement_row(each: Agreement) -> tuple[str, ...]:
     )
 
 
-def perception(known: "Known") -> list[Block]:
+def perception(known: Known) -> list[Block]:
     """Margin over the threshold at every elongation, and the latency."""
     rows = tuple(
         (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
+from app.drawing import draw, pretty
 from app.exits import DONE, USAGE
-from app.figures import draw, pretty
 from app.main import main
 from model.figures import Curve, Figure, figure5, figure9
 from model.parameters import Membrane, Tactor
