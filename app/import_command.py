@@ -11,11 +11,13 @@ from pydantic import ValidationError
 from app.answer import Answer, Column, Table, deliver
 from app.config import AmplifierTable, ConfigError, faults, load_bench
 from app.exits import UsageError
-from app.import_columns import RAW, ImportingError, Kind, Matched, kinds, match, recognised
+from app.import_columns import ImportingError, Matched, match, recognised
+from app.import_kinds import RAW, Kind, kinds
 from app.import_series import take_series
 from app.import_values import Asked
 from app.importing import Taken, store, take
-from app.sheet import Sheet, SheetError, read_sheet
+from app.sheet import Sheet, SheetError
+from app.sheet_file import read_sheet
 from app.units import UnitError, read_value, to_number
 from protocols.registry import PROTOCOLS
 from protocols.storing import StoreError

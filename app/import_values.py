@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.config import AmplifierTable
-from app.import_columns import ImportingError, Kind, Matched, factor
+from app.import_columns import ImportingError, Matched, factor
+from app.import_kinds import Kind
 from app.sheet import Cells, Sheet
 from app.units import UnitError, to_number
 from protocols.layout import ENTRY
