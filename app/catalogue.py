@@ -17,7 +17,7 @@ from typing import NamedTuple
 from app.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.run_entry import Entry, State, bare_entry, read_entry, with_notes
 
-SCHEMA = 2
+SCHEMA = 3
 """Raise it when `Entry` changes: an index of another schema is thrown away."""
 
 BATCH = 100

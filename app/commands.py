@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from app.config import FASTEST, BenchConfig, ConfigError, faults, load_bench
 from app.exits import DONE, UsageError
-from app.units import UnitError, read_value
+from app.units import UnitError, read_value, unit_of
 from protocols.plain import plain
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
@@ -133,7 +133,7 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
     try:
         protocol = kind(**values)
     except ValidationError as error:
-        wrong += faults(error)
+        wrong += faults(error, unit=lambda key: (unit_of(kind, key) or "").removeprefix("1"))
     if wrong:
         raise UsageError(f"{name} cannot be run so:\n" + "\n".join(wrong))
     return protocol

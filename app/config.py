@@ -5,7 +5,7 @@ Validated whole: unknown keys are refused, and every fault is listed at once wit
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from datetime import date
 from importlib import resources
@@ -280,27 +280,29 @@ def load_bench(name: str) -> BenchConfig:
         raise ConfigError(f"{where} is not valid TOML: {error}") from error
 
 
-def faults(error: ValidationError, text: str = "") -> list[str]:
-    """One line a fault: where it stands, what is there, and what would do."""
+def faults(error: ValidationError, text: str = "", unit: Callable[[str], str] = lambda _: "") -> list[str]:
+    """One line a fault: where it stands, what is there, and what would do; in the unit that a key has."""
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
         line = _line_of(path, text)
         at = f"line {line}: " if line else ""
-        lines.append(f"  {at}{'.'.join(path) + ': ' if path else ''}{_words(fault)}")
+        lines.append(f"  {at}{'.'.join(path) + ': ' if path else ''}{_words(fault, unit)}")
     return lines
 
 
-def _words(fault: Any) -> str:
-    kind, context = fault["type"], fault.get("ctx", {})
+def _words(fault: Any, unit: Callable[[str], str]) -> str:
+    kind, context, value = fault["type"], fault.get("ctx", {}), fault["input"]
+    given = f"{value:.12g}" if isinstance(value, float) else shortened(repr(value))
     if kind == "extra_forbidden":
         return "unknown key; remove it or correct its spelling"
     if kind in BOUNDS:
         key, words = BOUNDS[kind]
-        return f"must be {words} {context[key]:g}, not {shortened(repr(fault['input']))}"
+        of = f" {known}" if fault["loc"] and (known := unit(str(fault["loc"][0]))) else ""
+        return f"must be {words} {context[key]:g}{of}, not {given}{of}"
     message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
     message = message[:1].lower() + message[1:]
-    return str(message) if kind in ("value_error", "missing") else f"{message}, not {shortened(repr(fault['input']))}"
+    return str(message) if kind in ("value_error", "missing") else f"{message}, not {given}"
 
 
 def _line_of(path: list[str], text: str) -> int:

@@ -100,7 +100,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
     found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
-    axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="upper right")
+    axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="best")
 
 
 def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from app.notes import Notes
-from app.words import uncertain
+from app.words import quantity
 from protocols.events import Status
 from protocols.runreader import NewerRunError, NoRunError, Run, RunError
 
@@ -133,7 +133,7 @@ def read_entry(file: Path, path: str) -> Entry | None:
     try:
         with Run(file) as run:
             state = State(run.state)
-            found = "; ".join(f"{e.name} {uncertain(e.value, e.standard_error, e.unit)}" for e in run.estimates())
+            found = "; ".join(f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates())
             reason = run.reason
             if state is State.RUNNING and not reason:
                 reason = _running_words(file)

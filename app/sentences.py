@@ -67,8 +67,8 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
             if not high_voltage:
                 return Level.GOOD, "Rest is measured; high voltage is off and stays off"
             return Level.ATTENTION, "Armed: rest is measured; high voltage is on, says the operator"
-        case Paused(words):
-            return Level.ATTENTION, f"Paused, high voltage still on: {words}"
+        case Paused(words, high_voltage):
+            return Level.ATTENTION, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {words}"
         case Resumed():
             return Level.PLAIN, "The run goes on with the entry that was interrupted"
         case SettleEnded(settled=False, after_s=after_s):

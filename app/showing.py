@@ -7,6 +7,7 @@ import numpy as np
 from app.words import duration, point_line, quantity, size
 from protocols.continuation import points_of
 from protocols.events import FaultSwitched
+from protocols.figures import figures
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.runreader import Run
@@ -56,11 +57,11 @@ def run_text(run: Run) -> str:
         stretched = points.get("elongation")
         lines.append(
             (f"{'mm':>6} " if stretched is not None else "")
-            + f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>13} {'±':>7} {'phase/°':>8} {'THD/%':>6}  quality"
+            + f"{'Hz':>9} {'max-min/µm':>11} {'2 x fund./µm':>18} {'phase/°':>8} {'THD/%':>6}  quality"
         )
         lines += [
             ("" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free"))
-            + f"{f:9.3f} {1e6 * p:11.1f} {2e6 * a:13.1f} {2e6 * u:7.2g} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
+            + f"{f:9.3f} {1e6 * p:11.1f} {figures(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
             f"{Quality(int(q)).words}".replace("nan", "  -")
             for row, (f, p, a, u, phase, thd, q) in enumerate(zip(
                 *(

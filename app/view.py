@@ -205,7 +205,7 @@ class View:
             case BenchState.PAUSED:
                 return "rest measured, high voltage still on"
             case BenchState.HV_OFF:
-                return "rest measured, high voltage off"
+                return f"{'paused; ' * self.paused}rest measured, high voltage off"
             case BenchState.AT_REST if self.rest is not None:
                 return f"on the specimen, rest measured {self.rest.measured_v:.3f} V"
             case BenchState.GOING_TO_REST:

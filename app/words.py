@@ -79,6 +79,6 @@ def point_line(point: Any) -> str:
         return words + (f"  {flags.words}" if flags else "")
     return (
         f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
-        f"2 x fund. {2e6 * point.fundamental:6.1f} ± {2e6 * point.fundamental_errors:.2g} µm  "
+        f"2 x fund. {figures(2e6 * point.fundamental, 2e6 * point.fundamental_errors):>16} µm  "
         f"{point.phase * 57.29578:6.1f}°" + (f"  {flags.words}" if flags else "")
     )

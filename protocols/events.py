@@ -119,9 +119,10 @@ class CurveReady:
 
 @dataclass(frozen=True, slots=True)
 class Paused:
-    """Somebody paused the run: the source rests, as measured; high voltage is still on."""
+    """Somebody paused the run: the source rests, as measured. High voltage is as the run has it."""
 
     words: str
+    high_voltage: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -229,7 +229,7 @@ class Runner:
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.to_rest()
-        self._events.publish(Paused(rest.words))
+        self._events.publish(Paused(rest.words, self._protocol.high_voltage))
         while self._pause.is_set():
             self._look_up()
             self._executor.skip(armed)

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSettings, Signal
-from PySide6.QtWidgets import QFileDialog, QSizePolicy, QStackedWidget
+from PySide6.QtWidgets import QSizePolicy, QStackedWidget
 
 from app.gui.campaign_board import CampaignBoard
 from app.gui.campaign_desk import CampaignDesk
 from app.gui.campaign_start import CampaignStart
 from app.gui.feed import LiveFeed
+from app.gui.file_dialog import ask_for_files
 from app.gui.keys import HERE, bind
 from app.gui.live_pane import LivePane
 from app.gui.theme import Theme
@@ -211,9 +212,9 @@ class CampaignPage(QStackedWidget):
 
     def _browse(self) -> None:
         folder, _ = self._where()
-        name, _ = QFileDialog.getOpenFileName(self, "Open a campaign", str(folder), "Campaigns (*.campaign.json)")
-        if name:
-            self.open(Path(name))
+        ask_for_files(
+            self, "Open a campaign", lambda paths: self.open(paths[0]), "Campaigns (*.campaign.json)", str(folder)
+        )
 
     def _queue(self) -> None:
         self.act("halt the queue" if self._busy else "run without hands")

@@ -49,7 +49,7 @@ def drawn(name: str, item: Any, bars: Any = None) -> Iterable[Shown]:
 
 
 class Copying(QWidget):
-    """Two buttons in the lower corner of a canvas, there while the mouse is over it. With the keyboard in it: Ctrl+P, Ctrl+D.
+    """Two buttons in the lower corner of a canvas, there while the mouse or the keyboard is in it: Ctrl+P, Ctrl+D.
 
     No menu that drops down: that would keep the Stop key to itself.
 
@@ -99,9 +99,11 @@ class Copying(QWidget):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._canvas:
             match event.type():
-                case QEvent.Type.Enter:
+                case QEvent.Type.Enter | QEvent.Type.FocusIn:
                     self.offer()
-                case QEvent.Type.Leave:
+                case QEvent.Type.Leave if not self._canvas.hasFocus():
+                    self.hide()
+                case QEvent.Type.FocusOut if not self._canvas.underMouse():
                     self.hide()
                 case QEvent.Type.Resize if self.isVisible():
                     self._place()

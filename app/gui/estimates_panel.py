@@ -14,6 +14,7 @@ from app.sliders import SLIDERS
 from app.words import uncertain
 
 ROWS = 3
+TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequencies will."
 
 
 class Shrinking(QWidget):
@@ -106,7 +107,7 @@ class EstimatesPanel(QWidget):
                 value.setText(uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
                 shrinking.show_errors((told.errors or {}).get(e.name, ()), self._theme.model)
         rests = f"Everything else as in {told.believed.words}; the sensor's gain is taken as exact."
-        self.note.setText(rests if estimates else told.words.capitalize() if told.words else "")
+        self.note.setText(rests if estimates else TOO_FEW if told.words.startswith("not identifiable") else told.words)
         self.note.setToolTip(told.words)
         self._show()
 

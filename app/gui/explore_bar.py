@@ -66,13 +66,15 @@ class ExploreBar(QObject):
             self._group.addButton(button)
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.keep = _button("Keep curve", "Let the present curve stay while the sliders move on: Ctrl+K")
+        self.keep = _button("Keep curve", "Let the present curve stay while the sliders move on: Ctrl+Shift+K")
         self.clear = _button("Clear", "Take kept curves and measured runs away")
         self.lay = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
-        self.fit = _button("Fit these", "Let the sliders go where the runs are met best")
+        self.fit = _button("Fit these", "Let the sliders go where the runs are met best: Ctrl+F")
         if not fits:  # shown before it has a place it would be a window of its own
             self.fit.hide()
-        self.study = _button("Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV")
+        self.study = _button(
+            "Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV: Ctrl+S"
+        )
         self.copy_json = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
         self.copy_toml = _button("Copy TOML", "Every parameter as TOML for --set")
         self.copy_json.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
@@ -80,6 +82,10 @@ class ExploreBar(QObject):
         self._chips = QHBoxLayout()
         self._chips.setSpacing(4)
         self.chips: list[QPushButton] = []
+
+    def elsewhere(self) -> None:
+        """From free to the skin, or back."""
+        (self.free if self.skin.isChecked() else self.skin).click()
 
     def show_setting(self, setting: Setting, history: History[Setting]) -> None:
         """Tell where the tactor is, and whether there is a way back."""

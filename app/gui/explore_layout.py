@@ -20,6 +20,7 @@ def columns(
 def _left(sliders: SliderPanel, remark: Remark, bar: ExploreBar) -> QWidget:
     scroll = QScrollArea()
     scroll.setWidget(sliders)
+    scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
     scroll.setWidgetResizable(True)
     scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     scroll.viewport().setAutoFillBackground(False)

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QSplitter, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.exploration import Exploration
 from app.explore import TITLES, Setting, study_of
@@ -18,6 +18,7 @@ from app.gui.dropped import run_urls
 from app.gui.explore_bar import ExploreBar
 from app.gui.explore_layout import columns
 from app.gui.explore_plot import ExplorePlot
+from app.gui.file_dialog import Mode, ask_for_files
 from app.gui.jobs import Jobs
 from app.gui.keys import HERE, bind
 from app.gui.overlaid_runs import Fit, OverlaidRuns
@@ -260,13 +261,13 @@ class ExplorePage(QSplitter):
         self.plot.show_series(*(box.isChecked() for box in self.bar.series))
 
     def _browse(self) -> None:
-        names, _ = QFileDialog.getOpenFileNames(self, "Runs to lay over", "", "Runs (*.h5)")
-        self.lay_over([Path(name) for name in names])
+        ask_for_files(self, "Runs to lay over", self.lay_over, "Runs (*.h5)", mode=Mode.ExistingFiles)
 
     def _ask_for_study(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(self, "Save as study", "study.h5", "Study (*.h5);;Sheet (*.csv)")
-        if name:
-            self.save_study(Path(name))
+        ask_for_files(
+            self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", "study.h5",
+            Mode.AnyFile,
+        )  # fmt: skip
 
     def _connect(self) -> None:
         bar = self.bar
@@ -295,14 +296,17 @@ class ExplorePage(QSplitter):
             (bar.study, self._ask_for_study),
         ):
             button.clicked.connect(do)
-        for words, button, keys in (
-            ("Undo", bar.undo, ("Ctrl+Z",)),
-            ("Redo", bar.redo, ("Ctrl+Shift+Z", "Ctrl+Y")),
-            ("Keep the present curve", bar.keep, ("Ctrl+K",)),
-            ("Copy every parameter as JSON", bar.copy_json, ("Ctrl+Shift+C",)),
-            ("Lay a run over the curves", bar.lay, ("Ctrl+O",)),
+        for words, do, keys in (
+            ("Undo", bar.undo.click, ("Ctrl+Z",)),
+            ("Redo", bar.redo.click, ("Ctrl+Shift+Z", "Ctrl+Y")),
+            ("Keep the present curve", bar.keep.click, ("Ctrl+Shift+K",)),
+            ("Copy every parameter as JSON", bar.copy_json.click, ("Ctrl+Shift+C",)),
+            ("Lay a run over the curves", bar.lay.click, ("Ctrl+O",)),
+            ("Fit the model to the runs that lie over it, or cancel the fit", bar.fit.click, ("Ctrl+F",)),
+            ("Free, or on skin", bar.elsewhere, ("Ctrl+T",)),
+            ("Save as a study", bar.study.click, ("Ctrl+S",)),
         ):
-            bind(self, words, button.click, *keys, context=HERE, repeats=True)
+            bind(self, words, do, *keys, context=HERE, repeats=True)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if run_urls(event):

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from app.explore import Kept
 from app.explore_answer import Array, Line, Measured, Picture
 from app.gui.copying import Copying, Shown, as_text
-from app.gui.plots import INKS, Corner, ink, largest, paint, quiet, round_step, simulated_mark
+from app.gui.plots import INKS, LABEL_ON_LINE, Corner, ink, largest, paint, quiet, round_step, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
@@ -44,14 +44,14 @@ class ExplorePlot(QWidget):
             plot.setLabel("left", words)
             plot.setLabel("bottom", "frequency (Hz)")
         self.phase.setXLink(self.plot)
-        beside = {"position": 0.99, "anchors": [(1, 1), (1, 1)]}
-        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=f"{FELT_UM:g} µm: felt on the abdomen", labelOpts=beside)
+        words = f"{FELT_UM:g} µm: felt on the abdomen"
+        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=LABEL_ON_LINE)
         self._felt.label.setFont(self.font())
         self.band = pg.PlotCurveItem(connect="finite")
         self.curves = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
         self.turn = pg.PlotCurveItem(antialias=True)
         self._kept_curves: list[tuple[pg.PlotCurveItem, pg.PlotCurveItem]] = []
-        self._points: list[tuple[pg.PlotDataItem, ...]] = []
+        self._points: list[tuple[Any, ...]] = []
         self.pointer = pg.InfiniteLine(160.0, angle=90, movable=True, bounds=(1, 4000))
         self.legend = self.plot.addLegend(offset=(8, 4), labelTextSize="9pt", verSpacing=-6)
         for item in (self._felt, self.band, self.pointer, *self.curves):
@@ -193,9 +193,8 @@ class ExplorePlot(QWidget):
             self._kept_curves.append((upper, lower))
 
     def _draw_measured(self) -> None:
-        for upper, second, lower in self._points:
-            self.legend.removeItem(upper)
-            self.legend.removeItem(second)
+        for upper, second, lower, spot in self._points:
+            self.legend.removeItem(spot)
             self.plot.removeItem(upper)
             self.plot.removeItem(second)
             self.phase.removeItem(lower)
@@ -214,9 +213,11 @@ class ExplorePlot(QWidget):
             self.phase.addItem(lower)
             upper.setVisible(self._shown[0])
             second.setVisible(self._shown[1])
-            drawn = upper if self._shown[0] or not self._shown[1] else second
-            self.legend.addItem(drawn, f"{run.label}{', SIMULATED' if run.simulated else ''}")
-            self._points.append((upper, second, lower))
+            symbol = "o" if self._shown[0] or not self._shown[1] else "s"
+            # A legend cannot show brushes that differ from point to point.
+            spot = pg.ScatterPlotItem(size=8, symbol=symbol, pen=pen, brush=solid)
+            self.legend.addItem(spot, f"{run.label}{', SIMULATED' if run.simulated else ''}")
+            self._points.append((upper, second, lower, spot))
 
     def _scale(self) -> None:
         tops, phases = [1.5 * FELT_UM], [-180.0, 0.0]

@@ -2,6 +2,7 @@
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QApplication,
     QCheckBox,
     QFrame,
     QGridLayout,
@@ -13,6 +14,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from shiboken6 import isValid
 
 from app.fault_plan import FaultPlan
 from app.gui.form import mark
@@ -35,6 +37,8 @@ class FaultPanel(QWidget):
         super().__init__(parent)
         self._plan, self._jobs = plan, Jobs("faults", self)
         self._connected = False
+        self._before: QWidget | None = None
+        """What had the keyboard before the list was opened."""
         self.broken: tuple[str, ...] = ()
         """What is broken, as the bench itself says."""
         self.corner = QWidget()
@@ -61,6 +65,12 @@ class FaultPanel(QWidget):
             self._connected = view.connected
             self._jobs.do(self._plan.broken, self._show, self._failed)
 
+    def close_list(self) -> bool:
+        """Close the list; whether it was open."""
+        was_open = self.opener.isChecked()
+        self.opener.setChecked(False)
+        return was_open
+
     def end(self) -> None:
         """End what works beside the window."""
         self._jobs.close()
@@ -69,7 +79,10 @@ class FaultPanel(QWidget):
         self.list.setVisible(wanted)
         self._arrange()
         if wanted:
+            self._before = QApplication.focusWidget()
             next(iter(self.boxes.values())).setFocus(Qt.FocusReason.ShortcutFocusReason)
+        elif self._before is not None and isValid(self._before):
+            self._before.setFocus()
 
     def _act(self, name: str, broken: bool) -> None:
         """Break one, mend one, or with no name mend all; then ask the bench what is broken."""
@@ -119,6 +132,7 @@ class FaultPanel(QWidget):
             grid.addWidget(box, at % rows, at // rows)
         grid.addWidget(self.said, rows, 0, 1, COLUMNS)
         self.list.setWidget(self._sheet)
+        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setWidgetResizable(True)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setMinimumHeight(48)  # a notice above it may need the room: then it is scrolled

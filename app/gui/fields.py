@@ -1,7 +1,8 @@
 """A protocol's form without the form: what its annotated fields are called, what they admit, and what is wrong. No Qt."""
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args, get_origin
 
 from annotated_types import Interval
@@ -42,6 +43,15 @@ def fields_of(kind: type[Protocol]) -> tuple[Field, ...]:
     return tuple(_field(kind, name) for name in names)
 
 
+def form_fields(kind: type[Protocol]) -> tuple[Field, ...]:
+    """The fields of a form, whose words call the other fields by their labels."""
+
+    def label(name: re.Match[str]) -> str:
+        return f"'{_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
+
+    return tuple(replace(field, words=re.sub(r"\w+_\w+", label, field.words)) for field in fields_of(kind))
+
+
 def text_of(value: Any) -> str:
     """A parameter's value as one types it."""
     if isinstance(value, tuple):
@@ -77,7 +87,7 @@ def _field(kind: type[Protocol], name: str) -> Field:
     many = get_origin(annotation) is tuple
     marks = list(info.metadata) + (list(getattr(get_args(annotation)[0], "__metadata__", ())) if many else [])
     interval = next((mark for mark in marks if isinstance(mark, Interval)), None)
-    label = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
+    label = _label(kind, name)
     return Field(
         name=name,
         label=label,
@@ -88,6 +98,11 @@ def _field(kind: type[Protocol], name: str) -> Field:
         switch=annotation is bool,
         choices=tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else (),
     )
+
+
+def _label(kind: type[Protocol], name: str) -> str:
+    unit = unit_of(kind, name) or ""
+    return name.removesuffix(f"_{unit.lower()}").replace("_", " ")
 
 
 def _limits(interval: Interval | None, unit: str) -> str:

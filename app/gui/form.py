@@ -6,7 +6,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
-from app.gui.fields import Checked, Field, check, fields_of, text_of
+from app.gui.fields import Checked, Field, check, form_fields, text_of
 from protocols.protocol import Protocol
 
 Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
@@ -74,7 +74,7 @@ class Form(QWidget):
     def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.kind = type(protocol)
-        self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in fields_of(self.kind)}
+        self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 6, 0)
         grid.setHorizontalSpacing(8)

@@ -41,7 +41,7 @@ class KeySheet(QWidget):
         self._scroll.viewport().setAutoFillBackground(False)
         heading = QLabel("Keys")
         mark(heading, "heading")
-        first, close = QPushButton("First steps …"), QPushButton("Close   (F1 or Esc)")
+        first, close = QPushButton("First steps …"), QPushButton("Close   (F1)")
         first.clicked.connect(self.first_page_asked)
         close.clicked.connect(self.closed)
         top = QHBoxLayout()
@@ -77,7 +77,8 @@ class KeySheet(QWidget):
                 columns.addWidget(_group(title, found), 1, Qt.AlignmentFlag.AlignTop)
                 self.rows += [(title, line) for line in found]
         if not self.rows:
-            columns.addWidget(QLabel("No key does that."), 1, Qt.AlignmentFlag.AlignTop)
+            columns.addWidget(QLabel("No key of this page does that."), 1, Qt.AlignmentFlag.AlignTop)
+        columns.addStretch(max(2 - columns.count(), 0))  # one group alone is no wider than beside another
         self._scroll.setWidget(paper)  # deletes the one before
 
 

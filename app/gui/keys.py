@@ -41,6 +41,17 @@ def bind(
     return made
 
 
+def lend(dialog: QWidget, *keys: Key) -> None:
+    """Let keys of the window work in a dialog over it as well."""
+    over = dialog.parentWidget()
+    assert over is not None
+    window = over.window()
+    for key in keys:
+        for own in window.findChildren(QShortcut, options=Qt.FindChildOption.FindDirectChildrenOnly):
+            if own.key() == QKeySequence(key):
+                bind(dialog, own.whatsThis(), own.activated.emit, key)
+
+
 def lines_of(window: QWidget, pages: Sequence[object]) -> dict[str, tuple[Line, ...]]:
     """Every key of a window in groups: those that work everywhere, and those of the pages given, by their titles."""
     groups: dict[str, dict[str, list[str]]] = {title: {} for title in (EVERYWHERE, *map(_title, pages))}

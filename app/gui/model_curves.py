@@ -7,9 +7,10 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon, QPixmap
-from PySide6.QtWidgets import QCheckBox, QLabel, QSizePolicy
+from PySide6.QtWidgets import QCheckBox
 
 from app.gui.copying import Shown, drawn
+from app.gui.elided import Elided
 from app.gui.form import mark
 from app.gui.plots import Fill, ink
 from app.gui.series import SERIES
@@ -69,8 +70,7 @@ class ModelCurves:
         self.box.setEnabled(False)
         self.box.setIconSize(QSize(24, 14))
         self.box.toggled.connect(lambda _: self._show())
-        self.source = QLabel()
-        self.source.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.source = Elided()
         mark(self.source, "note")
         self._series: Sequence[bool] = [True for _ in SERIES]
 

@@ -76,7 +76,7 @@ class Notices(QWidget):
         # What to do comes first and large; what was measured and why it came to this can be read afterwards.
         todo = BY_HAND if view.unsafe.startswith(BY_HAND) else view.unsafe
         self.unsafe.say(todo, view.unsafe.removeprefix(todo).lstrip(". "))
-        self.trouble.say(view.trouble)
+        self.trouble.say(f"{view.trouble[:1].upper()}{view.trouble[1:]}")
         self.trouble.buttons[0].setVisible(self._no_bench)
         self._arrange()
 

@@ -47,9 +47,15 @@ class Pages(QTabWidget):
             self._places.append(layout)
             at = self.addTab(place, title)
             self.setTabToolTip(at, f"Ctrl+{at + 1}")
-            bind(self, f"Page {title}", partial(self.setCurrentIndex, at), f"Ctrl+{at + 1}")
+            bind(self, f"Page {title}", partial(self.go_to, at), f"Ctrl+{at + 1}")
         self.page(0)
         self.currentChanged.connect(lambda at: self.page(at).enter())
+
+    def go_to(self, at: int) -> None:
+        """Look at a page, and have the keyboard there."""
+        if at == self.currentIndex():
+            self.page(at).enter()
+        self.setCurrentIndex(at)
 
     def page(self, at: int) -> Page:
         """A page, made by now."""

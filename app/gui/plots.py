@@ -14,6 +14,12 @@ from app.gui.theme import Theme
 
 Array = NDArray[np.float64]
 
+TICK_LINES = 1.3
+"""How many lines of writing a tick takes."""
+
+LABEL_ON_LINE = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}
+"""Where a line is named: at its left end, above it. A response comes down to it at the other."""
+
 INKS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
 
 
@@ -45,6 +51,12 @@ def quiet(plot: Any, font: QFont) -> None:
         axis.enableAutoSIPrefix(False)
         axis.setStyle(tickFont=font)
         axis.label.setFont(font)
+    plot.getViewBox().sigResized.connect(lambda box: _name_where_it_fits(plot.getAxis("left"), box.height()))
+
+
+def _name_where_it_fits(axis: Any, height: float) -> None:
+    """An axis that is lower than its name is long has none: half of it would be cut off."""
+    axis.label.setVisible(bool(axis.labelText) and axis.label.boundingRect().width() <= height)
 
 
 def paint(plot: Any, theme: Theme) -> None:
@@ -150,9 +162,23 @@ def calm_range(low: float, high: float, present: tuple[float, float] | None) -> 
     return math.floor((low - 0.08 * span) / step) * step, math.ceil((high + 0.08 * span) / step) * step
 
 
-def few_ticks(low: float, high: float) -> float:
-    """The spacing of two to four ticks: more would run into each other in a low plot."""
-    return round_step(high - low, 4)
+def few_ticks(low: float, high: float, most: int = 4) -> float:
+    """The spacing of two to four ticks, or of less: more would run into each other in a low plot."""
+    return round_step(max(high - low, 1e-9), most)
+
+
+def keep_ticks_apart(plot: Any, font: QFont) -> None:
+    """As few ticks on the left axis as its height has room for, whatever its range and height become."""
+    box, line = plot.getViewBox(), TICK_LINES * QFontMetricsF(font).height()
+
+    def space(*_: object) -> None:
+        low, high = box.viewRange()[1]
+        spacing = few_ticks(low, high, max(min(int(box.height() / line), 4), 1))
+        plot.getAxis("left").setTickSpacing(spacing, spacing)
+
+    box.sigResized.connect(space)
+    box.sigYRangeChanged.connect(space)
+    space()
 
 
 def round_step(span: float, most: int) -> float:

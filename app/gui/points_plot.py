@@ -23,6 +23,7 @@ from protocols.protocol import Protocol
 from protocols.quality import Quality
 
 HINT = "hollow: not usable, point at it for the reason"
+EMPTY = "Points appear here as they are measured"
 
 
 class PointsPlot(FramedPlot):
@@ -36,6 +37,7 @@ class PointsPlot(FramedPlot):
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
         self._shown: Sequence[int] = ()
+        self._outcome: RunEnded | None = None
         self._bars = pg.ErrorBarItem(beam=0.0)
         self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=_tip)
         for item in (self._bars, self.scatter):
@@ -88,7 +90,9 @@ class PointsPlot(FramedPlot):
 
     def show_found(self, outcome: RunEnded | None) -> None:
         """Write what was identified from the points."""
-        self.found.say("" if outcome is None else ",   ".join(estimate_words(e) for e in outcome.estimates[:3]))
+        self._outcome = outcome
+        told = "" if outcome is None else ",   ".join(estimate_words(e) for e in outcome.estimates[:3])
+        self.found.say(told or ("" if self._shown else EMPTY if outcome is None else "no points were measured"))
 
     def _table(self) -> str:
         across, up = (self._plot.getAxis(side).labelText for side in ("bottom", "left"))
@@ -118,7 +122,11 @@ class PointsPlot(FramedPlot):
         words = [point_words(p) for p in points]
         self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=words)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))
+        self.hint.setVisible(not all(usable))
+        for side in ("left", "bottom"):  # between what limits, nobody knows yet
+            self._plot.getAxis(side).setStyle(showValues=bool(points))
         self._plot.autoRange(padding=0.08)
+        self.show_found(self._outcome)
 
 
 def _is_somewhere(point: Any, *names: str) -> bool:

@@ -8,13 +8,14 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.gui.copying import Shown, as_text, drawn
+from app.gui.elided import Elided
 from app.gui.form import mark
 from app.gui.framed_plot import AXIS_WIDTH, FramedPlot
 from app.gui.model_curves import ModelCurves
-from app.gui.plots import calm_range
+from app.gui.plots import LABEL_ON_LINE, calm_range
 from app.gui.selection import Selection
 from app.gui.series import SAMPLE, SERIES, sample
 from app.gui.strip import SHOWS, Strip
@@ -46,9 +47,8 @@ class ResponsePlot(FramedPlot):
         self._top_hz = 250.0
         self._plot.setLabel("left", "amplitude (µm)")
         self._plot.setLabel("bottom", "frequency (Hz)")
-        beside = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}  # where no points come down to them
         words = f"{FELT_UM:g} µm: felt on the abdomen"
-        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=beside)
+        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=LABEL_ON_LINE)
         self._felt.label.setFont(self.font())
         self._plot.addItem(self._felt)
         self.band = ModelCurves(self._plot)
@@ -60,7 +60,7 @@ class ResponsePlot(FramedPlot):
         for item in (*self._bars, *self.scatters):
             self._plot.addItem(item)
         self.shown = [QCheckBox(series.words) for series in SERIES]
-        self.hint = QLabel()
+        self.hint = Elided()
         self.hint.setToolTip(HINT_TIP)
         self._strip: Strip | None = None
         self.below = QComboBox()
@@ -166,7 +166,7 @@ class ResponsePlot(FramedPlot):
 
     def _head(self) -> QHBoxLayout:
         head = QHBoxLayout()
-        head.setSpacing(14)
+        head.setSpacing(10)
         caption = QLabel("Response")
         caption.setProperty("kind", "caption")
         head.addWidget(caption)
@@ -178,9 +178,8 @@ class ResponsePlot(FramedPlot):
         head.addWidget(self.band.box)
         head.addWidget(self.again)
         head.addWidget(self.band.source, 3)
-        self.hint.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.hint.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        head.addWidget(self.hint, 2)
+        head.addWidget(self.hint)
         head.addWidget(self.below)
         return head
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QApplication, QFileDialog, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 from shiboken6 import isValid
 
 from app.gui.book import Book
+from app.gui.file_dialog import ask_for_files
 from app.gui.first_page import FirstPage
 from app.gui.hint import Hint
 from app.gui.key_sheet import KeySheet
@@ -83,6 +84,6 @@ class Room(QWidget):
         self.stack.setCurrentWidget(widget)
 
     def _browse(self) -> None:
-        name, _ = QFileDialog.getOpenFileName(self, "Open a bench file", "", "Bench files (*.toml)")
-        if name:
-            self.bench_chosen.emit(name)
+        ask_for_files(
+            self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
+        )

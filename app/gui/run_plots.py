@@ -12,6 +12,10 @@ from app.gui.plots import Corner, ink, largest, paint, quiet, round_step, simula
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
+MOST_NAMED = 12
+MOST_OF_IT = 0.5
+"""Of the plot's height that a legend may take from the points."""
+
 
 class ComparePlot(QWidget):
     """Max - min over frequency of each run that is chosen, in a colour of its own."""
@@ -36,6 +40,7 @@ class ComparePlot(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.canvas)
+        self.plot.getViewBox().sigResized.connect(self._scale)
         self.set_theme(theme)
 
     def _table(self) -> str:
@@ -79,11 +84,19 @@ class ComparePlot(QWidget):
                 symbolPen=pg.mkPen(colour, width=1.5), symbolBrush=fills,
             )  # fmt: skip
             self.plot.addItem(item)
-            if len(self._runs) <= 12:
+            if 1 < len(self._runs) <= MOST_NAMED:  # one alone is named above the plot
                 self.legend.addItem(item, run.label)
             self.items.append(item)
+        self.legend.updateSize()
+        self._scale()
+
+    def _scale(self, *_: object) -> None:
+        """All points, and above them room for the legend."""
         top = max([FELT_UM * 1.5, *(1e6 * largest(run.peak_to_peak) for run in self._runs)])
         right = max([100.0, *(float(run.frequency_hz.max()) for run in self._runs)])
-        step = round_step(1.1 * top, 6)
-        self.plot.setYRange(0, step * np.ceil(1.1 * top / step), padding=0)
+        height = max(self.plot.getViewBox().height(), 1.0)
+        named = self.legend.boundingRect().height() + 8 if len(self.legend.items) else 0.0
+        top *= 1.1 / (1 - min(named / height, MOST_OF_IT))
+        step = round_step(top, 6)
+        self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
         self.plot.setXRange(0, 1.04 * right, padding=0)

@@ -22,6 +22,9 @@ from app.gui.run_plots import ComparePlot
 from app.gui.theme import Theme
 from app.run_entry import Entry
 
+LONGEST = 280
+"""Characters of a reason that are shown beside the list."""
+
 
 class _Note(QPlainTextEdit):
     """Is kept when it is left."""
@@ -43,7 +46,7 @@ class RunSide(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._before = ("", "")
+        self._before, self._of = ("", ""), ""
         self.heading, self.facts, self.said = QLabel(), QLabel(), QLabel()
         self.heading.setProperty("kind", "caption")
         for label in (self.heading, self.facts, self.said):
@@ -52,6 +55,9 @@ class RunSide(QWidget):
         self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.plot = ComparePlot(theme)
         self.plot.setMinimumHeight(160)
+        self.none = QLabel()
+        self.none.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        mark(self.none, "note-size")
         self.tags, self.note = QLineEdit(), _Note()
         self.tags.setPlaceholderText("good, second try   (F2)")
         self.tags.setAccessibleName("tags")
@@ -83,8 +89,8 @@ class RunSide(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(8, 0, 0, 0)
         layout.setSpacing(6)
-        for widget in (self.heading, self.plot, self.facts):
-            layout.addWidget(widget, 1 if widget is self.plot else 0)
+        for widget in (self.heading, self.plot, self.none, self.facts):
+            layout.addWidget(widget, 1 if widget in (self.plot, self.none) else 0)
         layout.addLayout(fields)
         layout.addWidget(self.said)
         layout.addLayout(row)
@@ -110,7 +116,7 @@ class RunSide(QWidget):
         self.note.setEnabled(one is not None)
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.state}")
-            lines = [one.reason, *one.found.split("; "), one.path]
+            lines = [_short(one.reason), *one.found.split("; "), one.path]
             self.facts.setText("\n".join(line for line in lines if line))
         else:
             self.heading.setText(f"{len(chosen)} runs chosen" if chosen else "Nothing is chosen")
@@ -122,25 +128,33 @@ class RunSide(QWidget):
                 else "No run is listed. Run files can be dropped here; the folder is the one of the Measure page."
             )
             self.facts.setText("\n".join(found[:6]) + more or hint)
-        texts = (one.tags, one.note) if one is not None else ("", "")
-        if texts != self._before or not (self.tags.hasFocus() or self.note.hasFocus()):
-            self._before = texts
+        texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
+        # A list that was read before the last words were kept, or before those that are being typed, takes none away.
+        if of != self._of or not (self.tags.hasFocus() or self.note.hasFocus()):
+            self._before, self._of = texts, of
             with QSignalBlocker(self.tags):
                 self.tags.setText(texts[0])
             self.note.setPlainText(texts[1])
         if not chosen:
-            self.plot.show_runs((), "")
+            self.show_runs((), 0)
 
     def show_runs(self, runs: Sequence[Measured], of: int) -> None:
         """The points of what is chosen."""
-        words = "" if runs or not of else "no response over frequency"
-        self.plot.show_runs(runs, f"{len(runs)} of {of} are shown" if 0 < len(runs) < of else words)
+        self.plot.show_runs(runs, f"{len(runs)} of {of} are shown" if 0 < len(runs) < of else "")
+        self.plot.setVisible(bool(runs))
+        self.none.setVisible(not runs)
+        self.none.setText("no response over frequency\nEnter opens what was measured" if of else "")
 
     def _keep(self) -> None:
         texts = (self.tags.text().strip(), self.note.toPlainText().strip())
         if texts != self._before:
             self._before = texts
             self.noted.emit(*texts)
+
+
+def _short(reason: str) -> str:
+    """As much of why a run ended as there is room for; it says all of it when it is opened."""
+    return reason if len(reason) <= LONGEST else f"{reason[:LONGEST].rsplit(' ', 1)[0]} … (Enter opens all of it)"
 
 
 def _button(text: str, tip: str) -> QPushButton:

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.gui.copying import Copying, as_text, drawn
 from app.gui.keys import bind
-from app.gui.plots import Corner, few_ticks, paint, quiet, simulated_mark, trace_pen
+from app.gui.plots import Corner, keep_ticks_apart, paint, quiet, simulated_mark, trace_pen
 from app.gui.theme import Theme
 from app.reopening import Traces
 
@@ -41,6 +41,7 @@ class RunTraces(QWidget):
             quiet(plot, self.font())
             plot.setMouseEnabled(x=True, y=False)
             plot.getAxis("left").setWidth(48)
+            keep_ticks_apart(plot, self.font())
             plot.addItem(curve)
             self._marks.append(simulated_mark(plot, self.font()))
             self._words.append(Corner(plot, words, self.font(), right=False))
@@ -144,8 +145,6 @@ class RunTraces(QWidget):
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             edge = 0.06 * max(high - low, 1e-3)
             plot.setYRange(low - edge, high + edge, padding=0)
-            spacing = few_ticks(low, high) if high > low else 1.0
-            plot.getAxis("left").setTickSpacing(spacing, spacing)
         self._say(traces.raw)
 
     def _say(self, raw: bool) -> None:

@@ -34,7 +34,7 @@ class RunsTable(QTableView):
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
-        for at, count in enumerate((20, 11, 14, 27, 8, 13, 34, 14)):
+        for at, count in enumerate((20, 12, 19, 26, 8, 11, 34, 12)):
             self.setColumnWidth(at, count * wide)
         header.setStretchLastSection(False)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)

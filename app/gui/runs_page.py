@@ -5,12 +5,13 @@ from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QFileDialog, QStackedWidget
+from PySide6.QtWidgets import QStackedWidget
 
 from app.catalogue import Catalogue, Scanned
 from app.explore_answer import Measured
 from app.export import Format
 from app.gui.dropped import run_urls
+from app.gui.file_dialog import Mode, ask_for_files
 from app.gui.jobs import Jobs
 from app.gui.keys import HERE, bind
 from app.gui.run_filter import RunFilter
@@ -141,9 +142,9 @@ class RunsPage(QStackedWidget):
         chosen = [(self._path(e), e.tags, e.note) for e in self.chosen]
         self._jobs.do(lambda: annotate(chosen, tags, note), lambda _: self.look(), self._failed)
 
-    def export(self, folder: Path, kind: Format) -> None:
-        """What is chosen, as files for other programs."""
-        paths = [self._path(e) for e in self.chosen if e.readable]
+    def export(self, folder: Path, kind: Format, chosen: Sequence[Entry] | None = None) -> None:
+        """What is chosen, or what was, as files for other programs."""
+        paths = [self._path(e) for e in (self.chosen if chosen is None else chosen) if e.readable]
         self.side.say(f"exporting {len(paths)} …")
 
         self._reads.do(
@@ -241,10 +242,11 @@ class RunsPage(QStackedWidget):
         self.side.say(str(error), fault=True)
 
     def _ask_to_export(self, kind: Format) -> None:
-        if self.chosen:
-            name = QFileDialog.getExistingDirectory(self, "Folder for the exported files", str(self._folder()))
-            if name:
-                self.export(Path(name), kind)
+        if chosen := self.chosen:
+            ask_for_files(
+                self, "Folder for the exported files", lambda paths: self.export(paths[0], kind, chosen),
+                start=str(self._folder()), mode=Mode.Directory,
+            )  # fmt: skip
 
     def _copy_paths(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(str(self._path(e).resolve()) for e in self.chosen))

@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QColor
 
 from app.gui.copying import Copying, as_text, drawn
-from app.gui.plots import calm_range, few_ticks, paint, quiet
+from app.gui.plots import calm_range, keep_ticks_apart, paint, quiet
 from app.gui.theme import Theme
 from app.overlay import Curve
 from protocols.quality import Quality
@@ -30,6 +30,7 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         self._plot.layout.setRowFixedHeight(0, 4)
         self._plot.setContentsMargins(0, 0, 8, 0)
         self._plot.getAxis("left").setWidth(axis_width)
+        keep_ticks_apart(self._plot, self.font())
         self._plot.getAxis("bottom").setStyle(showValues=False)
         self._plot.setXLink(above)
         self._plot.showGrid(x=True, y=True, alpha=0.12)
@@ -79,7 +80,6 @@ class Strip(pg.PlotWidget):  # type: ignore[misc]  # pyqtgraph has no types
         lowest, highest = (float(every.min()), float(every.max())) if every.size else (-1.0, 1.0)
         low, high = calm_range(lowest, highest, None)
         self._plot.setYRange(low, high, padding=0.02)
-        self._plot.getAxis("left").setTickSpacing(few_ticks(low, high), few_ticks(low, high))
 
 
 def _residual(points: Sequence[Any], curve: Curve | None) -> tuple[Any, Any, tuple[Any, Any]]:

@@ -56,6 +56,18 @@ def sheet(theme: Theme) -> str:
     QPushButton[kind="choice"] {{ padding: 2px 9px; }}
     QPushButton[kind="choice"]:focus {{ padding: 1px 8px; }}
     QPushButton[kind="choice"]:checked {{ background: {theme.accent}; color: white; border-color: {theme.accent}; }}
+    QPushButton[kind="choice"]:checked:focus {{ border-color: {theme.text}; }}
+    QGraphicsView {{ border: 2px solid transparent; }}
+    QGraphicsView:focus {{ border-color: {theme.accent}; }}
+    QToolButton {{
+        background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 7px;
+    }}
+    QToolButton:hover {{ border-color: {theme.accent}; }}
+    QToolButton:focus {{ border: 2px solid {theme.accent}; padding: 2px 6px; }}
+    QToolButton:disabled {{ color: {theme.dim}; }}
+    QToolButton[popupMode="2"] {{ padding-right: 20px; }}
+    QToolButton[popupMode="2"]:focus {{ padding-right: 19px; }}
+    QToolButton::menu-indicator {{ subcontrol-origin: padding; subcontrol-position: right center; right: 5px; }}
     QPushButton[kind="go"] {{
         background: {theme.accent}; color: white; border: none; font-size: 12pt; font-weight: bold; padding: 9px 14px;
     }}
@@ -73,6 +85,7 @@ def sheet(theme: Theme) -> str:
     QSplitter::handle {{ background: {theme.window}; }}
     QSplitter::handle:hover {{ background: {theme.line}; }}
     QScrollArea {{ border: none; background: transparent; }}
+    QScrollArea:focus {{ border: 2px solid {theme.accent}; border-radius: 4px; }}
     QFrame[kind="panel"] {{ background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 6px; }}
     QFrame[kind="broken"] {{ background: {theme.panel}; border: 4px dashed {theme.simulated}; border-radius: 6px; }}
     QFrame[kind="broken"] QLabel {{ color: {theme.simulated}; font-size: 11pt; font-weight: bold; }}

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QButtonGroup, QHBoxLayout, QLabel, QPushButton, QV
 
 from app.gui.copying import Copying, as_text, drawn
 from app.gui.feed import SPANS, LiveFeed, Span
-from app.gui.plots import Corner, calm_range, few_ticks, paint, quiet, simulated_mark, trace_pen
+from app.gui.plots import TICK_LINES, Corner, calm_range, keep_ticks_apart, paint, quiet, simulated_mark, trace_pen
 from app.gui.theme import Theme
 from model.amplifier import AmplifierMap
 
@@ -52,8 +52,9 @@ class TimePlot(QWidget):
             plot.getAxis("left").setWidth(AXIS_WIDTH)
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
         self._driven.setYRange(amplifier.low_v - margin, amplifier.high_v + margin, padding=0)
-        levels = (amplifier.low_v, amplifier.rest_v, amplifier.high_v)
-        self._driven.getAxis("left").setTicks([[(level, f"{level:g}") for level in levels]])
+        self._levels = (amplifier.low_v, amplifier.rest_v, amplifier.high_v)
+        keep_ticks_apart(self._moved, self.font())
+        self._driven.getViewBox().sigResized.connect(self._mark_levels)
         self._scale(-AT_FIRST_UM, AT_FIRST_UM)
         self._rest = pg.InfiniteLine(amplifier.rest_v, angle=0)
         self._driven.addItem(self._rest)
@@ -139,8 +140,12 @@ class TimePlot(QWidget):
         if wanted != self._range:
             self._range = wanted
             self._moved.setYRange(*wanted, padding=0)
-            step = few_ticks(*wanted)
-            self._moved.getAxis("left").setTickSpacing(step, step)
+
+    def _mark_levels(self, *_: object) -> None:
+        """Lowest, rest and highest on the drive's axis; rest alone where three would run into each other."""
+        room = self._driven.getViewBox().height() / self.fontMetrics().height()
+        shown = self._levels if room >= 2 * TICK_LINES else self._levels[1:2]
+        self._driven.getAxis("left").setTicks([[(level, f"{level:g}") for level in shown]])
 
     def _table(self) -> str:
         shown = [*drawn("displacement (µm)", self.curves[1]), *drawn("drive at the amplifier (V)", self.curves[0])]

@@ -94,7 +94,7 @@ class MainWindow(QMainWindow):
         """Stop, always; where nothing runs the page seen goes a step back besides."""
         idle = not self.view.busy
         self.helm.stop()
-        if idle:
+        if idle and not (self.faults is not None and self.faults.close_list()):
             self.room.back()
 
     def try_it(self) -> None:

@@ -14,6 +14,7 @@ from app.main import main
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FENCE = re.compile(r"^```(console|python run)( exit=\w+)?\n(.*?)^```", re.M | re.S)
+REFUSED = re.compile(r"^```text\n(tactor-bench [^\n]*)\n(tactor-bench: .*?)^```", re.M | re.S)
 SLOW = {"calibrate-a-specimen.md", "tutorial.md", "train-for-the-bad-day.md"}
 COMMANDED = [
     pytest.param(page, marks=[pytest.mark.slow] if page.name in SLOW else [], id=str(page.relative_to(ROOT)))
@@ -43,6 +44,12 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
         if not target.startswith(("http", "mailto:")):
             assert (page.parent / target).exists(), f"{page.name} links to {target}, which is not there"
+
+
+def test_a_refusal_reads_as_the_tutorial_says(capfd: pytest.CaptureFixture[str]) -> None:
+    ((command, told),) = REFUSED.findall((ROOT / "docs" / "tutorial.md").read_text("utf-8"))
+    assert main(shlex.split(command)[1:]) == 2
+    assert capfd.readouterr().err == told
 
 
 def matches(word: str) -> list[str]:

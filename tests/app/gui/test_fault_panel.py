@@ -124,3 +124,14 @@ def test_a_real_bench_offers_no_faults(
     stage = open_stage()
     assert stage.window.faults is None
     assert stage.window.pages.cornerWidget() is None
+
+
+def test_the_list_goes_with_escape_and_gives_the_keyboard_back(stage: Stage) -> None:
+    stage.happen(OPENED)
+    stage.window.measure.panel.specimen.setFocus()
+    stage.press(Qt.Key.Key_F9)
+    assert stage.window.faults is not None
+    assert stage.window.faults.list.isVisible()
+    stage.press(Qt.Key.Key_Escape)
+    assert not stage.window.faults.list.isVisible()
+    assert stage.window.measure.panel.specimen.hasFocus()

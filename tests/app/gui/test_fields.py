@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
-from app.gui.fields import check, fields_of, text_of
+from app.gui.fields import check, fields_of, form_fields, text_of
 from protocols.sine_dwell import SineDwell
+from protocols.static_loading import StaticLoading
 
 TEXTS = {name: text_of(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
 
@@ -21,6 +22,12 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
     assert fields["peak_to_peak_v"].limits == "over 0 to 5 V"
     assert fields["min_cycles"].unit == ""
     assert "settled" in fields["settle_tolerance"].words
+
+
+def test_other_fields_are_called_as_the_form_calls_them() -> None:
+    words = {field.name: field.words for field in form_fields(StaticLoading)}
+    assert "counts where 'weight class' is own" in words["weight_errors_kg"]
+    assert not any(name in said for name in words if "_" in name for said in words.values())
 
 
 def test_what_a_protocol_holds_reads_back_as_itself() -> None:

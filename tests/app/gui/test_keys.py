@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.config import BenchConfig, ConfigError
 from app.gui.book import CAMPAIGN, MEASURE
+from app.gui.file_dialog import Mode, ask_for_files
 from app.gui.keys import EVERYWHERE, lines_of
 from protocols.events import Asked, RunEnded, Status
 from protocols.sine_dwell import SineDwell
@@ -55,6 +56,38 @@ def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_
     assert {title for title, _ in room.keys.rows} == {EVERYWHERE, "Runs"}
     stage.press(Qt.Key.Key_F1)
     assert not room.covered
+
+
+def test_no_key_means_two_things_at_once(stage: Stage) -> None:
+    """Qt would do neither."""
+    pages = [stage.window.pages.page(at) for at in range(stage.window.pages.count())]
+    groups = lines_of(stage.window, pages)
+    everywhere = [key for line in groups.pop(EVERYWHERE) for key in line.keys]
+    assert len(everywhere) == len(set(everywhere))
+    for title, lines in groups.items():
+        keys = [key for line in lines for key in line.keys]
+        assert not set(keys) & set(everywhere), title
+        assert len(keys) == len(set(keys)), title
+
+
+def test_a_page_s_key_takes_the_keyboard_there_also_where_the_page_is_seen(stage: Stage) -> None:
+    stage.window.measure.panel.specimen.setFocus()
+    stage.press(Qt.Key.Key_1, CTRL)
+    assert stage.window.measure.hasFocus()
+
+
+def test_stop_is_in_reach_while_a_file_is_asked_for(stage: Stage, tmp_path: Path) -> None:
+    stage.happen(OPENED)
+    stage.window.run()
+    stage.happen(*LIVE)
+    taken: list[list[Path]] = []
+    dialog = ask_for_files(stage.window.pages, "A folder", taken.append, start=str(tmp_path), mode=Mode.Directory)
+    until(dialog.isActiveWindow, "for the dialog")
+    assert not dialog.isModal()
+    QTest.keyClick(dialog, Qt.Key.Key_F12)
+    assert stage.session.stops == 1
+    dialog.accept()
+    assert taken == [[tmp_path]]
 
 
 def test_escape_stops_first_and_closes_nothing_while_a_run_goes_on(stage: Stage) -> None:

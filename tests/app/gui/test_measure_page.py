@@ -117,6 +117,14 @@ def test_pause_is_one_key_and_says_that_high_voltage_is_still_on(stage: Stage) -
     assert bar.pause.text().startswith("PAUSE")
 
 
+def test_a_pause_of_a_run_without_high_voltage_does_not_say_that_it_is_on(stage: Stage) -> None:
+    stage.happen(OPENED, STARTED, Armed(False))
+    stage.happen(Paused("the card sees 2.500 V", False))
+    bar = stage.window.bar
+    assert (bar.state.words, bar.volts.note) == ("HV OFF", "paused; rest measured, high voltage off")
+    assert "Paused, high voltage off: the card sees 2.500 V" in stage.window.measure.log.toPlainText()
+
+
 def test_while_hands_are_on_the_specimen_the_sign_says_that_high_voltage_is_off(stage: Stage) -> None:
     live(stage)
     bar = stage.window.bar

@@ -1,11 +1,13 @@
 """Plots: samples reach the picture in the right units, ranges are calm, a standing wave stands."""
 
 import numpy as np
+import pyqtgraph as pg
 import pytest
+from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication
 
 from app.gui.feed import SPANS, LiveFeed
-from app.gui.plots import calm_range, few_ticks
+from app.gui.plots import calm_range, few_ticks, keep_ticks_apart, quiet
 from app.gui.theme import LIGHT
 from app.gui.time_plot import TimePlot, lined_up
 from drivers.sensor import LaserSensor
@@ -89,3 +91,22 @@ def test_ranges_change_only_when_they_must(
 @pytest.mark.parametrize("span", [0.013, 1.0, 7.0, 1200.0, 99_000.0])
 def test_a_low_plot_has_two_to_four_intervals(span: float) -> None:
     assert 1.5 <= span / few_ticks(0.0, span) <= 4
+
+
+@pytest.mark.parametrize("height", [30, 60, 120, 300])
+def test_ticks_stay_apart_and_no_name_is_cut_off_however_low_a_plot_is(qt: QApplication, height: int) -> None:
+    canvas = pg.PlotWidget()
+    plot, font = canvas.getPlotItem(), canvas.font()
+    plot.setLabel("left", "a name of some length")
+    quiet(plot, font)
+    keep_ticks_apart(plot, font)
+    canvas.resize(300, height + 60)
+    canvas.show()
+    plot.setYRange(280, 288, padding=0)
+    QApplication.processEvents()
+    axis, box = plot.getAxis("left"), plot.getViewBox()
+    ticks = axis.tickValues(280, 288, box.height())[0][1]
+    assert len(ticks) < 2 or (ticks[1] - ticks[0]) / 8 * box.height() >= QFontMetricsF(font).height()
+    assert axis.label.isVisible() == (axis.label.boundingRect().width() <= box.height())
+    canvas.close()
+    canvas.deleteLater()

@@ -177,6 +177,27 @@ def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -
     assert names(page) == ["T7"]
 
 
+def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: RunsPage, folder: Path) -> None:
+    choose(page, "T7")
+    page.side.tags.setFocus()
+    QTest.keyClicks(page.side.tags, "good")
+    QTest.keyClick(page.side.tags, Qt.Key.Key_Tab)
+    QTest.keyClicks(page.side.note, "glued ")
+    until(lambda: any(e.tags == "good" for e in page.entries), "for the list")
+    QTest.keyClicks(page.side.note, "twice")
+    page.table.setFocus()
+    run = next(folder.glob("*_T7_*.h5"))
+    until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
+
+
+def test_a_run_without_a_response_is_told_in_words_and_a_long_reason_is_shortened(page: RunsPage) -> None:
+    page.side.show_runs((), 1)
+    assert page.side.none.isVisible()
+    assert not page.side.plot.isVisible()
+    page.side.show_entries([page.entries[0]._replace(reason="word " * 400)])
+    assert len(page.side.facts.text()) < 500
+
+
 def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     choose(page, "T7", "T8")
     page.export(tmp_path / "sheets", "csv")
