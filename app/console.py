@@ -93,7 +93,7 @@ class ConsoleObserver:
             case Noted(text):
                 self._say(text)
             case FaultSwitched(fault, words, broken):
-                self._say((f"{'broken' if broken else 'mended'} on purpose", "bold yellow"), f": {words} ({fault})")
+                self._say((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {words} ({fault})")
             case PointMeasured(_, point):
                 self._say(point_line(point))
             case CurveReady(curve) if words := curve_line(curve):

@@ -81,7 +81,7 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
         case Noted(text):
             return Level.PLAIN, text
         case FaultSwitched(fault, words, broken):
-            return Level.ATTENTION, f"{'Broken' if broken else 'Mended'} on purpose: {words} ({fault})"
+            return Level.ATTENTION, f"{'Broken on purpose' if broken else 'Mended'}: {words} ({fault})"
         case Asked(_, prompt):
             return Level.ATTENTION, f"Asked: {prompt.text}"
         case Answered(_, words):
