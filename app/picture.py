@@ -152,8 +152,11 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
             axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
     found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
-    axes.legend(title="\n".join([*found, "dashed: model"]), fontsize=8, title_fontsize=9)
-    axes.set_ylim(0, None)
+    if any(curve.columns[curve.y].unit == "m/V" for curve in curves):
+        found.append("dashed: model")
+    axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
+    if all((curve.columns[curve.y].values >= 0).all() for curve in curves):
+        axes.set_ylim(0, None)
 
 
 def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:

@@ -93,7 +93,8 @@ def run_text(run: Run) -> str:
         x = curve.columns[curve.x]
         title = f"{curve.name} {curve.label}".strip()
         if len(x.values):
-            lines.append(f"{title}: {len(x.values)} lines, {x.values[0]:g} to {x.values[-1]:g} {x.unit}")
+            what = "lines" if x.unit == "Hz" else "values"
+            lines.append(f"{title}: {len(x.values)} {what}, {x.values.min():.4g} to {x.values.max():.4g} {x.unit}")
     for estimate in run.estimates():
         value = quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")

@@ -58,11 +58,13 @@ def uncertain(value: float, standard_error: float, unit: str) -> str:
 def curve_line(curve: Curve) -> str:
     """A curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
-    Empty for a curve without errors: that is a record of samples, not a result.
+    Empty for a curve without errors, which is a record of samples and no result, and for a loop, whose point says it all.
     """
     errors = curve.columns.get(f"{curve.y}_errors")
     x, y = curve.columns[curve.x], curve.columns[curve.y]
     if errors is None or not y.values.size:
+        return ""
+    if (x.values[1:] <= x.values[:-1]).any():
         return ""
     top = int(abs(y.values).argmax())
     height = quantity(float(y.values[top]), float(errors.values[top]), y.unit)

@@ -20,7 +20,9 @@ from protocols.quality import Quality
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
 from protocols.steps import Play, Record, Step
-from protocols.values import Estimate, Planned, Recording
+from protocols.values import Column, Curve, Estimate, Planned, Recording
+
+Array = NDArray[np.float64]
 
 SOURCE = "line through the loop widths of this run over frequency"
 
@@ -59,6 +61,15 @@ class LoopPoint:
             f"{100 * self.share:.2f} ± {100 * self.share_errors:.2g} % of the stroke of {1e6 * self.stroke:.1f} µm, "
             f"asymmetry {self.asymmetry:+.2f} ± {self.asymmetry_errors:.2g}"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Folded:
+    """The cycles of a recording, each in `PHASES` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
+
+    frequency_hz: float
+    driven_v: Array
+    moved_m: Array
 
 
 class Hysteresis(Protocol):
@@ -104,18 +115,49 @@ class Hysteresis(Protocol):
         yield Record((self.cycles + 0.5) / f)  # the sensor is late, and the clocks differ a little
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
-        recording = recordings[-1]
+        return self._point(recordings[-1], self._folded(recordings[-1]), simulated)
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        return (self._curve(key, self._folded(recordings[-1])),)
+
+    def results(
+        self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
+    ) -> Generator[Any, None, None]:
+        folded = self._folded(recordings[-1])
+        yield self._point(recordings[-1], folded, simulated)
+        yield self._curve(key, folded)
+
+    def _folded(self, recording: Recording) -> Folded:
         drive, rate = recording.drive, recording.rate_hz
         if not isinstance(drive, Sine):
             raise ValueError(f"a loop cannot be taken from a recording under {type(drive).__name__}")
         frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
+        moved = _earlier(recording.displacement_m, recording.sensor_delay_s * rate)
+        cycles = (
+            fold(x, rate, 1 / frequency, PHASES, 0)[: self.cycles] for x in (recording.drive_v[: moved.size], moved)
+        )
+        return Folded(frequency, *cycles)
+
+    def _curve(self, key: tuple[float | str, ...], folded: Folded) -> Curve:
+        """The mean loop, closed; its errors are those of its shape, for where it stands drifts from cycle to cycle."""
+        centre = folded.moved_m.mean()
+        shapes = folded.moved_m - folded.moved_m.mean(axis=1, keepdims=True)
+        errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
+        told = {
+            "drive": Column(_closed(folded.driven_v.mean(axis=0)), "V", "volts at the amplifier's input"),
+            "displacement": Column(_closed(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"),
+            "displacement_errors": Column(_closed(errors), "m", "standard error of the loop's shape"),
+        }
+        return Curve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", told)
+
+    def _point(self, recording: Recording, folded: Folded, simulated: bool) -> LoopPoint:
+        drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
+        assert isinstance(drive, Sine)
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         if abs(seen_v - drive.amplitude_v) > DRIVE_SHARE * drive.amplitude_v:
             quality |= Quality.DRIVE_OFF
-        moved = _earlier(recording.displacement_m, recording.sensor_delay_s * rate)
-        driven = recording.drive_v[: moved.size]
-        loop = measure_loops(*(fold(x, rate, 1 / frequency, PHASES, 0)[: self.cycles] for x in (driven, moved)))
+        loop = measure_loops(folded.driven_v, folded.moved_m)
         return LoopPoint(
             frequency=frequency,
             share=loop.share,
@@ -156,6 +198,11 @@ class Hysteresis(Protocol):
         # Two loops to spare, finite so that a generator left alone comes to rest.
         cycles = self.dropped + self.cycles + 2 + math.ceil(frequency_hz)
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
+
+
+def _closed(loop: Array) -> Array:
+    """With its first value once more at its end."""
+    return np.append(loop, loop[0])
 
 
 def _earlier(samples: NDArray[np.float64], by: float) -> NDArray[np.float64]:

@@ -124,6 +124,8 @@ class CurvesPlot(FramedPlot):
             self.caption.setText(curve.name.capitalize())
             for side, name, unit in (("bottom", curve.x, x_unit), ("left", curve.y, y_unit)):
                 self._plot.setLabel(side, f"{name} ({unit})" if unit else name)
+        left = any((np.diff(curve.columns[curve.x].values) < 0).any() for curve in shown)  # a loop rises to the right
+        self.legend.setOffset((8, 4) if left else (-8, 4))
         self._draw_model()
         self._scale()
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from app.words import curve_line
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import amplifier_response
 from model.statics import voltage_gain
-from protocols.events import Status
+from protocols.events import CurveReady, PointMeasured, Status
 from protocols.hysteresis import Hysteresis
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
@@ -58,6 +59,36 @@ def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> Non
         assert abs(p.share - truth_of_damping(p.frequency)) < 9.9 * p.share_errors + 2e-4, p
     hysteresis = found(plain)["hysteresis"]
     assert abs(hysteresis.value) < max(4 * hysteresis.standard_error, 5e-4)
+
+
+def test_each_loop_is_told_whole_the_moment_it_is_measured(plain, looped) -> None:
+    told = [event for event in plain.events if isinstance(event, PointMeasured | CurveReady)]
+    assert [type(event) for event in told] == 3 * [PointMeasured, CurveReady]
+    for ran in (plain, looped):
+        with Run(ran.path) as file:
+            curves = file.curves()
+        assert [(c.name, c.label, c.entry) for c in curves] == [
+            (("loop", f"{f} Hz", i)) for i, f in enumerate((1, 2, 5))
+        ]
+        for curve, point in zip(curves, ran.points, strict=True):
+            drive, moved, errors = (curve.columns[n].values for n in ("drive", "displacement", "displacement_errors"))
+            assert (drive[0], moved[0]) == (drive[-1], moved[-1]), "it is closed"
+            assert np.ptp(drive) == pytest.approx(5.0, rel=2e-3)
+            assert moved[drive.argmax()] - moved[drive.argmin()] == pytest.approx(point.stroke, rel=1e-3)
+            area = 0.5 * float(np.sum(moved[1:] * drive[:-1] - moved[:-1] * drive[1:]))
+            assert abs(area) == pytest.approx(abs(point.area), rel=0.02)
+            assert 0 < np.median(errors) < 1e-6
+            assert curve_line(curve) == ""
+    # Where the model's displacement is at that drive, rising and falling, by its own harmonics.
+    driven = amplifier_response(Tactor(), np.array([1.0]), 2.5, 2.5, AmplifierMap())
+    with Run(plain.path) as file:
+        slowest = file.curves()[0]
+    drive, moved = (slowest.columns[name].values[:-1] for name in ("drive", "displacement"))
+    turn = 2 * np.pi * np.arange(128) / 128
+    theta = turn + np.angle(1j * (drive * np.exp(-1j * turn)).sum())  # the drive as it was recorded is sin(theta)
+    k = np.arange(driven.harmonics.shape[1])
+    truth = (np.abs(driven.harmonics[0]) * np.sin(np.outer(theta, k) + np.angle(driven.harmonics[0]))).sum(1)
+    np.testing.assert_allclose(moved - moved.mean(), truth - truth.mean(), atol=1e-6)
 
 
 def test_the_hysteresis_that_was_put_in_comes_out(looped) -> None:

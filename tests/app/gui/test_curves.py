@@ -54,6 +54,31 @@ def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> No
     assert pane.curves.source.text() == "dashed: the paper's values"
 
 
+def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> None:
+    begin(stage, "hysteresis")
+    pane, turn = stage.window.measure.right, np.linspace(0, 2 * np.pi, 129)
+    drive, moved = 2.5 + 2.5 * np.sin(turn), 2e-4 * np.sin(turn - 0.1)
+    columns = {
+        "drive": Column(drive, "V", ""),
+        "displacement": Column(moved, "m", ""),
+        "displacement_errors": Column(np.full(129, 1e-6), "m", ""),
+    }
+    stage.happen(CurveReady(Curve("loop", "1 Hz", "drive", "displacement", columns)))
+    assert pane.plots.currentWidget() is pane.curves
+    assert pane.curves.caption.text() == "Loop"
+    ((line, fill),) = pane.curves.drawn
+    x, y = line.getData()
+    np.testing.assert_allclose(x, drive)
+    np.testing.assert_allclose(y, 1e6 * moved)
+    _, low, high = fill.ends
+    np.testing.assert_allclose(high - low, 4.0)
+    (x_low, x_high), (y_low, y_high) = pane.curves._plot.viewRange()
+    assert x_low <= 0.0 < 5.0 <= x_high
+    assert y_low < -200.0
+    assert y_high > 200.0, "what lies below rest is seen as well"
+    assert not pane.curves.model.isVisible()
+
+
 def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_are_a_button_away(stage: Stage) -> None:
     begin(stage, "sweep")
     pane = stage.window.measure.right

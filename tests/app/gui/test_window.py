@@ -15,7 +15,6 @@ from app.gui.picture import grab
 from app.gui.theme import DARK, LIGHT
 from app.session import BenchFailed, Refused
 from app.view import BenchState
-from drivers import watchdog_log
 from protocols.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.quality import Quality
@@ -244,12 +243,6 @@ def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) 
     stage.happen(Refused("the folder cannot be written; choose another"))
     assert "cannot be written" in stage.window.notices.trouble.words.text()
     assert stage.window.measure.panel.run.isEnabled()
-
-
-def test_what_the_watchdog_wrote_is_told_once_the_window_is_there(open_stage: OpenStage, tmp_path: Path) -> None:
-    watchdog_log.write(tmp_path, "the program was gone for 2 s: the specimen was brought to rest")
-    stage = open_stage()
-    until(lambda: any("brought to rest" in message.words for message in stage.window.view.messages))
 
 
 def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
