@@ -1,130 +1,21 @@
 """Entries of a plan: pausing, measuring again, going on after an interruption, hands on the specimen, more on demand."""
 
 import threading
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
-import h5py
-import numpy as np
 import pytest
-from annotated_types import Unit
 
-from app.session import header
-from drivers.drive import Drive, Hold
 from protocols import registry
-from protocols.continuation import earlier
-from protocols.events import Answered, Asked, BlockSeen, EntryBegan, Noted, Paused, PointMeasured, Resumed, Status
-from protocols.protocol import Protocol
+from protocols.events import Answered, Asked, BlockSeen, EntryBegan, Paused, PointMeasured, Resumed, Status
 from protocols.quality import Quality
 from protocols.rehearsal import rehearse
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from protocols.runreader import Run, RunError
-from protocols.steps import Ask, Await, Play, Prompt, Record, Redo, Step
-from protocols.values import Estimate, Planned, Recording
-from sim_hardware.contract.volts import volts_are_safe
-from tests.support import Ran, Trigger, laboratory, run, simulated
-
-
-@dataclass(frozen=True, slots=True)
-class Level:
-    """What was seen at one level."""
-
-    level: Annotated[float, Unit("V"), "level commanded"]
-    displacement: Annotated[float, Unit("m"), "mean displacement"]
-    displacement_errors: Annotated[float, Unit("m"), "standard uncertainty"]
-    quality: Annotated[int, Unit("1"), "flags"]
-
-
-class Levels(Protocol):
-    """Levels one after the other; what else happens is told by the flags."""
-
-    name: ClassVar[str] = "levels"
-    title: ClassVar[str] = "Levels"
-    point_type: ClassVar[type] = Level
-    axes: ClassVar[tuple[str, str]] = ("level", "displacement")
-    levels_v: tuple[float, ...] = (2.0, 2.2, 2.8, 3.0)
-    setups: tuple[int, ...] = ()
-    more_v: tuple[float, ...] = ()
-    sample_rate_hz: float = 5000.0
-    script: ClassVar[dict[int, list[Any]]] = {}
-
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        setups = self.setups or (0,) * len(self.levels_v)
-        return tuple(self._entry(v, s) for v, s in zip(self.levels_v, setups, strict=True))
-
-    def _entry(self, level_v: float, setup: int) -> Planned:
-        prompt = Prompt("fix-mass", f"Fix mass {setup}", {"mass_kg": float(setup)}, hands_on=True) if setup else None
-        return Planned(f"{level_v:g} V", (Hold(level_v, 10.0),), 0.6, (level_v,), prompt)
-
-    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
-        have = [point.level for point in points]
-        return tuple(self._entry(v, 0) for v in self.more_v if v not in have)
-
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
-        drive: Drive = entry.drives[0]
-        yield Play(drive, 0.3)
-        yield Record(0.2)
-        return None
-
-    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Level:
-        moved = recordings[-1].displacement_m
-        if key[0] == 2.222:
-            raise ValueError("this level gives nothing")
-        quality = recordings[-1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        return Level(float(key[0]), float(moved.mean()), float(moved.std() / np.sqrt(len(moved))), int(quality))
-
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
-        return (Estimate("count", float(len(list(points))), 0.0, "1", "here"),)
-
-
-LEVELS = Levels()
-
-
-class Handy:
-    """A simulated operator that also does what tests ask, and remembers every prompt."""
-
-    def __init__(self, hands: Any) -> None:
-        self.hands, self.asked = hands, []
-        self.answers: dict[int, str] = {}
-
-    def show(self, ask_id: int, prompt: Prompt) -> None:
-        self.asked.append(prompt)
-        if prompt.action in ("disable-high-voltage", "enable-high-voltage"):
-            self.hands.show(ask_id, prompt)
-            self.answers[ask_id] = "done"
-        elif prompt.action != "never":
-            self.answers[ask_id] = prompt.choices[0]
-
-    def answer(self, ask_id: int) -> str | None:
-        return self.answers.pop(ask_id, None)
-
-
-def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), operator: Any = None) -> Ran:
-    """Go on with a run, as a session does."""
-    before = earlier(path, again)
-    events: list[Any] = []
-    store = RunFile.new(folder, header(before.protocol, lab.bench, before.specimen, before.path))
-    runner = Runner(
-        before.protocol, lab.bench, store, operator or lab.operator, [events.append], continuation=before.continuation
-    )
-    status, reason = runner.run()
-    report = lab.control.report()
-    volts_are_safe(report)
-    return Ran(status, reason, store.path, events, report, lab)
-
-
-def high_voltage(lab: Any) -> bool:
-    """Whether it is on at this moment, as the simulated world has it."""
-    _, on = lab.control.history.read(np.array([lab.bench.clock.now()]))
-    return bool(on[0])
-
-
-@pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(registry.PROTOCOLS, "levels", Levels)
+from protocols.runreader import Run
+from protocols.steps import Ask, Await, Prompt, Record, Redo, Step
+from protocols.values import Planned, Recording
+from tests.protocols.levels import LEVELS, Handy, Level, Levels, high_voltage
+from tests.support import Trigger, laboratory, run
 
 
 @pytest.mark.parametrize("moment", ["EntryBegan", "Playing", "SettleEnded", "BlockTaken"])
@@ -226,64 +117,6 @@ def test_an_entry_without_a_point_is_told_and_the_run_goes_on(tmp_path: Path) ->
     assert ran.status == Status.COMPLETED
     assert ran.reason == "2 of 3 points; none from 2.222 V"
     assert [p.level for p in ran.points] == [2.0, 3.0]
-
-
-def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> None:
-    cancel = threading.Event()
-    with laboratory() as lab:
-        second = Trigger(lambda e: isinstance(e, PointMeasured) and e.index == 1, cancel.set)
-        first = run(LEVELS, tmp_path, lab, second, cancel=cancel)
-        assert first.status == Status.STOPPED
-        ran = resumed(first.path, tmp_path, lab)
-    assert ran.status == Status.COMPLETED
-    assert any("Drift check at 2.2 V" in e.text for e in ran.events if isinstance(e, Noted))
-    with Run(ran.path) as file:
-        columns = file.points()
-        good = [Quality(int(q)).usable for q in columns["quality"]]
-        assert columns["level"][good].tolist() == [2.0, 2.2, 2.8, 3.0]
-        assert file.continues == first.path
-        assert [r.entry for r in file.recordings()] == [0, 1, 1, 2, 3]
-        again = {r.entry: LEVELS.point((LEVELS.levels_v[r.entry],), [r], file.simulated) for r in file.recordings()}
-        for level, moved, entry, usable in zip(
-            columns["level"], columns["displacement"], columns["entry"], good, strict=True
-        ):
-            if usable:
-                assert (again[entry].level, again[entry].displacement) == (level, moved)
-    with h5py.File(ran.path) as plain:  # what anybody's reader sees
-        assert plain["entry/earlier/trace/drive"].shape[0] > 0
-
-
-def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path: Path) -> None:
-    with laboratory() as lab:
-        first = run(LEVELS, tmp_path, lab)
-        ran = resumed(first.path, tmp_path, lab, again=(2,))
-    assert [e.index for e in ran.events if isinstance(e, EntryBegan)] == [2]
-    with Run(ran.path) as file:
-        flags = [Quality(int(q)) for q in file.points()["quality"]]
-        assert [Quality.SUPERSEDED in flag for flag in flags] == [False, False, True, False, False]
-
-
-def test_a_moved_sensor_is_noticed_before_a_run_goes_on(known: None, tmp_path: Path) -> None:
-    cancel = threading.Event()
-    with laboratory() as lab:
-        second = Trigger(lambda e: isinstance(e, PointMeasured) and e.index == 1, cancel.set)
-        first = run(LEVELS, tmp_path, lab, second, cancel=cancel)
-    with laboratory(simulated(sensor={"zero_v": 0.5})) as lab:
-        operator = Handy(lab.operator)
-        ran = resumed(first.path, tmp_path, lab, operator=operator)
-    question = operator.asked[-1]
-    assert question.action == "drifted"
-    assert question.choices == ("go on", "stop")
-    assert ran.status == Status.COMPLETED
-
-
-def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) -> None:
-    with laboratory() as lab:
-        ran = run(Levels(levels_v=(2.0,)), tmp_path, lab)
-    with pytest.raises(RunError, match="is complete: there is nothing to resume"):
-        earlier(ran.path)
-    with pytest.raises(RunError, match="has no point of entry 7"):
-        earlier(ran.path, again=(7,))
 
 
 def test_without_high_voltage_it_is_switched_off_and_the_drive_seen_at_rest(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from protocols.quality import Quality
 from protocols.rehearsal import rehearse
 from protocols.runreader import Run
 from protocols.sweep import Sweep
-from tests.protocols.test_entries import resumed
+from tests.protocols.levels import resumed
 from tests.support import Trigger, laboratory, run, simulated
 
 GAIN = 400.0

@@ -1,0 +1,27 @@
+"""A generator with a second wire to it: somebody's hand at the front panel, or another program."""
+
+from drivers.burst_generator import BurstGenerator
+from drivers.scpi import Link
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from tests.contract.test_sources import BOXES, truth
+
+
+def made(model: str) -> tuple[BurstGenerator, VirtualBench, Link]:
+    bench = VirtualBench(truth(model), VirtualClock())
+    link = bench.link()
+    return BOXES[model](link, bench.clock), bench, bench.link()
+
+
+def press(panel: Link, command: str) -> None:
+    panel.write(f"{command};*IDN?")
+    panel.read()
+
+
+def panel_reads(panel: Link, *questions: str) -> list[float]:
+    return [float(asked(panel, question)) for question in questions]
+
+
+def asked(panel: Link, question: str) -> str:
+    panel.write(question)
+    return panel.read()

@@ -1,0 +1,110 @@
+"""What a generator does with a burst or a level that another program left in it: it ends it, gently."""
+
+import numpy as np
+import pytest
+
+from drivers.drive import Hold, Sine
+from tests.contract.test_sources import BOXES
+from tests.drivers.front_panel import made, press
+from tests.support import volts_are_safe
+
+
+@pytest.mark.parametrize("model", BOXES)
+def test_errors_that_others_left_do_not_keep_a_box_from_being_prepared(model: str) -> None:
+    source, _, panel = made(model)
+    for _ in range(3):
+        press(panel, "NONSENSE 1")
+    source.prepare(2.5, 0.0, 5.0)
+    assert source.at_rest(2.5, 0.0, 5.0)
+
+
+def test_a_box_that_was_told_of_another_load_is_not_moved_by_volts_that_mean_others() -> None:
+    """At 50 ohm its 2.5 V read as 1.25 V: brought 'gently' to 2.5 V it would put 5 V, 1500 V on the specimen."""
+    source, bench, panel = made("33220A")
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    press(panel, "OUTP:LOAD 50")
+    found = len(bench.history.pieces())
+    source.prepare(2.5, 0.0, 5.0)
+    pieces = bench.history.pieces()[found:]
+    assert pieces
+    assert max(float(piece.segment.volts(np.array([piece.start_s + 1e-6]))[0]) for piece in pieces) < 2.6
+
+
+@pytest.mark.parametrize("model", BOXES)
+def test_a_restart_during_a_burst_ends_it_before_anything_is_set_up(model: str) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    source.play(Sine(50.0, 2.5, 2.5, 400))  # 8 s, and then the program is killed
+    bench.clock.sleep(0.333)
+    second = BOXES[model](
+        bench.link(), bench.clock
+    )  # high voltage is still on: the person switched the wrong amplifier
+    second.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.05)
+    volts_are_safe(bench.report())  # all the way
+    begin = bench.report().outside_rest_s
+    bench.clock.sleep(9.0)
+    assert bench.report().outside_rest_s == begin, "the old burst played on"
+    assert second.at_rest(2.5, 0.0, 5.0)
+    second.play(Sine(100.0, 1.0, 2.5, 50))
+    bench.clock.sleep(0.7)
+    assert bench.report().outside_rest_s - begin == pytest.approx(0.5, rel=0.05)
+    second.stop()
+    volts_are_safe(bench.report())
+
+
+@pytest.mark.parametrize("model", BOXES)
+def test_a_restart_finds_a_held_level_and_brings_it_to_rest_gently(model: str) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    source.move(4.0, 0.2)
+    source.play(Hold(4.0, 100.0))
+    second = BOXES[model](bench.link(), bench.clock)
+    assert not second.at_rest(2.5, 0.0, 5.0)
+    second.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.05)
+    volts_are_safe(bench.report())
+
+
+@pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
+def test_whoever_finds_such_a_box_idle_need_not_wait_for_a_burst_that_is_long_over(model: str) -> None:
+    source, bench, _ = made(model)
+    source.prepare(2.5, 0.0, 5.0)
+    source.play(Sine(50.0, 1.0, 2.5, 400))
+    source.stop()
+    second = BOXES[model](bench.link(), bench.clock)
+    begin_s = bench.clock.now()
+    assert second.at_rest(2.5, 0.0, 5.0)
+    assert bench.clock.now() - begin_s < 0.5
+
+
+@pytest.mark.parametrize(
+    ("model", "commands"),
+    [
+        ("33511B", ("FUNC SIN", "VOLT 4", "FREQ 20", "BURS:NCYC 1E6", "TRIG:SOUR BUS", "BURS:STAT ON", "OUTP ON", "*TRG")),
+        ("33220A", ("FUNC SIN", "VOLT 4", "FREQ 20", "BURS:NCYC 5E4", "TRIG:SOUR BUS", "BURS:STAT ON", "OUTP ON", "*TRG")),
+        ("33220A", ("FUNC SIN", "VOLT 4", "FREQ 20", "BURS:STAT ON", "OUTP ON")),  # again and again, by its own timer
+        ("DG1032Z", (":SOUR1:VOLT 4", ":SOUR1:BURS:NCYC 1E6", ":SOUR1:BURS:TRIG:SOUR MAN", ":SOUR1:BURS:STAT ON", ":OUTP1 ON", ":SOUR1:BURS:TRIG")),
+        ("SDG1032X", ("C1:BTWV STATE,ON", "C1:BTWV TRSR,MAN,TIME,1000000", "C1:OUTP ON", "C1:BTWV MTRIG")),
+        ("AFG3022C", ("SOUR1:VOLT 4", "TRIG:SOUR EXT", "SOUR1:BURS:NCYC 1E6", "SOUR1:BURS:STAT ON", "OUTP1:STAT ON", "*TRG")),
+    ],
+)  # fmt: skip
+def test_a_burst_of_anybody_elses_is_over_when_the_box_has_been_prepared(model: str, commands: tuple[str, ...]) -> None:
+    """Another program's sine, for hours: high voltage is off, and it is cut."""
+    source, bench, panel = made(model)
+    for command in commands:
+        press(panel, command)
+    bench.clock.sleep(0.37)
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.05)
+    bench.enable_hv()
+    bench.clock.sleep(3.0)
+    report = bench.report()
+    volts_are_safe(report)
+    assert report.outside_rest_s == 0
+    assert bench.generator.busy_s(bench.clock.now()) == 0

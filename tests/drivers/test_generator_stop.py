@@ -1,0 +1,163 @@
+"""Nothing keeps a generator from going down to rest: not others' errors, not answers that cannot be read."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from app.drivers import open_generator
+from drivers.burst_generator import BurstGenerator
+from drivers.clock import WallClock
+from drivers.drive import Sine
+from drivers.errors import InstrumentError, LinkError
+from drivers.scpi import Link
+from drivers.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.clock import VirtualClock
+from sim_hardware.served import ServedBench
+from tests.contract.test_sources import BOXES, truth
+from tests.drivers.front_panel import made, press
+from tests.support import simulated, volts_are_safe
+
+
+@contextmanager
+def direct(model: str) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+    source, bench, panel = made(model)
+    yield source, bench, panel
+    source.close()
+
+
+@contextmanager
+def wired(model: str) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+    bench = VirtualBench(truth(model), WallClock(5.0))
+    with ServedBench(bench) as served:
+        source = BOXES[model](VisaLink(served.scpi.resource, timeout_s=0.2), bench.clock)
+        panel = VisaLink(served.scpi.resource, timeout_s=0.2)
+        yield source, bench, panel
+        source.close()
+        panel.close()
+
+
+HOLDERS = [model for model in BOXES if BOXES[model].HOLDS_RANGE]
+
+
+WAYS = [pytest.param(make, model, id=f"{model} {make.__name__}") for model in HOLDERS for make in (direct, wired)]
+
+
+def playing(source: BurstGenerator, bench: VirtualBench) -> None:
+    source.prepare(2.5, 0.0, 5.0)
+    bench.clock.sleep(0.1)
+    bench.enable_hv()
+    source.play(Sine(40.0, 2.5, 2.5, 40 * 60))
+    bench.clock.sleep(0.2)
+
+
+@pytest.mark.parametrize(("make", "model"), WAYS)
+def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str) -> None:
+    with make(model) as (source, bench, panel):
+        playing(source, bench)
+        for _ in range(5):
+            press(panel, "NONSENSE 1")
+        source.stop()
+        bench.clock.sleep(0.1)
+        volts_are_safe(bench.report())
+        assert source.at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
+@pytest.mark.parametrize(("make", "model"), WAYS)
+def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: str, fault: str) -> None:
+    with make(model) as (source, bench, _):
+        playing(source, bench)
+        bench.inject(fault)
+        with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
+            source.stop()
+        bench.clock.sleep(0.3)
+        volts_are_safe(bench.report())  # stands still at rest, and came there in small steps
+        bench.clear(fault)
+        bench.clock.sleep(0.1)
+        source.reconnect()
+        assert source.at_rest(2.5, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
+@pytest.mark.parametrize("model", BOXES)
+def test_a_held_level_comes_to_rest_although_no_answer_can_be_read(model: str, fault: str) -> None:
+    with direct(model) as (source, bench, _):
+        source.prepare(2.5, 0.0, 5.0)
+        bench.clock.sleep(0.1)
+        bench.enable_hv()
+        source.move(4.0, 0.3)
+        bench.inject(fault)
+        with pytest.raises(LinkError):
+            source.move(2.5, 0.3)
+        bench.clock.sleep(0.1)
+        volts_are_safe(bench.report())
+
+
+def test_away_from_rest_an_unreadable_answer_ends_the_way_at_once() -> None:
+    with direct("33511B") as (source, bench, _):
+        source.prepare(2.5, 0.0, 5.0)
+        source.move(3.0, 0.1)
+        bench.inject("scpi-garbled")
+        with pytest.raises(LinkError):
+            source.move(4.0, 0.3)
+        assert bench.report().end_v == pytest.approx(3.0, abs=0.06)  # one step at most
+
+
+def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:
+    with direct("33511B") as (source, bench, panel):
+        playing(source, bench)
+        tell, steps = source._scpi.tell, []
+
+        def refuses_every_fifth(command: str) -> None:
+            if command.startswith("VOLT "):
+                steps.append(command)
+                if len(steps) % 5 == 0:
+                    press(panel, "NONSENSE 1")  # its error answers our step
+            tell(command)
+
+        source._scpi.tell = refuses_every_fifth
+        with pytest.raises(InstrumentError, match=r"33511B refused 'VOLT .*it was sent all the same; \d+ more"):
+            source.stop()
+        bench.clock.sleep(0.1)
+        volts_are_safe(bench.report())
+
+
+def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing() -> None:
+    """A blind step could be one up."""
+    with direct("33511B") as (source, bench, _):
+        playing(source, bench)
+        second = open_generator("auto", bench.link(), bench.clock, 0.05)
+        bench.inject("scpi-garbled")
+        before = bench.generator.settings
+        with pytest.raises(LinkError):
+            second.stop()
+        assert bench.generator.settings == before
+        bench.clear()
+        source.stop()
+
+
+def test_a_supply_with_others_errors_in_its_queue_is_prepared_and_brought_to_rest() -> None:
+    from drivers.dc_supply import DcSupply
+
+    bench = VirtualBench(simulated(source="supply").truth, VirtualClock())
+    panel = bench.link()
+    source = DcSupply(bench.link(), bench.clock)
+    press(panel, "NONSENSE 1")
+    source.prepare(2.5, 0.0, 5.0)
+    bench.enable_hv()
+    source.move(4.0, 0.3)
+    for _ in range(3):
+        press(panel, "NONSENSE 1")
+    with pytest.raises(InstrumentError, match="it was sent all the same"):
+        source.move(2.5, 0.3)  # the queue was not emptied: that is for `stop`
+    for _ in range(3):
+        press(panel, "NONSENSE 1")
+    source.stop()
+    source.move(2.5, 0.3)
+    bench.clock.sleep(0.5)
+    volts_are_safe(bench.report())
+    assert source.at_rest(2.5, 0.0, 5.0)
+    press(panel, "CURR 0.002,(@1)")
+    assert not source.at_rest(2.5, 0.0, 5.0)

@@ -1,0 +1,115 @@
+"""A protocol of levels for tests, a person who answers, and how a session goes on with a run."""
+
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Unit
+
+from app.session import header
+from drivers.drive import Drive, Hold
+from protocols.continuation import earlier
+from protocols.protocol import Protocol
+from protocols.quality import Quality
+from protocols.runfile import RunFile
+from protocols.runner import Runner
+from protocols.steps import Play, Prompt, Record, Redo, Step
+from protocols.values import Estimate, Planned, Recording
+from sim_hardware.contract.volts import volts_are_safe
+from tests.support import Ran
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """What was seen at one level."""
+
+    level: Annotated[float, Unit("V"), "level commanded"]
+    displacement: Annotated[float, Unit("m"), "mean displacement"]
+    displacement_errors: Annotated[float, Unit("m"), "standard uncertainty"]
+    quality: Annotated[int, Unit("1"), "flags"]
+
+
+class Levels(Protocol):
+    """Levels one after the other; what else happens is told by the flags."""
+
+    name: ClassVar[str] = "levels"
+    title: ClassVar[str] = "Levels"
+    point_type: ClassVar[type] = Level
+    axes: ClassVar[tuple[str, str]] = ("level", "displacement")
+    levels_v: tuple[float, ...] = (2.0, 2.2, 2.8, 3.0)
+    setups: tuple[int, ...] = ()
+    more_v: tuple[float, ...] = ()
+    sample_rate_hz: float = 5000.0
+    script: ClassVar[dict[int, list[Any]]] = {}
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        setups = self.setups or (0,) * len(self.levels_v)
+        return tuple(self._entry(v, s) for v, s in zip(self.levels_v, setups, strict=True))
+
+    def _entry(self, level_v: float, setup: int) -> Planned:
+        prompt = Prompt("fix-mass", f"Fix mass {setup}", {"mass_kg": float(setup)}, hands_on=True) if setup else None
+        return Planned(f"{level_v:g} V", (Hold(level_v, 10.0),), 0.6, (level_v,), prompt)
+
+    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+        have = [point.level for point in points]
+        return tuple(self._entry(v, 0) for v in self.more_v if v not in have)
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        drive: Drive = entry.drives[0]
+        yield Play(drive, 0.3)
+        yield Record(0.2)
+        return None
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Level:
+        moved = recordings[-1].displacement_m
+        if key[0] == 2.222:
+            raise ValueError("this level gives nothing")
+        quality = recordings[-1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        return Level(float(key[0]), float(moved.mean()), float(moved.std() / np.sqrt(len(moved))), int(quality))
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        return (Estimate("count", float(len(list(points))), 0.0, "1", "here"),)
+
+
+LEVELS = Levels()
+
+
+class Handy:
+    """A simulated operator that also does what tests ask, and remembers every prompt."""
+
+    def __init__(self, hands: Any) -> None:
+        self.hands, self.asked = hands, []
+        self.answers: dict[int, str] = {}
+
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        self.asked.append(prompt)
+        if prompt.action in ("disable-high-voltage", "enable-high-voltage"):
+            self.hands.show(ask_id, prompt)
+            self.answers[ask_id] = "done"
+        elif prompt.action != "never":
+            self.answers[ask_id] = prompt.choices[0]
+
+    def answer(self, ask_id: int) -> str | None:
+        return self.answers.pop(ask_id, None)
+
+
+def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), operator: Any = None) -> Ran:
+    """Go on with a run, as a session does."""
+    before = earlier(path, again)
+    events: list[Any] = []
+    store = RunFile.new(folder, header(before.protocol, lab.bench, before.specimen, before.path))
+    runner = Runner(
+        before.protocol, lab.bench, store, operator or lab.operator, [events.append], continuation=before.continuation
+    )
+    status, reason = runner.run()
+    report = lab.control.report()
+    volts_are_safe(report)
+    return Ran(status, reason, store.path, events, report, lab)
+
+
+def high_voltage(lab: Any) -> bool:
+    """Whether it is on at this moment, as the simulated world has it."""
+    _, on = lab.control.history.read(np.array([lab.bench.clock.now()]))
+    return bool(on[0])

@@ -1,0 +1,78 @@
+"""What was stopped goes on as one run, points are measured again, and what has drifted meanwhile is noticed."""
+
+import threading
+from pathlib import Path
+
+import h5py
+import pytest
+
+from protocols import registry
+from protocols.continuation import earlier
+from protocols.events import EntryBegan, Noted, PointMeasured, Status
+from protocols.quality import Quality
+from protocols.runreader import Run, RunError
+from tests.protocols.levels import LEVELS, Handy, Levels, resumed
+from tests.support import Trigger, laboratory, run, simulated
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(registry.PROTOCOLS, "levels", Levels)
+
+
+def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> None:
+    cancel = threading.Event()
+    with laboratory() as lab:
+        second = Trigger(lambda e: isinstance(e, PointMeasured) and e.index == 1, cancel.set)
+        first = run(LEVELS, tmp_path, lab, second, cancel=cancel)
+        assert first.status == Status.STOPPED
+        ran = resumed(first.path, tmp_path, lab)
+    assert ran.status == Status.COMPLETED
+    assert any("Drift check at 2.2 V" in e.text for e in ran.events if isinstance(e, Noted))
+    with Run(ran.path) as file:
+        columns = file.points()
+        good = [Quality(int(q)).usable for q in columns["quality"]]
+        assert columns["level"][good].tolist() == [2.0, 2.2, 2.8, 3.0]
+        assert file.continues == first.path
+        assert [r.entry for r in file.recordings()] == [0, 1, 1, 2, 3]
+        again = {r.entry: LEVELS.point((LEVELS.levels_v[r.entry],), [r], file.simulated) for r in file.recordings()}
+        for level, moved, entry, usable in zip(
+            columns["level"], columns["displacement"], columns["entry"], good, strict=True
+        ):
+            if usable:
+                assert (again[entry].level, again[entry].displacement) == (level, moved)
+    with h5py.File(ran.path) as plain:  # what anybody's reader sees
+        assert plain["entry/earlier/trace/drive"].shape[0] > 0
+
+
+def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        first = run(LEVELS, tmp_path, lab)
+        ran = resumed(first.path, tmp_path, lab, again=(2,))
+    assert [e.index for e in ran.events if isinstance(e, EntryBegan)] == [2]
+    with Run(ran.path) as file:
+        flags = [Quality(int(q)) for q in file.points()["quality"]]
+        assert [Quality.SUPERSEDED in flag for flag in flags] == [False, False, True, False, False]
+
+
+def test_a_moved_sensor_is_noticed_before_a_run_goes_on(known: None, tmp_path: Path) -> None:
+    cancel = threading.Event()
+    with laboratory() as lab:
+        second = Trigger(lambda e: isinstance(e, PointMeasured) and e.index == 1, cancel.set)
+        first = run(LEVELS, tmp_path, lab, second, cancel=cancel)
+    with laboratory(simulated(sensor={"zero_v": 0.5})) as lab:
+        operator = Handy(lab.operator)
+        ran = resumed(first.path, tmp_path, lab, operator=operator)
+    question = operator.asked[-1]
+    assert question.action == "drifted"
+    assert question.choices == ("go on", "stop")
+    assert ran.status == Status.COMPLETED
+
+
+def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Levels(levels_v=(2.0,)), tmp_path, lab)
+    with pytest.raises(RunError, match="is complete: there is nothing to resume"):
+        earlier(ran.path)
+    with pytest.raises(RunError, match="has no point of entry 7"):
+        earlier(ran.path, again=(7,))
