@@ -45,7 +45,7 @@ class RunsPage(QStackedWidget):
         self._folder, self._index = folder, index
         self._overlay = Overlay(amplifier=overlay.amplifier)
         self._jobs, self._reads = Jobs("runs", self), Jobs("run files", self)
-        self._stop = self._due = False
+        self._stop = self._due = self._ended = False
         self._scanning = self._busy = False
         self._leave: tuple[Path, ...] = ()
         self.entries: list[Entry] = []
@@ -89,7 +89,7 @@ class RunsPage(QStackedWidget):
 
     def end(self) -> None:
         """End what works beside the window."""
-        self._stop = True
+        self._stop = self._ended = True
         self._jobs.close()
         self._reads.close()
         self._overlay.close()
@@ -148,7 +148,7 @@ class RunsPage(QStackedWidget):
         self.side.say(f"exporting {len(paths)} …")
 
         self._reads.do(
-            lambda: export_runs(paths, folder, kind, lambda: self._stop),
+            lambda: export_runs(paths, folder, kind, lambda: self._ended),
             lambda count: self.side.say(f"{count} files written to {folder}"),
             self._failed,
         )

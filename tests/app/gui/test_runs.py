@@ -205,6 +205,14 @@ def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
 
 
+def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: RunsPage, tmp_path: Path) -> None:
+    page.filter.stop_pressed.emit()
+    choose(page, "T7", "T8")
+    page.export(tmp_path / "sheets", "csv")
+    until(lambda: "files written" in page.side.said.text(), "for the files")
+    assert page.side.said.text().startswith("10 files")
+
+
 def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
     new = finished_run(tmp_path / "stick", "T9")
 
