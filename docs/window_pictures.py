@@ -224,7 +224,7 @@ def archive(studio: Studio, run: Path) -> None:
     """The list of ten thousand runs, one of them opened, and a campaign under way."""
     window = studio.window
     studio.look_at(RUNS)
-    studio.until(lambda: window.runs.model.rowCount() >= MANY and not window.runs._jobs.waiting)
+    studio.until(lambda: window.runs.model.rowCount() >= MANY and window.runs.known.settled)
     window.runs.choose([run.name])
     studio.settle(1.0)
     studio.take("runs")

@@ -7,7 +7,6 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
-from app.catalogue import Catalogue, Scanned
 from app.explore_answer import Measured
 from app.export import Format
 from app.gui.dropped import run_urls
@@ -17,12 +16,13 @@ from app.gui.keys import HERE, bind
 from app.gui.run_filter import RunFilter
 from app.gui.run_side import RunSide
 from app.gui.run_view import RunView
+from app.gui.runs_folder import RunsFolder
 from app.gui.runs_list import RunsList, RunsTable
 from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
 from app.overlay import Overlay, Question, elongations_of
 from app.reopening import Reopened, Traces, look_closer, reopen
-from app.run_deeds import annotate, export_runs, measured_of, take_in
+from app.run_deeds import export_runs, measured_of, take_in
 from app.run_entry import Entry
 from app.view import View
 
@@ -42,14 +42,11 @@ class RunsPage(QStackedWidget):
 
     def __init__(self, folder: Callable[[], Path], overlay: Overlay, theme: Theme, index: Path | None = None) -> None:
         super().__init__()
-        self._folder, self._index = folder, index
         self._overlay = Overlay(amplifier=overlay.amplifier)
-        self._jobs, self._reads = Jobs("runs", self), Jobs("run files", self)
-        self._stop = self._due = self._ended = False
-        self._scanning = self._busy = False
-        self._leave: tuple[Path, ...] = ()
-        self.entries: list[Entry] = []
-        self.catalogue: Catalogue | None = None
+        self._reads = Jobs("run files", self)
+        self._ended = False
+        self._folder = folder
+        self.known = RunsFolder(folder, index, self)
         self.model = RunsModel(theme)
         self.table = RunsTable(self.model)
         self.filter, self.side, self.opened = RunFilter(), RunSide(theme), RunView(theme)
@@ -62,13 +59,11 @@ class RunsPage(QStackedWidget):
 
     def show_view(self, view: View) -> None:
         """A run that ended is news; one that is being written is left alone."""
-        if self._busy and not view.busy:
-            self._due = True
-        self._busy = view.busy
+        self.known.show_busy(view.busy)
 
     def writing(self, path: Path | None) -> None:
         """The file that this program is writing."""
-        self._leave = () if path is None else (path,)
+        self.known.writing(path)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
@@ -82,34 +77,18 @@ class RunsPage(QStackedWidget):
 
     def refresh(self) -> None:
         """Called at every tick while the page is seen."""
-        if self.catalogue is None or self.catalogue.folder != self._folder() or self._due:
-            self.look()
+        self.known.refresh()
         if self.currentWidget() is self.opened and (curve := self._overlay.ready()) is not None:
             self.opened.show_curve(curve)
 
     def end(self) -> None:
         """End what works beside the window."""
-        self._stop = self._ended = True
-        self._jobs.close()
+        self._ended = True
+        self.known.end()
         self._reads.close()
         self._overlay.close()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
-
-    def look(self) -> None:
-        """List what is known at once, then what has changed since."""
-        if self._scanning:
-            return
-        folder, leave = self._folder(), self._leave
-        if self.catalogue is None or self.catalogue.folder != folder:
-            self.catalogue = Catalogue(folder, self._index)
-            self.entries = []
-            self._list()
-        catalogue, self._due, self._scanning, self._stop = self.catalogue, False, True, False
-        self._jobs.do(catalogue.entries, self._listed, self._failed)
-        self._jobs.do(
-            lambda: catalogue.scan(self.filter.progressed.emit, lambda: self._stop, leave), self._scanned, self._failed
-        )
 
     def open(self) -> None:
         """The chosen run, as it was."""
@@ -140,7 +119,7 @@ class RunsPage(QStackedWidget):
     def annotate(self, tags: str, note: str) -> None:
         """Tags and a note for what is chosen; with several, the tags are added to each and notes stay."""
         chosen = [(self._path(e), e.tags, e.note) for e in self.chosen]
-        self._jobs.do(lambda: annotate(chosen, tags, note), lambda _: self.look(), self._failed)
+        self.known.annotate(chosen, tags, note)
 
     def export(self, folder: Path, kind: Format, chosen: Sequence[Entry] | None = None) -> None:
         """What is chosen, or what was, as files for other programs."""
@@ -159,7 +138,7 @@ class RunsPage(QStackedWidget):
 
         def done(left: list[str]) -> None:
             self.side.say(f"already there: {', '.join(left)}" if left else f"{len(paths)} taken in", fault=bool(left))
-            self.look()
+            self.known.look()
 
         self._reads.do(lambda: take_in(paths, folder), done, self._failed)
 
@@ -184,25 +163,18 @@ class RunsPage(QStackedWidget):
     def _path(self, entry: Entry) -> Path:
         return self.model.folder / entry.path
 
-    def _listed(self, entries: list[Entry]) -> None:
-        self.entries = entries
-        self.filter.offer(entries)
+    def _listed(self) -> None:
+        self.filter.offer(self.known.entries)
         self._list()
-
-    def _scanned(self, scanned: Scanned) -> None:
-        self._scanning = False
-        self.filter.scanned(scanned)
-        if scanned.news and self.catalogue is not None:
-            self._jobs.do(self.catalogue.entries, self._listed, self._failed)
 
     def _list(self) -> None:
         chosen = [entry.path for entry in self.chosen]
-        found = self.filter.wanted.among(self.entries)
-        self.model.show(self._folder() if self.catalogue is None else self.catalogue.folder, found)
+        found = self.filter.wanted.among(self.known.entries)
+        self.model.show(self.known.path, found)
         self.choose(chosen)
         if not self.chosen and found:
             self.table.setCurrentIndex(self.model.index(0, 0))
-        self.filter.count(len(found), len(self.entries))
+        self.filter.count(len(found), len(self.known.entries))
         self._chosen()
 
     def _chosen(self) -> None:
@@ -238,7 +210,6 @@ class RunsPage(QStackedWidget):
         self._reads.do(lambda: look_closer(run.path, from_s, to_s), show, self._failed)
 
     def _failed(self, error: Exception) -> None:
-        self._scanning = False
         self.side.say(str(error), fault=True)
 
     def _ask_to_export(self, kind: Format) -> None:
@@ -258,7 +229,12 @@ class RunsPage(QStackedWidget):
 
     def _connect(self) -> None:
         self.filter.changed.connect(self._list)
-        self.filter.stop_pressed.connect(self._stop_scan)
+        self.filter.stop_pressed.connect(self.known.stop)
+        self.known.emptied.connect(self._list)
+        self.known.listed.connect(self._listed)
+        self.known.progressed.connect(self.filter.progressed)
+        self.known.scanned.connect(self.filter.scanned)
+        self.known.failed.connect(self._failed)
         self.filter.to_list.connect(self.table.setFocus)
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._chosen())
         self.table.opened.connect(self.open)
@@ -278,9 +254,6 @@ class RunsPage(QStackedWidget):
             ("Copy the paths of what is chosen", self._copy_paths, ("Ctrl+C",)),
         ):
             bind(self, words, do, *keys, context=HERE, repeats=True)
-
-    def _stop_scan(self) -> None:
-        self._stop = True
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if run_urls(event) and event.source() is None:

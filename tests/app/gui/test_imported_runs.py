@@ -47,14 +47,14 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     stage = open_stage(folder=folder)
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     page = stage.window.runs
-    until(lambda: page.catalogue is not None and page.model.rowCount() == 4 and not page._jobs.waiting, "for the list")
-    assert {e.specimen: e.state for e in page.entries}["T7"] == "imported"
+    until(lambda: page.known.settled and page.model.rowCount() == 4, "for the list")
+    assert {e.specimen: e.state for e in page.known.entries}["T7"] == "imported"
     for specimen, words in (("T6", "all points"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
-        page.choose([e.path for e in page.entries if e.specimen == specimen])
+        page.choose([e.path for e in page.known.entries if e.specimen == specimen])
         until(lambda: not page._reads.waiting, "for the points")
         grab(stage.window, tmp_path / f"{specimen}_list.png")
         page.open()
-        until(lambda: page.currentWidget() is page.opened and not page._jobs.waiting, "for the run")
+        until(lambda: page.currentWidget() is page.opened and page.known.settled, "for the run")
         view = page.opened
         assert words in view.facts.text()
         stage.window.tick()
@@ -64,7 +64,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         assert [len(s.getData()[0]) for s in view.response.scatters] == POINTS[specimen]
         assert (view.plots.currentWidget() is view.response) == (specimen != "T8")
         page.back()
-    page.choose([e.path for e in page.entries if e.specimen in ("T7", "T9")])
+    page.choose([e.path for e in page.known.entries if e.specimen in ("T7", "T9")])
     until(lambda: not page._reads.waiting, "for the points")
     grab(stage.window, tmp_path / "both.png")
     page.explore()

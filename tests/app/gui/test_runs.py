@@ -42,9 +42,7 @@ def page(open_stage: OpenStage, folder: Path) -> RunsPage:
 def shown(stage: Stage, count: int = 3) -> RunsPage:
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     runs = stage.window.runs
-    until(
-        lambda: runs.catalogue is not None and runs.model.rowCount() == count and not runs._jobs.waiting, "for the list"
-    )
+    until(lambda: runs.known.settled and runs.model.rowCount() == count, "for the list")
     return runs
 
 
@@ -56,7 +54,7 @@ def names(page: RunsPage) -> list[str]:
 
 
 def choose(page: RunsPage, *specimens: str) -> None:
-    page.choose([e.path for e in page.entries if e.specimen in specimens])
+    page.choose([e.path for e in page.known.entries if e.specimen in specimens])
     until(lambda: not page._reads.waiting, "for the points")
 
 
@@ -64,7 +62,7 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     assert sorted(names(page)) == ["T3", "T7", "T8"]
     newer_run(folder, "T5")
     (folder / "20260101T000000Z_half_sine-dwell.h5").write_bytes(b"cut")
-    page.look()
+    page.known.look()
     until(lambda: page.model.rowCount() == 5, "for the new ones")
     status = {e.specimen: e.state for e in page.model.entries}
     assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
@@ -172,7 +170,7 @@ def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: notes_path(run).exists(), "for the notes")
     assert read_notes(notes_path(run)) == Notes(("good", "glued"))
-    until(lambda: any(e.tags == "good, glued" for e in page.entries), "for the list")
+    until(lambda: any(e.tags == "good, glued" for e in page.known.entries), "for the list")
     page.filter.search.setText("glued")
     assert names(page) == ["T7"]
 
@@ -183,7 +181,7 @@ def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: R
     QTest.keyClicks(page.side.tags, "good")
     QTest.keyClick(page.side.tags, Qt.Key.Key_Tab)
     QTest.keyClicks(page.side.note, "glued ")
-    until(lambda: any(e.tags == "good" for e in page.entries), "for the list")
+    until(lambda: any(e.tags == "good" for e in page.known.entries), "for the list")
     QTest.keyClicks(page.side.note, "twice")
     page.table.setFocus()
     run = next(folder.glob("*_T7_*.h5"))
@@ -194,7 +192,7 @@ def test_a_run_without_a_response_is_told_in_words_and_a_long_reason_is_shortene
     page.side.show_runs((), 1)
     assert page.side.none.isVisible()
     assert not page.side.plot.isVisible()
-    page.side.show_entries([page.entries[0]._replace(reason="word " * 400)])
+    page.side.show_entries([page.known.entries[0]._replace(reason="word " * 400)])
     assert len(page.side.facts.text()) < 500
 
 
@@ -257,7 +255,7 @@ def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, fold
     made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
     stage = open_stage(folder=folder)
     page = shown(stage)
-    page._listed(made)
+    page.known._listed(made)
     assert page.model.rowCount() == 10_000
     assert "10 000 runs" in page.filter.told.text()
     page.filter.search.setText("t33")
