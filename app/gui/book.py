@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from PySide6.QtCore import QSettings, QTimer, Signal
 
 from app.config import BenchConfig
+from app.gui import splitters
 from app.gui.campaign_desk import CampaignDesk
 from app.gui.jobs import Jobs
 from app.gui.link import Link
@@ -22,6 +23,8 @@ from app.presets import Presets, presets_path
 from protocols.protocol import Protocol
 
 if TYPE_CHECKING:
+    from PySide6.QtWidgets import QWidget
+
     from app.campaign_queue import Order
     from app.gui.campaign_page import CampaignPage
     from app.gui.explore_page import ExplorePage
@@ -94,7 +97,11 @@ class Book(Pages):
             for name in ("campaign_page", "explore_page", "runs_page"):
                 importlib.import_module(f"app.gui.{name}")
 
-        self._jobs.do(load, lambda _: [QTimer.singleShot(0, self, partial(self._make, at)) for at in range(RUNS + 1)])
+        def make(_: object) -> None:
+            for at in sorted(range(RUNS + 1), key=lambda at: at != self.currentIndex()):  # first what is looked at
+                QTimer.singleShot(0, self, partial(self._make, at))
+
+        self._jobs.do(load, make)
 
     def beside(self, work: Callable[[], object]) -> None:
         """Do something that reads files, beside the window."""
@@ -114,9 +121,13 @@ class Book(Pages):
         if CAMPAIGN in self.made:
             self.campaign.desk.writing = path
 
-    def restore(self, folder: Path | None, specimen: str | None) -> None:
-        """Be as it was; a folder or specimen that is given counts more."""
+    def restore(self, folder: Path | None, specimen: str | None, page: bool) -> None:
+        """Be as it was; a folder or specimen that is given counts more. `page`: turn to the one that was seen last."""
         self.measure.restore(self._settings)
+        splitters.restore(self.measure, self._settings)
+        last = str(self._settings.value("window/page", ""))
+        if page and last.isdigit() and int(last) < self.count():
+            self.begin_at(int(last))
         kept = self._settings.value("run/folder", "runs")
         self.measure.panel.folder.setText(str(folder if folder is not None else kept))
         self.measure.panel.specimen.setText(
@@ -127,7 +138,10 @@ class Book(Pages):
         """Remember how everything is."""
         self._settings.setValue("run/folder", self.measure.panel.folder.text())
         self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
+        self._settings.setValue("window/page", self.currentIndex())
         self.measure.save(self._settings)
+        for made in self.made.values():
+            splitters.save(cast("QWidget", made), self._settings)
         for page in self._that_can("save"):
             page.save(self._settings)
 
@@ -142,8 +156,12 @@ class Book(Pages):
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _make(self, at: int) -> None:
-        if not self._jobs.closed:  # what is made after the end would not be ended
-            self.page(at)
+        if self._jobs.closed:  # what is made after the end would not be ended
+            return
+        waited = at == self.currentIndex() and at not in self.made
+        page = self.page(at)
+        if waited:
+            page.enter()
 
     def _that_can(self, what: str) -> Iterator[Any]:
         return (page for at, page in self.made.items() if at != MEASURE and hasattr(page, what))
@@ -160,6 +178,7 @@ class Book(Pages):
         desk.ordered.connect(self._take)
         page.open_asked.connect(self._open)
         page.restore(self._settings)
+        splitters.restore(page, self._settings)
         return page
 
     def _make_explore(self) -> ExplorePage:
@@ -168,6 +187,7 @@ class Book(Pages):
 
         page = ExplorePage(self._first_theme, fit_runs)
         page.restore(self._settings)
+        splitters.restore(page, self._settings)
         return page
 
     def _make_runs(self) -> RunsPage:
@@ -175,6 +195,7 @@ class Book(Pages):
 
         page = RunsPage(lambda: self.folder, self.overlay, self._first_theme)
         page.explore_asked.connect(self._lay_over)
+        splitters.restore(page, self._settings)
         return page
 
     def _take(self, order: Order) -> None:

@@ -48,6 +48,8 @@ class CampaignBoard(QWidget):
         columns.addWidget(self.list)
         columns.addWidget(self.beside)
         columns.setSizes([520, 700])
+        columns.setObjectName("campaign/columns")
+        self.live.setObjectName("campaign/rows")
         columns.setChildrenCollapsible(False)
         self.list.setMinimumWidth(330)
         layout = QVBoxLayout(self)

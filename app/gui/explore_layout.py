@@ -46,6 +46,7 @@ def _right(plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar) -> QWidget:
     beam.addWidget(shape, 1)
     rows.addWidget(below)
     rows.setSizes([400, 210])
+    rows.setObjectName("explore/rows")
     rows.setChildrenCollapsible(False)
     column.addWidget(rows, 1)
     return right

@@ -63,6 +63,7 @@ class ExplorePage(QSplitter):
         self.setStretchFactor(0, 0)
         self.setStretchFactor(1, 1)
         self.setSizes([430, 820])
+        self.setObjectName("explore/columns")
         self.setChildrenCollapsible(False)
         self._connect()
         self.setAcceptDrops(True)

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QSettings, Qt, Signal
+from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.believed import PAPER
@@ -67,6 +67,8 @@ class MeasurePage(QSplitter):
         self.setStretchFactor(1, 1)
         self.setSizes([350, 900])
         self.right.setSizes([290, 210, 96])
+        self.setObjectName("measure/columns")
+        self.right.setObjectName("measure/rows")
         self.panel.setMinimumWidth(300)
         self.panel.changed.connect(self._ask)
         self.history = FormHistory(self.panel, self)
@@ -152,10 +154,6 @@ class MeasurePage(QSplitter):
 
     def restore(self, settings: QSettings) -> None:
         """Be as it was when it was last closed."""
-        for key, splitter in (("columns", self), ("rows", self.right)):
-            state = settings.value(f"measure/{key}")
-            if isinstance(state, QByteArray):
-                splitter.restoreState(state)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
             self.traces.choose(int(span))
@@ -163,6 +161,4 @@ class MeasurePage(QSplitter):
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
         settings.setValue("measure/protocol", self.panel.kind.name)
-        settings.setValue("measure/columns", self.saveState())
-        settings.setValue("measure/rows", self.right.saveState())
         settings.setValue("measure/span", self.traces.chosen)

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Protocol
+from typing import Protocol, cast
 
-from PySide6.QtWidgets import QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
+from app.gui.form import mark
 from app.gui.keys import bind
 from app.gui.theme import Theme
 from app.view import View
@@ -57,6 +59,15 @@ class Pages(QTabWidget):
             self.page(at).enter()
         self.setCurrentIndex(at)
 
+    def begin_at(self, at: int) -> None:
+        """Turn to a page without making it: until somebody does, its place says that it comes."""
+        with QSignalBlocker(self):
+            self.setCurrentIndex(at)
+        if at not in self._made:
+            comes = QLabel(f"{self.tabText(at)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            mark(comes, "note")
+            self._places[at].addWidget(comes)
+
     def page(self, at: int) -> Page:
         """A page, made by now."""
         if at not in self._made:
@@ -66,6 +77,8 @@ class Pages(QTabWidget):
                 page.set_theme(self._theme)
             if self._view is not None:
                 page.show_view(self._view)
+            while (comes := self._places[at].takeAt(0)) is not None:
+                cast("QWidget", comes.widget()).deleteLater()
             self._places[at].addWidget(page)
             page.show()
         return self._made[at]
@@ -92,4 +105,5 @@ class Pages(QTabWidget):
 
     def refresh(self) -> None:
         """Let what can be seen move."""
-        self.present.refresh()
+        if (page := self._made.get(self.currentIndex())) is not None:
+            page.refresh()

@@ -46,6 +46,7 @@ class RunView(QWidget):
             rows.addWidget(widget)
             rows.setStretchFactor(rows.count() - 1, share)
         rows.setChildrenCollapsible(False)
+        rows.setObjectName("runs/rows")
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 2, 0, 0)
         layout.setSpacing(4)

@@ -73,6 +73,7 @@ class RunsList(QWidget):
         columns.setStretchFactor(0, 3)
         columns.setStretchFactor(1, 1)
         columns.setSizes([860, 390])
+        columns.setObjectName("runs/columns")
         columns.setChildrenCollapsible(False)
         table.setMinimumWidth(500)
         side.setMinimumWidth(340)

@@ -269,7 +269,9 @@ class MainWindow(QMainWindow):
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
-        self.pages.restore(folder, specimen)
+        # Who asks for a protocol, or starts one, wants to see it.
+        asked = self._autostart or self.measure.panel.protocol != SineDwell()
+        self.pages.restore(folder, specimen, page=not asked)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())

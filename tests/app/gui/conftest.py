@@ -59,8 +59,8 @@ def open_stage(
     def make(*, ahead: bool = False, **options: Any) -> Stage:
         session = ListeningSession()
         link = Link(lambda: pytest.fail("nobody connects here"), lambda *_: session)
-        given = {"folder": tmp_path, "specimen": "T7", "settings": settings} | options
-        window = MainWindow(link, config, SineDwell(), **given)
+        given = {"protocol": SineDwell(), "folder": tmp_path, "specimen": "T7", "settings": settings} | options
+        window = MainWindow(link, config, **given)
         if not ahead:
             window.pages.make_ahead = lambda: None  # type: ignore[method-assign]
         window.show()

@@ -1,8 +1,11 @@
 """Pages that nobody sees yet are made after the first paint, and no part of them is ever a window of its own."""
 
-from PySide6.QtCore import QEvent, QObject
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtCore import QEvent, QObject, QSettings, Qt
+from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 
+from app.gui.book import EXPLORE, MEASURE, RUNS
+from protocols.free_decay import FreeDecay
+from protocols.sine_dwell import SineDwell
 from tests.app.gui.stage import OpenStage, until
 
 
@@ -17,6 +20,52 @@ class Windows(QObject):
         if event.type() == QEvent.Type.Show and isinstance(watched, QWidget) and watched.isWindow():
             self.shown.append(type(watched).__name__)
         return False
+
+
+def left_on(open_stage: OpenStage, at: int) -> None:
+    """A window that was closed while this page was seen."""
+    window = open_stage().window
+    window.pages.setCurrentIndex(at)
+    for splitter in window.pages.present.findChildren(QSplitter):
+        if splitter.isVisible():
+            splitter.setSizes([520, 520])
+    window.close()
+    until(lambda: not window.isVisible(), "for the window to close")
+
+
+def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_keyboard(open_stage: OpenStage) -> None:
+    left_on(open_stage, RUNS)
+    stage = open_stage(ahead=True)
+    pages = stage.window.pages
+    assert pages.currentIndex() == RUNS
+    assert list(pages.made) == [MEASURE], "nobody waits for it"
+    (comes,) = (label for label in pages.currentWidget().findChildren(QLabel))
+    assert comes.text() == "Runs …"
+    until(lambda: RUNS in pages.made, "for the page")
+    assert list(pages.made)[1] == RUNS, "it is made before the others"
+    until(stage.window.runs.table.hasFocus, "for the keyboard")
+    until(lambda: not pages.currentWidget().findChildren(QLabel, "", Qt.FindChildOption.FindDirectChildrenOnly))
+    columns = stage.window.runs.findChild(QSplitter, "runs/columns")
+    assert abs(columns.sizes()[0] - columns.sizes()[1]) < 20, "divided as it was left"
+    until(lambda: len(pages.made) == pages.count(), "for the other pages")
+    assert pages.currentIndex() == RUNS
+
+
+def test_who_starts_a_run_or_asks_for_a_protocol_sees_it(open_stage: OpenStage) -> None:
+    left_on(open_stage, EXPLORE)
+    assert open_stage(autostart=True).window.pages.currentIndex() == MEASURE
+    assert open_stage(protocol=SineDwell(peak_to_peak_v=4.0)).window.pages.currentIndex() == MEASURE
+    assert open_stage(protocol=FreeDecay()).window.pages.currentIndex() == MEASURE
+    stage = open_stage()
+    assert stage.window.pages.currentIndex() == EXPLORE
+    stage.window.try_it()
+    assert stage.window.pages.currentIndex() == MEASURE
+
+
+def test_settings_that_make_no_sense_open_the_first_page(open_stage: OpenStage, settings: QSettings) -> None:
+    for nonsense in ("17", "-1", "runs", ""):
+        settings.setValue("window/page", nonsense)
+        assert open_stage().window.pages.currentIndex() == MEASURE
 
 
 def test_the_other_pages_are_made_behind_the_first_one(open_stage: OpenStage, qt: QApplication) -> None:
