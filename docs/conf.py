@@ -1,7 +1,9 @@
 """How the handbook is built from these pages: `python3 start.py docs`. Nothing is fetched, neither then nor when it is read."""
 
+from html import escape
+
+import ziamath
 from docutils import nodes
-from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
@@ -13,20 +15,28 @@ suppress_warnings = ["toc.not_included"]  # the decisions are reached from their
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
-html_copy_source = html_show_sphinx = False
-html_math_renderer = "mathml"
+html_copy_source = html_show_sphinx = html_show_copyright = False
+html_math_renderer = "svg"
 
 
 def setup(app: Sphinx) -> None:
-    """Equations as MathML, which browsers draw by themselves; Sphinx's own ways fetch a script or need TeX."""
-    app.add_html_math_renderer("mathml", (inline, None), (block, None))
+    """Equations as drawings. Sphinx's own ways fetch a script or need TeX, and MathML needs fonts that few readers have."""
+    app.add_html_math_renderer("svg", (inline, None), (block, None))
 
 
 def inline(page: HTML5Translator, node: nodes.math) -> None:
-    page.body.append(tex2mathml(node.astext()))
+    page.body.append(drawn(node.astext(), 16.0, inline=True))
     raise nodes.SkipNode
 
 
 def block(page: HTML5Translator, node: nodes.math_block) -> None:
-    page.body.append(tex2mathml(node.astext(), as_block=True))
+    page.body.append(f'<div style="overflow-x: auto; margin: 1em 0">{drawn(node.astext(), 18.0, inline=False)}</div>')
     raise nodes.SkipNode
+
+
+def drawn(latex: str, size: float, *, inline: bool) -> str:
+    """An equation as SVG in the colour of the text around it, on its base line, its LaTeX for those who cannot see it."""
+    equation = ziamath.Latex(latex, size=size, inline=inline, color="currentColor")
+    place = f"vertical-align: {equation.getyofst():.2f}px" if inline else "display: block; margin: auto"
+    label = f'<svg role="img" aria-label="{escape(latex, quote=True)}" style="{place}"'
+    return str(equation.svg()).replace("<svg", label, 1)
