@@ -58,7 +58,8 @@ def known(group: str, name: str) -> str:
     Raises:
         ValueError: there is no such driver; the sentence says which there are.
     """
-    if name not in BUILT_IN[group] and name not in names(group):  # looking for plug-ins takes a while
+    ours = name in BUILT_IN[group] or (group == SOURCES and name == AUTO)
+    if not ours and name not in names(group):  # looking for plug-ins takes a while
         raise ValueError(
             f"there is no driver {name!r}; choose from {', '.join(names(group))}, or install the package that brings it"
         )

@@ -120,7 +120,8 @@ def _figures(
     settled = None if outside[-1] else _last(lambda s: np.abs(envelope(s) - final), t, outside, band * final)
     rise = None if low is None or high is None else high - low
     over = max(0.0, float(e.max()) / final - 1)
-    return Latency(final, _first(felt, t, felt(t), threshold), rise, settled, over)
+    deflection = e if felt is envelope else felt(t)
+    return Latency(final, _first(felt, t, deflection, threshold), rise, settled, over)
 
 
 def _first(w: Callable[[Array], Array], t: Array, samples: Array, level: float) -> float | None:

@@ -8,6 +8,7 @@ is one jump).
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -102,6 +103,26 @@ def _largest_jump(pieces: Sequence[Piece], until_s: float, rate_hz: float) -> fl
     return largest
 
 
+@lru_cache(maxsize=4096)
+def _stood(
+    piece: Piece, end_s: float, rate_hz: float, rest_v: float, tolerance_v: float
+) -> tuple[float, float, float, float]:
+    """Lowest and highest volts, steepest slope and seconds outside rest of a piece until `end_s`.
+
+    Remembered, because what is past does not change and a report is asked for again and again while a bench runs.
+    """
+    low, high, steepest, outside = math.inf, -math.inf, 0.0, 0.0
+    for t in _grids(piece, piece.start_s, end_s, rate_hz):
+        volts = piece.segment.volts(t)
+        low, high = min(low, float(volts.min())), max(high, float(volts.max()))
+        spans = np.diff(t)
+        outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
+        wide = spans > 1e-3 / rate_hz  # shorter chords would divide rounding by next to nothing
+        if wide.any():
+            steepest = max(steepest, float(np.max(np.abs(np.diff(volts)[wide]) / spans[wide])))
+    return low, high, steepest, outside
+
+
 def report_on(
     pieces: Sequence[Piece], until_s: float, rate_hz: float, rest_v: float, tolerance_v: float
 ) -> HistoryReport:
@@ -117,14 +138,8 @@ def report_on(
             continue
         end = min(pieces[i + 1].start_s if i + 1 < len(pieces) else until_s, until_s)
         live += end - piece.start_s
-        for t in _grids(piece, piece.start_s, end, rate_hz):
-            volts = piece.segment.volts(t)
-            low, high = min(low, float(volts.min())), max(high, float(volts.max()))
-            spans = np.diff(t)
-            outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
-            wide = spans > 1e-3 / rate_hz  # shorter chords would divide rounding by next to nothing
-            if wide.any():
-                steepest = max(steepest, float(np.max(np.abs(np.diff(volts)[wide]) / spans[wide])))
+        lowest, highest, slope, away = _stood(piece, end, rate_hz, rest_v, tolerance_v)
+        low, high, steepest, outside = min(low, lowest), max(high, highest), max(steepest, slope), outside + away
     last = [piece for piece in pieces if piece.start_s <= until_s][-1]
     return HistoryReport(
         live_s=live,

@@ -82,6 +82,7 @@ class LandingDetector:
     """Mean and standard deviation of each of the quiet windows: a trace may be watched for hours."""
     _moved: deque[Array] = field(default_factory=deque)
     _zero: Array = field(default_factory=lambda: np.empty(0))
+    _zero_level: float = math.nan
     _seen: int = 0
     _bumps: int = 0
 
@@ -108,7 +109,7 @@ class LandingDetector:
     @property
     def zero(self) -> float:
         """The level taken as zero; NaN before there is one."""
-        return float(self._zero.mean()) if self._zero.size else math.nan
+        return self._zero_level
 
     @property
     def last(self) -> float:
@@ -129,27 +130,31 @@ class LandingDetector:
         return None
 
     def _take(self, window: Array) -> Landing | None:
+        mean = float(window.mean())
+        about = window - mean
         self._quiet.append(window)
-        self._levels.append((float(window.mean()), float(window.std())))
+        self._levels.append((mean, math.sqrt(float(about @ about) / window.size)))
         if len(self._quiet) > self.windows:
             self._quiet.popleft()
             self._levels.popleft()
-        means, spreads = np.array(self._levels).T
-        gap = abs(float(means[-1]) - self.zero)  # NaN, out of range, is not within any tolerance
+        means, spreads = zip(*self._levels, strict=True)
+        together = sum(means) / len(means)
+        gap = abs(mean - self.zero)  # NaN, out of range, is not within any tolerance
         assert self.tolerance is not None
         if self.state is LandingState.READY and not gap <= self.tolerance:
             self.state = LandingState.MOVING
             self._moved = deque([*list(self._quiet)[-2:-1]], maxlen=math.ceil(self.keep_s / self.window_s))
         if self.state is LandingState.MOVING:
             self._moved.append(window)
-        step = abs(float(means.mean()) - self.zero) if self._zero.size else 0.0
+        step = abs(together - self.zero) if self._zero.size else 0.0
         allowed = (
             self.tolerance if self.state is not LandingState.MOVING else max(self.tolerance, self.CREEP_SHARE * step)
         )
         if (
             len(means) < self.windows
-            or not np.ptp(means) <= allowed
-            or not np.ptp(spreads) <= spreads.min() + self.tolerance
+            or math.isnan(together)
+            or max(means) - min(means) > allowed
+            or max(spreads) - min(spreads) > min(spreads) + self.tolerance
         ):
             return None
         match self.state:
@@ -166,6 +171,7 @@ class LandingDetector:
     def _ready(self) -> None:
         self.state = LandingState.READY
         self._zero = np.concatenate(self._quiet)
+        self._zero_level = float(self._zero.mean())
 
     def _landed(self) -> Landing:
         before, after = (
