@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from drivers.child import end
 from drivers.errors import BenchError
 from drivers.watch import BEAT_S
 from drivers.watchdog_charge import Charge
@@ -123,14 +124,7 @@ class WatchdogProcess:
         self._live.clear()
         self._send("bye")
         self._closing.set()
-        if self._child.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._child.stdin.close()
-        try:
-            self._child.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        end(self._child)
         for thread in (self._listener, self._pulse):
             thread.join()
         if self._child.stdout is not None:

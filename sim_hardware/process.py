@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from drivers.child import end
 from drivers.errors import BenchError
 from sim_hardware.closing import Closing
 from sim_hardware.history_report import HistoryReport
@@ -122,14 +123,7 @@ class BenchProcess(Closing):
 
     def close(self) -> None:
         """End the process; nothing is left of it afterwards."""
-        if self._child.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._child.stdin.close()
-        try:
-            self._child.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        end(self._child)
         self._reader.join()
         if self._child.stdout is not None:
             self._child.stdout.close()

@@ -32,11 +32,10 @@ class Segment(Protocol):
         """Volts at bench times `t`, shape (n,)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Level:
-    """A constant voltage."""
+class _Still:
+    """What never changes by itself."""
 
-    level_v: float
+    __slots__ = ()
 
     @property
     def still_from_s(self) -> float:
@@ -45,24 +44,23 @@ class Level:
     @property
     def knots_s(self) -> tuple[float, ...]:
         return ()
+
+
+@dataclass(frozen=True, slots=True)
+class Level(_Still):
+    """A constant voltage."""
+
+    level_v: float
 
     def volts(self, t: Array) -> Array:
         return np.full(np.shape(t), self.level_v)
 
 
 @dataclass(frozen=True, slots=True)
-class Open:
+class Open(_Still):
     """The output relay is open or the box is dead: the amplifier's input is pulled to `pulled_v`."""
 
     pulled_v: float = 0.0
-
-    @property
-    def still_from_s(self) -> float:
-        return -math.inf
-
-    @property
-    def knots_s(self) -> tuple[float, ...]:
-        return ()
 
     def volts(self, t: Array) -> Array:
         return np.full(np.shape(t), self.pulled_v)

@@ -109,11 +109,6 @@ class CampaignDesk(QObject):
 
         self._jobs.do(read, self._opened, self._failed)
 
-    def put_away(self) -> None:
-        """No campaign is open any more."""
-        self._campaign = self._conductor = self.sheet = self.known = self._told = None
-        self.changed.emit()
-
     # -- what a person changes -----------------------------------------------------------------------------------------
 
     def look(self) -> None:

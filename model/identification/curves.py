@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from model.amplifier import AmplifierMap
 from model.drive import series
+from model.identification.equation import factors_of
 from model.identification.observations import FrequencyResponse, StaticLoading
 from model.identification.receptance import Dense, Factors
-from model.parameters import Tactor
+from model.parameters import Beam, Tactor
 
 Array = NDArray[np.float64]
 
 
 def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float = 0.0, n: int = 7) -> Array:
-    """Peak amplitude (m) of the fundamental at f (Hz) under `volts` on the specimen."""
+    """Peak amplitude (m) of the fundamental at f (Hz) under `volts` on the specimen, all (F,)."""
     one = np.ones_like(f)
     H = Dense(t.L1 / t.L, t.L2 / t.L, n).response(factors(t, t.m_add * one, k_s * one, c_s * one), 2 * np.pi * f)[0]
     return np.asarray(np.abs(t.mu / t.L * H) * volts)
@@ -36,16 +37,14 @@ def resonances(t: Tactor, mass: Array, damped: NDArray[np.bool_], n: int) -> tup
 
 
 def factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
-    """Factors of Eq. (14), one row for each added mass and skin."""
-    M, C, K = (np.zeros((mass.size, 6)) for _ in range(3))
-    M[:, 0], M[:, 1], M[:, 2] = t.L * t.rho1, t.L * t.rho2, t.L * (t.rho2 + mass / (2 * (t.L - t.L2)))
-    C[:, 0], C[:, 1], C[:, 2] = t.L * t.c0, t.L * t.c0, t.L * (t.c0 + c_s)
-    K[:, 2], K[:, 3], K[:, 4], K[:, 5] = t.L * k_s, t.k1 / t.L**3, t.k2 / t.L**3, t.k2 / t.L**3
-    return Factors(M, C, K)
+    """Factors of Eq. (14), one row for each added mass (kg) and skin (N/m^2, kg/(m s)), all (R,)."""
+    eta = mass / (2 * (t.L - t.L2))
+    beam = Beam(t.L, t.L1, t.L2, t.rho1, t.rho2, eta, t.c0, t.k1, t.k2, t.mu)
+    return factors_of(beam, (k_s, c_s), mass.size)
 
 
 def measured(run: FrequencyResponse, whole: bool) -> tuple[Array, Array]:
-    """Frequencies in ascending order and amplitudes of the usable points; `whole` prefers half of max - min."""
+    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `whole` prefers half of max - min."""
     whole = run.fundamental_m is None or (whole and run.peak_to_peak_m is not None)
     A = np.asarray(run.peak_to_peak_m) / 2 if whole else np.abs(np.asarray(run.fundamental_m))
     order = np.argsort(run.frequency_hz[run.use])
@@ -53,14 +52,14 @@ def measured(run: FrequencyResponse, whole: bool) -> tuple[Array, Array]:
 
 
 def volts_of(run: FrequencyResponse, amplifier: AmplifierMap) -> Array:
-    """Fundamental of the volts on the specimen, in the order of `measured`."""
+    """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
     pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]
     different, where = np.unique(pairs[np.argsort(run.frequency_hz[run.use])], axis=0, return_inverse=True)
     return np.array([abs(series("sine", a, o, amplifier, 1)[1]) for a, o in different])[where.ravel()]
 
 
 def averaged(runs: Sequence[StaticLoading]) -> tuple[Array, Array]:
-    """Loads and deflections, repeats averaged per side and then over the sides (Sec. IV-1)."""
+    """Loads (N) and deflections (m), (N,) each: repeats averaged per side and then over the sides (Sec. IV-1)."""
     means: dict[float, dict[str, list[float]]] = {}
     for run in runs:
         for F, w in zip(run.load_n[run.use], run.deflection_m[run.use], strict=True):
@@ -70,7 +69,7 @@ def averaged(runs: Sequence[StaticLoading]) -> tuple[Array, Array]:
 
 
 def vertex(x: Array, y: Array) -> tuple[float, float]:
-    """Abscissa and height of the parabola through three points."""
+    """Abscissa and height of the parabola through three points, (3,) each; the middle one where it has no top."""
     u = x - x[1]
     a, b, c = np.linalg.solve(np.stack((u * u, u, np.ones(3)), axis=-1), y)
     if not a < 0:

@@ -6,10 +6,10 @@ whether it is `simulated`. Points that are not good stay in the record and out o
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self, TypeVar, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from model.membrane import weight
 from model.parameters import Membrane
@@ -207,20 +207,6 @@ class FrequencyResponse(_Run):
         )
         if self.elongation_m is not None and not self.elongation_m >= 0:
             raise ParameterError(f"{kind} {self.label!r}: elongation is {self.elongation_m} m; it must be at least 0")
-
-    @classmethod
-    def polar(
-        cls,
-        label: str,
-        frequency_hz: ArrayLike,
-        amplitude_m: ArrayLike,
-        phase_rad: ArrayLike,
-        errors_m: ArrayLike,
-        **more: Any,
-    ) -> Self:
-        """From amplitude and phase; `errors_m` is that of the amplitude, and of the phase times the amplitude."""
-        F = np.asarray(amplitude_m) * np.exp(1j * np.asarray(phase_rad))
-        return cls(label, np.asarray(frequency_hz, float), F, np.asarray(errors_m, float), **more)
 
 
 @dataclass(frozen=True, eq=False)

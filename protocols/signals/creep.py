@@ -38,11 +38,6 @@ class Creep:
     degrees_of_freedom: int
     decades: float
 
-    @property
-    def share_per_decade(self) -> float:
-        """Growth per decade over the value, e.g. 0.015."""
-        return self.per_decade / self.value
-
 
 def fit_creep(
     time_s: ArrayLike, samples: ArrayLike, zero: float = 0.0, reference_s: float = 1.0, with_drift: bool = False

@@ -1,7 +1,6 @@
 """`tactor-bench model`: the settled numbers through the command line, and a sentence for everything that is not physical."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,6 @@ DWELL = [25, 50, 75, 80, 100, 125, 150, 160, 175, 200, 225, 250]
 """Frequencies of the settled table, Hz; below, its two rows in µm."""
 FUNDAMENTAL = [486.8, 522.8, 594.2, 614.4, 724.0, 946.9, 1154.0, 1115.4, 922.2, 595.9, 402.9, 291.6]
 PEAK_TO_PEAK = [491.0, 537.4, 702.7, 724.8, 760.1, 953.9, 1154.2, 1115.7, 923.5, 596.8, 403.3, 291.8]
-
-
-@pytest.fixture
-def ask(capsys: pytest.CaptureFixture[str]) -> Any:
-    """The JSON object a command answers with."""
-
-    def asked(*arguments: str) -> dict[str, Any]:
-        assert main([*arguments, "--json"]) == DONE
-        (line,) = capsys.readouterr().out.splitlines()
-        return json.loads(line)
-
-    return asked
 
 
 def sheet(path: Path) -> tuple[list[str], np.ndarray]:

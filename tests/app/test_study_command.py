@@ -2,7 +2,6 @@
 
 import csv
 import importlib.util
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,6 @@ from protocols.studyfile import read_study
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
 SMALL = ["study", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
-
-
-@pytest.fixture
-def ask(capsys: pytest.CaptureFixture[str]) -> Any:
-    """The JSON object a command answers with."""
-
-    def asked(*arguments: str) -> dict[str, Any]:
-        assert main([*arguments, "--json"]) == DONE
-        (line,) = capsys.readouterr().out.splitlines()
-        return json.loads(line)
-
-    return asked
 
 
 @pytest.mark.parametrize("preset", ["fig10", "fig11", "fig12"])

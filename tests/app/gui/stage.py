@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QCoreApplication, QEvent, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings, Qt
 from PySide6.QtTest import QTest
 
 from app.build import Laboratory, connect
@@ -37,6 +37,11 @@ def press(window: MainWindow, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.Ke
         window.activateWindow()
         until(window.isActiveWindow, "for the window to be active")
     QTest.keyClick(window, key, modifier)
+
+
+def grab(window: MainWindow, path: Path) -> None:
+    """Save what a window shows as PNG."""
+    assert window.grab().save(str(path))
 
 
 @dataclass
@@ -121,6 +126,20 @@ class Bench(Link):
 
 
 OpenStage = Callable[..., Stage]
+
+
+@contextmanager
+def whole_window(
+    bench: Bench, config: BenchConfig, protocol: Protocol, folder: Path, settings: QSettings
+) -> Iterator[MainWindow]:
+    """A window that is active and has its simulated bench, with specimen T7."""
+    window = MainWindow(bench, config, protocol, folder, "T7", settings)
+    window.show()
+    window.activateWindow()
+    assert QTest.qWaitForWindowActive(window, 5000)
+    until(lambda: window.view.connected, "for the bench")
+    yield window
+    end(window)
 
 
 def end(window: MainWindow) -> None:

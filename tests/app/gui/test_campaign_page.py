@@ -23,7 +23,7 @@ from protocols.steps import Prompt
 from protocols.wiring_check import WiringCheck
 from sim_hardware.contract.volts import volts_are_safe
 from tests.app.gui.happenings import LIVE, OPENED, STOPPED
-from tests.app.gui.stage import Bench, OpenStage, Stage, end, press, until
+from tests.app.gui.stage import Bench, OpenStage, Stage, press, until, whole_window
 
 CTRL, ALT, SHIFT = (
     Qt.KeyboardModifier.ControlModifier,
@@ -70,15 +70,10 @@ def window(
     """A window whose last campaign was not finished."""
     Campaign.new(tmp_path, "T7", True, QUICK)
     settings.setValue("campaign/open", str(campaign_path(tmp_path, "T7")))
-    window = MainWindow(bench, config, SineDwell(), tmp_path, "T7", settings)
-    window.show()
-    window.activateWindow()
-    assert QTest.qWaitForWindowActive(window, 5000)
-    until(lambda: window.view.connected, "for the bench")
-    yield window
-    assert bench.laboratory is not None
-    report = bench.laboratory.control.report()
-    end(window)
+    with whole_window(bench, config, SineDwell(), tmp_path, settings) as window:
+        yield window
+        assert bench.laboratory is not None
+        report = bench.laboratory.control.report()
     volts_are_safe(report)
 
 

@@ -8,9 +8,8 @@ from PySide6.QtCore import Qt
 from app.explore import Setting
 from app.explore_answer import read_measured
 from app.explore_fit import fit_runs
-from app.gui.picture import grab
 from app.main import main
-from tests.app.gui.stage import OpenStage, until
+from tests.app.gui.stage import OpenStage, grab, until
 from tests.runs import finished_run
 
 POINTS = {"T6": [2, 2], "T7": [5, 0], "T8": [0, 0], "T9": [0, 5]}

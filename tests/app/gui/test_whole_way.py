@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QSettings, Qt
-from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config import BenchConfig
@@ -17,7 +16,7 @@ from protocols.events import Status
 from protocols.quality import Quality
 from protocols.runreader import Run
 from protocols.sine_dwell import SineDwell
-from tests.app.gui.stage import Bench, end, press, until
+from tests.app.gui.stage import Bench, press, until, whole_window
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 
@@ -36,13 +35,8 @@ def window(
     tmp_path: Path,
     no_widget_left_behind: None,
 ) -> Iterator[MainWindow]:
-    window = MainWindow(bench, config, DWELL, tmp_path, "T7", settings)
-    window.show()
-    window.activateWindow()
-    assert QTest.qWaitForWindowActive(window, 5000)
-    until(lambda: window.view.connected, "for the bench")
-    yield window
-    end(window)
+    with whole_window(bench, config, DWELL, tmp_path, settings) as window:
+        yield window
 
 
 def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
 from app.gui.notices import GUARD_S
-from app.gui.picture import grab
 from app.gui.theme import DARK, LIGHT
 from app.session import BenchFailed, Refused
 from app.view import BenchState
@@ -21,7 +20,7 @@ from protocols.quality import Quality
 from protocols.sine_dwell import SineDwell
 from protocols.values import Estimate
 from tests.app.gui.happenings import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
-from tests.app.gui.stage import OpenStage, Stage, until
+from tests.app.gui.stage import OpenStage, Stage, grab, until
 from tests.protocols.test_rehearsal import guard
 
 
