@@ -61,7 +61,11 @@ def sampled_series(input_v: ArrayLike, amplifier: AmplifierMap, orders: int = 64
 
 
 def check_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:
-    """Raise ParameterError unless lowest..highest lies within the amplifier's input range."""
+    """Refuse a drive that leaves the amplifier's input range.
+
+    Raises:
+        ParameterError: lowest..highest, in volts at the input, does not lie within it.
+    """
     slack = 1e-9 * (amplifier.high_v - amplifier.low_v)
     if not (lowest_v >= amplifier.low_v - slack and highest_v <= amplifier.high_v + slack):
         raise ParameterError(

@@ -110,7 +110,11 @@ class Membrane:
 
 
 def check_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
-    """Raise ParameterError unless 0 < L1 < L2 < L everywhere (floats or arrays of one shape)."""
+    """Refuse segments that do not follow each other; floats or arrays of one shape, m.
+
+    Raises:
+        ParameterError: L1 < L2 < L does not hold everywhere.
+    """
     for (small, a), (large, b) in ((("L1", L1), ("L2", L2)), (("L2", L2), ("L", L))):
         low, high = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
         wrong = ~(low < high)
@@ -122,7 +126,7 @@ def check_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
 
 
 def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
-    """The letters for many tactors: `tactor` with the named fields replaced by arrays that broadcast together.
+    """The letters for many tactors: `tactor` with the named fields, SI, replaced by arrays that broadcast together.
 
     Raises:
         ParameterError: a name is unknown, a value is not physical, or an order of lengths is broken.

@@ -149,20 +149,28 @@ def _extreme(w: Array) -> Array:
 
 
 def orders_for(frequency_hz: Array) -> int:
-    """How many harmonics of the lowest frequency matter: up to 6 kHz, at least 32, at most 512."""
+    """How many harmonics of the lowest frequency, of (F,) in Hz, matter: up to 6 kHz, at least 32, at most 512."""
     positive = frequency_hz[frequency_hz > 0]
     lowest = float(positive.min()) if positive.size else TOP_HZ
     return int(np.clip(np.ceil(TOP_HZ / lowest), 32, 512))
 
 
 def check_frequency(frequency_hz: ArrayLike) -> Array:
-    """Frequencies as a 1-D array; raises ParameterError for one below 0 or not finite."""
+    """Frequencies in Hz as an array of at least one axis.
+
+    Raises:
+        ParameterError: one is below 0 or not finite.
+    """
     f = FREQUENCY.check(frequency_hz)
     return f if f.ndim else f[None]
 
 
 def check_x(tactor: Tactor, x: ArrayLike) -> Array:
-    """Positions along the beam; raises ParameterError outside 0..L."""
+    """Positions along the beam in m, shape kept.
+
+    Raises:
+        ParameterError: one lies outside 0..L.
+    """
     return Quantity("x", "m", Interval(ge=0, le=tactor.L), "distance from the clamp", None).check(x)
 
 

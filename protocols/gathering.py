@@ -33,6 +33,7 @@ class Gathering:
         return self._first
 
     def add(self, block: Block) -> None:
+        """The next block; what came before it is counted."""
         self._take(self._last.raw)
         self._last = block
         self.scans += block.raw.shape[1]

@@ -49,6 +49,7 @@ class Ledger:
         return [curve for i in sorted(self._curves) for curve in self._curves[i]]
 
     def entry(self, index: int) -> Planned:
+        """An entry of the plan."""
         return self._plan[index]
 
     def point(self, index: int) -> Any:

@@ -8,7 +8,8 @@ from protocols.steps import Prompt
 class Operator(Protocol):
     """Shown a prompt, polled for the answer. Ids are unique, so a stale answer cannot be mistaken for a new one."""
 
-    def show(self, ask_id: int, prompt: Prompt) -> None: ...
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        """Show a prompt; must not wait."""
 
     def answer(self, ask_id: int) -> str | None:
         """The answer, or None while there is none. Called many times a second; must not wait."""

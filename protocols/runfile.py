@@ -68,7 +68,11 @@ class RunFile:
 
     @classmethod
     def new(cls, folder: Path, header: Header) -> Self:
-        """A new file in `folder`, named by time, specimen and protocol; a second one within a second gets a number."""
+        """A new file in `folder`, named by time, specimen and protocol; a second one within a second gets a number.
+
+        Raises:
+            StoreError: it cannot be created.
+        """
         wanted = run_path(folder, header.specimen, header.protocol, header.begun or datetime.now(UTC))
         for attempt in range(1, 1000):
             path = wanted if attempt == 1 else wanted.with_stem(f"{wanted.stem}-{attempt}")
@@ -93,7 +97,11 @@ class RunFile:
             self._file.swmr_mode = True
 
     def block(self, block: Block, time_s: float) -> int:
-        """Append a block and flush it; the row of its first scan."""
+        """Append a block, counts of both channels, and flush it; the row of its first scan.
+
+        Raises:
+            StoreError: the disk is as good as full, or the file cannot be written.
+        """
         row = self.rows
         free = shutil.disk_usage(self.path.parent).free
         if free < RESERVE_BYTES:
@@ -123,6 +131,7 @@ class RunFile:
                 self._append("events", np.array((time_s, self.rows, kind if start == 0 else "+", piece), EVENT))
 
     def recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
+        """Append what was recorded: rows from start to stop, flags of its quality, its drive, its entry of the plan."""
         with self._storing():
             self._append("recordings", np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING))
 

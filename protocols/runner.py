@@ -131,9 +131,11 @@ class Runner:
     # -- the operator's switch: a HighVoltageSwitch whose hands are prompts --------------------------------------------
 
     def disable(self) -> None:
+        """Have the operator switch high voltage off."""
         self._executor.ask(DISABLE_HIGH_VOLTAGE)
 
     def enable(self) -> None:
+        """Have the operator switch high voltage on."""
         self._executor.ask(ENABLE_HIGH_VOLTAGE)
 
     # -- entries -------------------------------------------------------------------------------------------------------

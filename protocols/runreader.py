@@ -78,10 +78,12 @@ class Run:
         self.close()
 
     def close(self) -> None:
+        """Close the file; nothing can be read of it then."""
         self._file.close()
 
     @property
     def status(self) -> Status:
+        """How it stands, as the file says."""
         return Status(self._text("status"))
 
     @property
@@ -105,6 +107,7 @@ class Run:
 
     @property
     def reason(self) -> str:
+        """How it ended and why, in a sentence; empty until then."""
         return self._text("reason")
 
     @property
@@ -115,34 +118,42 @@ class Run:
 
     @property
     def protocol(self) -> str:
+        """The name of its protocol."""
         return self._text("protocol")
 
     @property
     def specimen(self) -> str:
+        """What was measured."""
         return self._text("specimen")
 
     @property
     def title(self) -> str:
+        """What was measured of what, in words."""
         return self._text("title")
 
     @property
     def start_time(self) -> str:
+        """When it began, ISO 8601, UTC."""
         return self._text("start_time")
 
     @property
     def parameters(self) -> dict[str, Any]:
+        """The protocol's parameters by name, SI."""
         return dict(json.loads(self._text("parameters")))
 
     @property
     def configuration(self) -> dict[str, Any]:
+        """The bench file's tables as they were then."""
         return dict(json.loads(self._text("configuration")))
 
     @property
     def software(self) -> dict[str, str]:
+        """Versions of everything that had a hand in the numbers, by name."""
         return dict(json.loads(self._text("software")))
 
     @property
     def simulated(self) -> bool:
+        """Whether the bench was."""
         return bool(self._entry["simulated"][()])
 
     @property

@@ -67,10 +67,12 @@ class LongRecording(Recording):
 
     @property
     def drive_v(self) -> Array:
+        """(samples,), volts at the amplifier's input."""
         return self._read(True)
 
     @property
     def displacement_m(self) -> Array:
+        """(samples,), as the sensor tells it."""
         return self._read(False)
 
 

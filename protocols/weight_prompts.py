@@ -22,6 +22,7 @@ class Landed:
         self._detector.feed(before.displacement_m[-round(last_s * before.rate_hz) :])
 
     def feed(self, drive_v: Any, displacement_m: Any) -> bool:
+        """Whether what came now, (n,) each, shows it."""
         return self._detector.feed(displacement_m) is not None
 
 

@@ -63,6 +63,7 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
+        """Whether the figure lies between its limits."""
         return (
             math.isfinite(self.value)
             and (self.low is None or self.value >= self.low)

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 def chain_errors(campaign: Campaign, method: ChainMethod, found: Chain) -> tuple[tuple[Estimate, ...], Array]:
-    """Estimates with standard errors, and their covariance, of what `chain` found.
+    """Estimates with standard errors, and their covariance (E, E), of what `chain` found; SI.
 
     Raises:
         ParameterError: the method neglects damping; its equations are not those of the model, so use `drawn_errors`.

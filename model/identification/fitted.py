@@ -29,7 +29,7 @@ DOUBTFUL = 1e-3
 
 
 def cost_of(rows: Array, loss: Loss) -> float:
-    """What a fit makes least: the sum of squares, or of the robust loss."""
+    """What a fit makes least: the sum of squares, or of the robust loss, of residuals over their errors, (rows,)."""
     z = rows**2
     match loss:
         case "soft_l1":

@@ -37,6 +37,7 @@ class Blocks:
 
     @property
     def count(self) -> int:
+        """How many lines the window leaves."""
         return max((self.size - self.length) // (self.length // 2) + 1, 0)
 
     @property

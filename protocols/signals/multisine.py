@@ -49,6 +49,7 @@ class Multisine:
 
     @property
     def frequency_hz(self) -> Array:
+        """(K,), the lines' frequencies."""
         return self.lines / self.period_s
 
     def samples(self, rate_hz: float) -> Array:

@@ -29,6 +29,7 @@ class Ramped:
 
     @property
     def duration_s(self) -> float:
+        """How long the way took."""
         return self.end_s - self.begin_s
 
     def effective_s(self, since_s: Array) -> Array:
@@ -46,6 +47,12 @@ class Ramped:
 
 def find_ramp(drive_v: Array, rate_hz: float, held_s: float, rest_s: float) -> Ramped:
     """The one ramp of a record that begins with at least `rest_s` at one level and ends with `held_s` at another.
+
+    Args:
+        drive_v: (N,), volts.
+        rate_hz: samples per second.
+        held_s: how much of its end surely is at a level.
+        rest_s: how much of its begin surely is.
 
     Raises:
         ValueError: the record is shorter than that.

@@ -10,7 +10,11 @@ SEARCHED = 1 << 14
 
 
 def driven(drive: Array) -> slice:
-    """From where to where the drive is away from the middle of its range."""
+    """From where to where the drive, (N,), is away from the middle of its range.
+
+    Raises:
+        ValueError: it does not move at all.
+    """
     low, high = float(drive.min()), float(drive.max())
     if not high > low:
         raise ValueError(f"the drive stands at {low:g}: check the drive channel's cable")

@@ -81,6 +81,7 @@ class FrequencyResponse:
 
     @property
     def modulus(self) -> Array:
+        """(F,), response per drive."""
         return np.abs(self.response)
 
     @property

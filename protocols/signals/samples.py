@@ -24,7 +24,11 @@ def check_samples(what: str, samples: ArrayLike, least: int) -> Array:
 
 
 def check_positive(**values: float) -> None:
-    """Raise ValueError for a value that is not a positive finite number."""
+    """Refuse a value that is not a positive finite number.
+
+    Raises:
+        ValueError: it names the value and what it is.
+    """
     for name, value in values.items():
         if not (value > 0 and np.isfinite(value)):
             raise ValueError(f"{name} must be positive and finite, not {value}")

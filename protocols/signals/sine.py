@@ -39,6 +39,7 @@ class SineFit:
 
     @property
     def fundamental(self) -> complex:
+        """Its complex amplitude, in the unit of the samples."""
         return complex(self.components[0])
 
     @property
