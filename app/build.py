@@ -9,6 +9,7 @@ from typing import Any
 from app.config import BenchConfig
 from app.drivers import DIGITIZERS, driver
 from app.meters import See, open_meters
+from app.session import OwnOperator
 from app.sources import SERVED_OUTPUT, open_source, options
 from drivers.amplifier import HvAmplifier
 from drivers.bench import Bench
@@ -16,7 +17,6 @@ from drivers.clock import Clock
 from drivers.errors import InstrumentError
 from drivers.ports import Digitizer, Identity, Meter, Source
 from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog, Watchdog
-from protocols.operator import Operator
 from sim_hardware.operator import SimulatedOperator
 
 BLOCK_S = 0.05
@@ -31,7 +31,7 @@ class Laboratory:
     """A connected bench. `operator` answers prompts on a simulated one; `control` reaches its hidden hands: faults."""
 
     bench: Bench
-    operator: Operator | None = None
+    operator: OwnOperator | None = None
     control: Any = None
 
 

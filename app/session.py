@@ -65,6 +65,13 @@ SessionEvent = Event | BenchOpened | BenchFailed | Refused
 Observer = Callable[[SessionEvent], None]
 
 
+class OwnOperator(Operator, Protocol):
+    """An operator that the bench brings along."""
+
+    def tidy(self) -> None:
+        """Take off what a run that was stopped left on the specimen. Raises BenchError where the bench is gone."""
+
+
 class Connected(Protocol):
     """What the composition root hands over."""
 
@@ -72,7 +79,7 @@ class Connected(Protocol):
     def bench(self) -> Bench: ...
 
     @property
-    def operator(self) -> Operator | None:
+    def operator(self) -> OwnOperator | None:
         """Answers prompts by itself (a simulated operator), or None where a person must."""
 
     @property
@@ -237,6 +244,9 @@ class Session:
         else:
             self.path = store.path
             operator = connected.operator or self._operator
+            if connected.operator is not None:
+                with suppress(BenchError):  # the run will say it better
+                    connected.operator.tidy()
             continuation = job.earlier.continuation if job.earlier else None
             runner = Runner(
                 job.protocol,

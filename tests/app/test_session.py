@@ -11,8 +11,10 @@ from app.build import connect
 from app.session import BenchFailed, BenchOpened, Refused, Session, State
 from drivers.errors import InstrumentError
 from protocols.continuation import Earlier
-from protocols.events import PointMeasured, RunEnded, Status
+from protocols.events import Answered, PointMeasured, RunEnded, Status
 from protocols.sine_dwell import SineDwell
+from protocols.static_loading import StaticLoading
+from sim_hardware.situation import Situation
 from tests.support import Trigger, simulated, volts_are_safe
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
@@ -53,6 +55,29 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     assert len([e for e in events if isinstance(e, RunEnded)]) == 2
     assert len(list(tmp_path.glob("*.h5"))) == 2
     volts_are_safe(laboratories[0].control.report())
+
+
+def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_path: Path) -> None:
+    left: list = []
+
+    def stop() -> None:
+        left.append(laboratories[0].control.plant.situation)
+        one.stop()
+
+    events: list = []
+    one, laboratories = session(events)
+    weighs = Trigger(lambda e: isinstance(e, Answered) and e.words == "seen by the laser", stop)
+    one = Session(one._connect, [events.append, weighs], Nobody())
+    one.start()
+    one.run(StaticLoading(), tmp_path, "T1")
+    assert one.finished.wait(30)
+    assert one.outcome is not None
+    assert one.outcome[0] == Status.STOPPED
+    assert left[0].weights_kg
+    one.run(SHORT, tmp_path, "T1")
+    assert one.finished.wait(30)
+    assert laboratories[0].control.plant.situation == Situation()
+    assert one.close(10)
 
 
 def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
