@@ -78,7 +78,7 @@ def _to_accept(sheet: Sheet, row: Row) -> Step:
         ";  ".join(told[:MOST_ESTIMATES]) + more if told else "It tells no parameter; its points are in the run file."
     )
     rest = [other.name for other in sheet.rows if row.name in other.line.item.needs]
-    why = f"{_and(rest)} will rest on it." if rest else "Nothing else rests on it."
+    why = f"What will rest on it: {_and(rest)}." if rest else "Nothing else rests on it."
     goes = (Do.ACCEPT, Do.REJECT) + ((Do.RUN,) if sheet.next is not None else ())
     return Step(f"Accept what {row.name} found?", f"{row.line.title}. {why}", found, goes, row.name)
 

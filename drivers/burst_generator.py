@@ -232,7 +232,7 @@ class BurstGenerator(BurstDialect):
     def _agree(self, seen: float, wanted: float, tolerance: float, what: str) -> None:
         if not abs(seen - wanted) <= tolerance:
             raise InstrumentError(
-                f"{self._scpi.instrument}: {what} was set to {wanted:.6g} and reads back {seen:.6g} (limit +-{tolerance:.2g}); "
+                f"{self._scpi.instrument}: {what} was set to {wanted:.6g} and reads back {seen:.6g} (limit ±{tolerance:.2g}); "
                 "nothing more was sent. Look at the instrument's front panel for what it did instead"
             )
 

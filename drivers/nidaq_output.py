@@ -97,7 +97,7 @@ class NiOutput:
         if seen is not None and abs(seen - rest_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
                 f"{self._where} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
-                f"(limit +-{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
+                f"(limit ±{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
             )
 
     def play(self, drive: Drive) -> None:

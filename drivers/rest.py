@@ -90,6 +90,6 @@ def see_rest(
             lowest_v, highest_v = min(e[1] for e in extremes), max(e[2] for e in extremes)
             words = (
                 f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {wanted_v:.4g} V "
-                f"(limit +-{limit_v:g} V{noise}, watched for {patience_s:.1f} s)"
+                f"(limit ±{limit_v:g} V{noise}, watched for {patience_s:.1f} s)"
             )
             return Rest(False, mean_v, words, noise_v)

@@ -251,7 +251,7 @@ class Executor:
         if not drive.low_v - DRIVE_LOST_V <= seen_v <= drive.high_v + DRIVE_LOST_V:
             raise BenchError(
                 f"the card sees {seen_v:.3f} V where {drive.low_v:g} to {drive.high_v:g} V are driven (limit "
-                f"+-{DRIVE_LOST_V:g} V); check the cable from the generator to the amplifier and to the card"
+                f"±{DRIVE_LOST_V:g} V); check the cable from the generator to the amplifier and to the card"
             )
 
     def _read_meter(self, name: str) -> Reading:

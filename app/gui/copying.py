@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
 from app.gui.form import mark
 from app.gui.keys import HERE, bind
@@ -61,6 +61,10 @@ class Copying(QWidget):
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
         super().__init__(canvas)
         self._canvas, self._text = canvas, text
+        self._ring = QFrame(canvas)
+        self._ring.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        mark(self._ring, "ring")
+        self._ring.hide()
         bind(canvas, "Copy the plot that has the keyboard, as a picture", self.copy_picture, "Ctrl+P", context=HERE)
         bind(canvas, "Copy the plot that has the keyboard, as a table", self.copy_data, "Ctrl+D", context=HERE)
         canvas.installEventFilter(self)
@@ -87,10 +91,12 @@ class Copying(QWidget):
 
     def copy_picture(self) -> None:
         """The plot as it is seen, without these buttons."""
-        seen = self.isVisible()
+        seen, ringed = self.isVisible(), self._ring.isVisible()
         self.hide()
+        self._ring.hide()
         QGuiApplication.clipboard().setPixmap(self._canvas.grab())
         self.setVisible(seen)
+        self._ring.setVisible(ringed)
 
     def copy_data(self) -> None:
         """The numbers."""
@@ -99,13 +105,19 @@ class Copying(QWidget):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if watched is self._canvas:
             match event.type():
-                case QEvent.Type.Enter | QEvent.Type.FocusIn:
+                case QEvent.Type.FocusIn:
+                    self._ring.setGeometry(self._canvas.rect())
+                    self._ring.show()
+                    self.offer()
+                case QEvent.Type.Enter:
                     self.offer()
                 case QEvent.Type.Leave if not self._canvas.hasFocus():
                     self.hide()
-                case QEvent.Type.FocusOut if not self._canvas.underMouse():
-                    self.hide()
+                case QEvent.Type.FocusOut:
+                    self._ring.hide()
+                    self.setVisible(self.isVisible() and self._canvas.underMouse())
                 case QEvent.Type.Resize if self.isVisible():
+                    self._ring.setGeometry(self._canvas.rect())
                     self._place()
         return False
 

@@ -17,6 +17,7 @@ STEPS = (
         "tactor-bench check --bench my-bench.toml",
         "checks the wiring with a tenth of a volt, the specimen disconnected.",
     ),
+    ("tactor-bench --bench my-bench.toml", "starts with it; or open the file here:"),
 )
 SAFETY = (
     "0 V at the amplifier's input is −500 V on the specimen. Read docs/safety.md before a real bench is switched on."
@@ -72,7 +73,6 @@ class FirstPage(QWidget):
         steps.setColumnStretch(1, 1)
         right.addLayout(steps)
         right.addSpacing(8)
-        right.addWidget(_text("Then open that file here, or start with: tactor-bench --bench my-bench.toml"))
         right.addWidget(self.browse)
         right.addWidget(self.said)
         right.addSpacing(8)

@@ -14,7 +14,7 @@ from app.gui.theme import Theme
 
 Array = NDArray[np.float64]
 
-TICK_LINES = 1.3
+TICK_LINES = 1.0
 """How many lines of writing a tick takes."""
 
 LABEL_ON_LINE = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}

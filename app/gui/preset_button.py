@@ -6,6 +6,7 @@ from functools import partial
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWidget
 
+from app.gui.form import mark
 from app.presets import PresetError, Presets
 from protocols.protocol import Protocol
 
@@ -21,6 +22,7 @@ class PresetButton(QToolButton):
         self._kind: type[Protocol] | None = None
         self._present: Callable[[], Protocol | None] = lambda: None
         self.setText("Presets")
+        mark(self, "tool")
         self.setToolTip("The paper's parameters, or your own")
         self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(self)

@@ -208,6 +208,7 @@ class RunPanel(QWidget):
         scroll.viewport().setAutoFillBackground(False)
         self.form.setAutoFillBackground(False)
         self._browse.setText("…")
+        mark(self._browse, "tool")
         self._browse.setToolTip("Choose the folder")
         self._browse.setAccessibleName("choose the folder")
         self.specimen.setToolTip("Name of the specimen, written into the run file and its name")

@@ -57,14 +57,13 @@ def sheet(theme: Theme) -> str:
     QPushButton[kind="choice"]:focus {{ padding: 1px 8px; }}
     QPushButton[kind="choice"]:checked {{ background: {theme.accent}; color: white; border-color: {theme.accent}; }}
     QPushButton[kind="choice"]:checked:focus {{ border-color: {theme.text}; }}
-    QGraphicsView {{ border: 2px solid transparent; }}
-    QGraphicsView:focus {{ border-color: {theme.accent}; }}
-    QToolButton {{
+    QFrame[kind="ring"] {{ border: 2px solid {theme.accent}; border-radius: 4px; background: transparent; }}
+    QToolButton[kind="tool"] {{
         background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 7px;
     }}
-    QToolButton:hover {{ border-color: {theme.accent}; }}
-    QToolButton:focus {{ border: 2px solid {theme.accent}; padding: 2px 6px; }}
-    QToolButton:disabled {{ color: {theme.dim}; }}
+    QToolButton[kind="tool"]:hover {{ border-color: {theme.accent}; }}
+    QToolButton[kind="tool"]:focus {{ border: 2px solid {theme.accent}; padding: 2px 6px; }}
+    QToolButton[kind="tool"]:disabled {{ color: {theme.dim}; }}
     QToolButton[popupMode="2"] {{ padding-right: 20px; }}
     QToolButton[popupMode="2"]:focus {{ padding-right: 19px; }}
     QToolButton::menu-indicator {{ subcontrol-origin: padding; subcontrol-position: right center; right: 5px; }}

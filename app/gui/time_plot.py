@@ -144,7 +144,7 @@ class TimePlot(QWidget):
     def _mark_levels(self, *_: object) -> None:
         """Lowest, rest and highest on the drive's axis; rest alone where three would run into each other."""
         room = self._driven.getViewBox().height() / self.fontMetrics().height()
-        shown = self._levels if room >= 2 * TICK_LINES else self._levels[1:2]
+        shown = self._levels if room >= 2.2 * TICK_LINES else self._levels[1:2]
         self._driven.getAxis("left").setTicks([[(level, f"{level:g}") for level in shown]])
 
     def _table(self) -> str:

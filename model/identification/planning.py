@@ -50,8 +50,8 @@ class Proposal:
     @property
     def words(self) -> str:
         """One line with the numbers."""
-        was = "not identified" if self.before > 1 else f"+-{100 * self.before:.2g} %"
-        will = "still not identified" if self.after > 1 else f"+-{100 * self.after:.2g} %"
+        was = "not identified" if self.before > 1 else f"±{100 * self.before:.2g} %"
+        will = "still not identified" if self.after > 1 else f"±{100 * self.after:.2g} %"
         return (
             f"{self.candidate.run.label} ({self.candidate.minutes:.3g} min): {self.parameter} from {was} to {will}, "
             f"{100 * (1 - np.exp(-self.per_minute)):.2g} % less a minute"

@@ -57,6 +57,19 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
     assert copying.isVisible()
 
 
+def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
+    window, plot = stage.window, stage.window.measure.response
+    window.measure.panel.specimen.setFocus()
+    before = plot.canvas.grab().toImage()
+    plot.canvas.setFocus()
+    assert plot.copying.isVisible()
+    edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
+    assert edge == window.theme.accent
+    assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
+    window.measure.panel.specimen.setFocus()
+    assert not plot.copying.isVisible()
+
+
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
     stage.press(Qt.Key.Key_3, CONTROL)
     page = stage.window.explore

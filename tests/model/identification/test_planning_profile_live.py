@@ -40,7 +40,7 @@ def test_the_best_is_what_tells_the_worst_parameter() -> None:
     assert best.parameter == "E_m"
     assert isinstance(best.candidate.run, MembraneSag | FrequencyResponse)
     assert best.before > 1 > best.after
-    assert "E_m from not identified to +-" in best.words
+    assert "E_m from not identified to ±" in best.words
     assert "% less a minute" in best.words
     assert all(a.per_minute >= b.per_minute for a, b in zip([best, *rest], rest, strict=False))
     static = next(p for p in rest if isinstance(p.candidate.run, StaticLoading))
