@@ -10,14 +10,6 @@ SLOW = {"place-weight", "remove-weight"}
 """What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
 
 
-BARE: Mapping[str, Mapping[str, float]] = {
-    "turn-side": {"side": 1, "shorted": 0},
-    "fix-mass": {"mass_kg": 0.0},
-    "remove-membrane": {},
-}
-"""What takes everything off; what lies loose comes off with the turn."""
-
-
 class Bench(Protocol):
     """Whatever hands can reach: a `VirtualBench`, or a `BenchProcess`."""
 
@@ -45,10 +37,9 @@ class SimulatedOperator:
         self._answers: dict[int, tuple[float, str]] = {}
 
     def tidy(self) -> None:
-        """Leave the specimen free, bare and MFC up, as a person would after a run that was stopped with a weight on it."""
+        """Bring the specimen back to how it stood at first, as a person would after a run that was stopped with a weight on."""
         self._bench.disable_hv()  # nobody reaches for a live specimen; a run asks for it once more
-        for action, values in BARE.items():
-            self._bench.hands(action, values)
+        self._bench.hands("tidy-up", {})
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         """Begin with it at once."""

@@ -19,7 +19,7 @@ from drivers.clock import Clock
 from sim_hardware.beyond import Creep, Hysteresis
 from sim_hardware.faults import Faults
 from sim_hardware.history import History
-from sim_hardware.situation import Situation, force_n
+from sim_hardware.situation import Situation, force_n, opening
 from sim_hardware.slew import slewed
 from sim_hardware.stepper import BLOCK, Stepper
 from sim_hardware.truth import AmplifierTruth, BenchTruth
@@ -74,7 +74,7 @@ class Plant:
         self._ring = np.zeros(max(BLOCK, math.ceil(truth.window_s * self._rate / BLOCK) * BLOCK))
         self._lock = threading.RLock()
         self._steppers: dict[tuple[object, ...], Stepper] = {}
-        self._changes = [Change(-math.inf, -math.inf, Situation(truth.tactor.m_add, truth.skin))]
+        self._changes = [Change(-math.inf, -math.inf, opening(truth))]
         self._starts = [-math.inf]
         beyond = truth.beyond
         self._creep = Creep(beyond.creep_per_decade, BLOCK / self._rate)

@@ -17,8 +17,11 @@ SPECIMEN: Mapping[str, tuple[str, ...]] = {
     "fix-mass": ("mass_kg",),
     "stretch-membrane": ("elongation_m",),
     "remove-membrane": (),
+    "tidy-up": (),
 }
 """What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
+
+Nobody asks for `tidy-up`: whoever begins another run brings the specimen back to how it stood when the bench was opened.
 
 All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
 """
@@ -59,6 +62,11 @@ class Situation:
         return self.fixed_kg + sum(self.weights_kg)
 
 
+def opening(truth: BenchTruth) -> Situation:
+    """What stands on the bench before anybody has touched it."""
+    return Situation(truth.tactor.m_add, truth.skin)
+
+
 def check(action: str, values: Mapping[str, float]) -> None:
     """Raise ValueError where there is no such action, or a number it needs is missing."""
     if action not in HANDS:
@@ -92,6 +100,8 @@ def altered(now: Situation, action: str, values: Mapping[str, float], truth: Ben
         case "stretch-membrane":
             elongation_m = _not_negative(action, values, "elongation_m") * (1 - truth.beyond.membrane_slip)
             return replace(now, skin=skin(truth.membrane, elongation_m / truth.membrane.L_m, tactor=truth.tactor))
+        case "tidy-up":
+            return opening(truth)
     return replace(now, skin=None)
 
 

@@ -23,6 +23,9 @@ SYMBOL = {
     BenchState.NO_BENCH: "nothing",
 }
 LAMP_SYMBOL = {Lamp.WAITING: "dots", Lamp.READY: "tick", Lamp.DOUBTED: "question", Lamp.ABSENT: "cross"}
+USUAL = QSize(1280, 80)
+"""A window's width, and a sign's height in it, that the style sheet's sizes are meant for."""
+
 STRIPED = (BenchState.LIVE, BenchState.UNSAFE)
 
 
@@ -134,11 +137,16 @@ class BenchBar(QWidget):
         layout.addLayout(top)
         layout.addLayout(self._lamp_row)
 
-    def set_height(self, window_height: int) -> None:
+    def set_size(self, window: QSize) -> None:
         """Signs grow with the window: who has a large screen stands further away."""
-        height = min(max(window_height // 9, 72), 130)
+        height = min(max(window.height() // 9, 72), 130)
         for widget in (self.state, self.volts, self.simulated, self.pause, self.stop):
             widget.setFixedHeight(height)
+        grown = max(min(height / USUAL.height(), window.width() / USUAL.width()), 1.0)
+        for button, points in ((self.simulated, 13), (self.pause, 11), (self.stop, 13)):
+            words = f"font-size: {points * grown:.0f}pt"
+            if button.styleSheet() != words:
+                button.setStyleSheet(words)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""

@@ -22,6 +22,7 @@ from app.gui.run_plots import ComparePlot
 from app.gui.theme import Theme
 from app.run_entry import Entry
 
+NOTHING = "No run is listed.\n\nRun files can be dropped here; the folder is the one of the Measure page."
 LONGEST = 280
 """Characters of a reason that are shown beside the list."""
 
@@ -57,6 +58,7 @@ class RunSide(QWidget):
         self.plot.setMinimumHeight(160)
         self.none = QLabel()
         self.none.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.none.setWordWrap(True)
         mark(self.none, "note-size")
         self.tags, self.note = QLineEdit(), _Note()
         self.tags.setPlaceholderText("good, second try   (F2)")
@@ -122,12 +124,7 @@ class RunSide(QWidget):
             self.heading.setText(f"{len(chosen)} runs chosen" if chosen else "Nothing is chosen")
             found = [f"{e.specimen}: {e.found}" for e in chosen if e.found]
             more = f"\n… and {len(found) - 6} more" if len(found) > 6 else ""
-            hint = (
-                ""
-                if chosen
-                else "No run is listed. Run files can be dropped here; the folder is the one of the Measure page."
-            )
-            self.facts.setText("\n".join(found[:6]) + more or hint)
+            self.facts.setText("\n".join(found[:6]) + more)
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
         # A list that was read before the last words were kept, or before those that are being typed, takes none away.
         if of != self._of or not (self.tags.hasFocus() or self.note.hasFocus()):
@@ -143,7 +140,7 @@ class RunSide(QWidget):
         self.plot.show_runs(runs, f"{len(runs)} of {of} are shown" if 0 < len(runs) < of else "")
         self.plot.setVisible(bool(runs))
         self.none.setVisible(not runs)
-        self.none.setText("no response over frequency\nEnter opens what was measured" if of else "")
+        self.none.setText("No response over frequency.\nEnter opens what was measured." if of else NOTHING)
 
     def _keep(self) -> None:
         texts = (self.tags.text().strip(), self.note.toPlainText().strip())

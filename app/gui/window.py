@@ -187,7 +187,7 @@ class MainWindow(QMainWindow):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.bar.set_height(self.height())
+        self.bar.set_size(self.size())
 
     def _leave_if_read(self) -> None:
         """The session has ended: close, unless a person must first read that the bench is not at rest."""

@@ -14,8 +14,8 @@ from protocols.continuation import Earlier
 from protocols.events import Answered, PointMeasured, RunEnded, Status
 from protocols.sine_dwell import SineDwell
 from protocols.static_loading import StaticLoading
-from sim_hardware.situation import Situation
-from tests.support import Trigger, simulated, volts_are_safe
+from sim_hardware.situation import opening
+from tests.support import Trigger, run, simulated, volts_are_safe
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
 
@@ -76,7 +76,11 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
     assert left[0].weights_kg
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.wait(30)
-    assert laboratories[0].control.plant.situation == Situation()
+    assert laboratories[0].control.plant.situation == opening(laboratories[0].control.truth)
+    found = [e.point.fundamental for e in events if isinstance(e, PointMeasured)]
+    with connect(simulated(), None) as lab:
+        alone = [point.fundamental for point in run(SHORT, tmp_path / "alone", lab).points]
+    assert found == pytest.approx(alone, rel=1e-3), "as if nothing had been before"
     assert one.close(10)
 
 

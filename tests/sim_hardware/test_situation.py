@@ -163,7 +163,7 @@ def test_nobody_reaches_for_a_live_specimen() -> None:
     bench = bench_of()
     bench.enable_hv()
     for action in SPECIMEN:
-        if action in ("connect-electrodes", "remove-membrane", "remove-weight"):
+        if action in ("connect-electrodes", "remove-membrane", "remove-weight", "tidy-up"):
             continue  # nothing of that is there
         with pytest.raises(ValueError, match="nobody reaches for a live specimen"):
             bench.hands(action, {"mass_kg": 0.1, "side": -1, "elongation_m": 1e-3})
