@@ -16,11 +16,15 @@ from app.import_kinds import RAW, Kind, kinds
 from app.import_series import take_series
 from app.import_values import Asked
 from app.importing import Taken, store, take
+from app.progress import Tell, bar, part, parts
 from app.sheet import Sheet, SheetError
 from app.sheet_file import read_sheet
 from app.units import UnitError, read_value, to_number
 from protocols.registry import PROTOCOLS
 from protocols.storing import StoreError
+
+READ, TAKEN = 0.6, 0.95
+"""How far an import is when the files are read, and when points are made of them."""
 
 
 def import_tables(options: argparse.Namespace) -> int:
@@ -29,11 +33,15 @@ def import_tables(options: argparse.Namespace) -> int:
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     columns = _pairs("--column", options.column)
+    words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
     try:
-        sheets = [read_sheet(path) for path in options.files]
-        wanted = [every[options.kind] if options.kind else recognised_as(sheet, every, columns) for sheet in sheets]
-        taken = _taken(sheets, wanted, options)
-        written = [] if options.dry_run else [store(each, asked, options.out) for each, asked in taken]
+        with bar(words, options.json) as tell:
+            sizes = [path.stat().st_size if path.is_file() else 0 for path in options.files]
+            told = parts(part(tell, 0.0, READ), sizes)
+            sheets = [read_sheet(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
+            wanted = [every[options.kind] if options.kind else recognised_as(sheet, every, columns) for sheet in sheets]
+            taken = _taken(sheets, wanted, options, part(tell, READ, TAKEN))
+            written = [] if options.dry_run else [store(each, asked, options.out) for each, asked in taken]
     except (SheetError, ImportingError, StoreError) as error:
         raise UsageError(str(error)) from None
     return deliver(_answer([each for each, _ in taken], written), options)
@@ -45,7 +53,9 @@ def recognised_as(sheet: Sheet, every: dict[str, Kind], columns: dict[str, str])
     return every[told] if told in every else recognised(sheet, columns)
 
 
-def _taken(sheets: Sequence[Sheet], wanted: Sequence[Kind], options: argparse.Namespace) -> list[tuple[Taken, Asked]]:
+def _taken(
+    sheets: Sequence[Sheet], wanted: Sequence[Kind], options: argparse.Namespace, tell: Tell
+) -> list[tuple[Taken, Asked]]:
     made, columns, series = [], _pairs("--column", options.column), list[tuple[Sheet, Matched]]()
     for sheet, kind in zip(sheets, wanted, strict=True):
         asked = _asked(sheet, kind, options)
@@ -53,10 +63,10 @@ def _taken(sheets: Sequence[Sheet], wanted: Sequence[Kind], options: argparse.Na
         if kind.name == RAW:
             series.append((sheet, matched))
         else:
-            made.append((take(sheet, matched, asked), asked))
+            made.append((take(sheet, matched, asked, tell), asked))
     if series:
         asked = _asked(series[0][0], wanted[0], options)
-        made.append((take_series(series, asked), asked))
+        made.append((take_series(series, asked, tell), asked))
     return made
 
 

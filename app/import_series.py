@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from app.import_columns import ImportingError, Matched
 from app.import_values import Asked, sources, values_of
 from app.importing import Taken
+from app.progress import Tell, part, parts, untold
 from app.sheet import Sheet
 from drivers.drive import Sine
 from protocols.quality import Quality
@@ -21,21 +22,24 @@ from protocols.values import Column, Curve, Recording
 Array = NDArray[np.float64]
 
 LEAST_CYCLES = 3
+LOOKED = 0.4
+"""How far a series is when its numbers are there: what is left is finding its frequency and its sine."""
 EVEN = 0.01
 """By how much of a sample the times may be uneven."""
 NO_SINE = 0.1
 """What a sine fit leaves of the drive, as a share of its amplitude, above which it is none."""
 
 
-def take_series(series: Sequence[tuple[Sheet, Matched]], asked: Asked) -> Taken:
+def take_series(series: Sequence[tuple[Sheet, Matched]], asked: Asked, tell: Tell = untold) -> Taken:
     """One run of several time series, a point each.
 
     Raises:
         ImportingError, SheetError: a sentence that says which file is wrong, where, and what would do.
     """
     points, curves, cautions = [], [], list[str]()
-    for entry, (sheet, matched) in enumerate(series):
-        point, curve, said = _point(sheet, matched, asked)
+    told = parts(tell, [len(sheet.places) for sheet, _ in series])
+    for entry, ((sheet, matched), tell_one) in enumerate(zip(series, told, strict=True)):
+        point, curve, said = _point(sheet, matched, asked, tell_one)
         points.append(point)
         curves.append(replace(curve, entry=entry))
         cautions += said
@@ -59,8 +63,8 @@ def take_series(series: Sequence[tuple[Sheet, Matched]], asked: Asked) -> Taken:
     )
 
 
-def _point(sheet: Sheet, matched: Matched, asked: Asked) -> tuple[SinePoint, Curve, list[str]]:
-    values, cautions = values_of(sheet, matched, asked)
+def _point(sheet: Sheet, matched: Matched, asked: Asked, tell: Tell) -> tuple[SinePoint, Curve, list[str]]:
+    values, cautions = values_of(sheet, matched, asked, part(tell, 0.0, LOOKED))
     for name, cells in matched.of.items():
         if (gaps := np.flatnonzero(~np.isfinite(values[name]))).size:
             row = int(gaps[0])
@@ -80,6 +84,7 @@ def _point(sheet: Sheet, matched: Matched, asked: Asked) -> tuple[SinePoint, Cur
         raise ImportingError(
             f"{sheet.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {LEAST_CYCLES} are needed"
         )
+    tell(0.5 * (LOOKED + 1.0))
     cycles = max(int((time[-1] - time[0]) * f), 1)
     sine = Sine(f, min(amplitude, asked.amplifier.high_v - asked.amplifier.rest_v), asked.amplifier.rest_v, cycles)
     simulated = asked.simulated or "SIMULATED" in sheet.path.name

@@ -1,7 +1,7 @@
 """The values of an imported table in SI, each looked at: what is no number, no measured value, twice, or of an odd size."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from app.config import AmplifierTable
 from app.import_columns import ImportingError, Matched, factor
 from app.import_kinds import Kind
+from app.progress import STEP, Tell, parts, untold
 from app.sheet import Cells, Sheet
 from app.units import UnitError, to_number
 from protocols.layout import ENTRY
@@ -59,7 +60,7 @@ class Source:
     meaning: str
 
 
-def values_of(sheet: Sheet, matched: Matched, asked: Asked) -> tuple[dict[str, Array], list[str]]:
+def values_of(sheet: Sheet, matched: Matched, asked: Asked, tell: Tell = untold) -> tuple[dict[str, Array], list[str]]:
     """Every quantity in SI, and what looks odd."""
     lengths = {cells.head: len(cells.cells) for cells in matched.of.values()}
     if len(set(lengths.values())) > 1:
@@ -71,15 +72,13 @@ def values_of(sheet: Sheet, matched: Matched, asked: Asked) -> tuple[dict[str, A
     cautions: list[str] = []
     needed = {name for group in matched.kind.needs for name in group}
     whole = "quality" in matched.of  # our own export: its flags say what is missing
-    for name, cells in matched.of.items():
+    for (name, cells), tell_column in zip(matched.of.items(), parts(tell, [1.0] * len(matched.of)), strict=True):
         slot = matched.kind.slot(name)
         assert slot is not None
         if name == "side":
             values[name] = np.array([_side(sheet, cells, row, whole) for row in range(len(cells.cells))])
             continue
-        column = factor(sheet, slot, cells, asked.unit) * np.array(
-            [sheet.number(cells, i) for i in range(len(cells.cells))]
-        )
+        column = factor(sheet, slot, cells, asked.unit) * _numbers(sheet, cells, tell_column)
         for row in np.flatnonzero(~np.isfinite(column)).tolist():
             if np.isinf(column[row]) or (name in needed and not whole):
                 raise ImportingError(
@@ -99,6 +98,33 @@ def values_of(sheet: Sheet, matched: Matched, asked: Asked) -> tuple[dict[str, A
             told = f"{cells.cells[row]} is no {name}; it must be positive. Take the line out, or mend it"
             raise ImportingError(f"{sheet.at(row, cells)}: {told}")
     return values, cautions
+
+
+def _numbers(sheet: Sheet, column: Cells, tell: Tell) -> Array:
+    """The numbers of a column, NaN where a cell says that there is none; many cells at once where all are plain numbers."""
+    numbers = np.empty(len(column.cells))
+    for start in range(0, numbers.size, STEP):
+        tell(start / numbers.size)
+        some = column.cells[start : start + STEP]
+        try:
+            numbers[start : start + len(some)] = _plain(some, sheet.decimal_comma)
+        except ValueError:
+            numbers[start : start + len(some)] = [sheet.number(column, start + i) for i in range(len(some))]
+    tell(1.0)
+    return numbers
+
+
+def _plain(cells: Sequence[str | float], decimal_comma: bool) -> Array:
+    """The numbers of cells that are nothing else. Raises ValueError where one is something else."""
+    if any(isinstance(cell, float) for cell in cells[:1]):  # of a MAT file
+        return np.array([float(cell) for cell in cells])
+    texts = "\n".join(map(str, cells))
+    if "_" in texts:  # Python would take it for a mark of thousands
+        raise ValueError("not plain")
+    told = (texts.replace(",", ".") if decimal_comma else texts).split("\n")
+    if len(told) != len(cells):
+        raise ValueError("not plain")
+    return np.fromiter(map(float, told), float, len(cells))
 
 
 def _odd(sheet: Sheet, cells: Cells, name: str, unit: str, column: Array, usual: tuple[float, float]) -> Iterator[str]:

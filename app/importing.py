@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from app.import_columns import ImportingError, Matched
 from app.import_values import Asked, Source, add_errors, repeated, sources, values_of
+from app.progress import Tell, untold
 from app.sheet import Sheet
 from drivers.sensor import LaserSensor
 from protocols.events import Status
@@ -50,13 +51,13 @@ class Taken:
         return any(Quality(point.quality) & Quality.SIMULATED for point in self.points)
 
 
-def take(sheet: Sheet, matched: Matched, asked: Asked) -> Taken:
+def take(sheet: Sheet, matched: Matched, asked: Asked, tell: Tell = untold) -> Taken:
     """The points of a table.
 
     Raises:
         ImportingError, SheetError: a sentence that says which cell is wrong and what would do.
     """
-    values, cautions = values_of(sheet, matched, asked)
+    values, cautions = values_of(sheet, matched, asked, tell)
     rows = len(next(iter(values.values())))
     kind = matched.kind
     parameters = dict(asked.settings)

@@ -4,14 +4,14 @@ import argparse
 import json
 import sqlite3
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from app.catalogue import Catalogue
 from app.exits import DONE, FAILED, UsageError
 from app.export import PARTS, ExportError, Part, export
+from app.progress import bar
 from app.run_entry import Entry, State, Wanted, read_since
 from app.words import duration, size
 from protocols.runreader import Run, RunError
@@ -30,8 +30,8 @@ def runs(options: argparse.Namespace) -> int:
     try:
         if options.rebuild:
             catalogue.index.unlink(missing_ok=True)
-        with _bar("reading runs") as told:
-            scanned = catalogue.scan(told=told)
+        with bar("reading runs", options.json) as tell:
+            scanned = catalogue.scan(told=lambda done, of: tell(done / max(of, 1)))
         entries = catalogue.entries()
     except (sqlite3.Error, OSError) as error:
         raise UsageError(
@@ -56,13 +56,13 @@ def export_runs(options: argparse.Namespace) -> int:
     failed = False
     for path in options.runs:
         try:
-            with Run(path) as run, _bar(path.name) as told:
+            with Run(path) as run, bar(path.name) as tell:
                 written = export(
                     run,
                     options.out or path.parent,
                     options.format,
                     parts,
-                    told=lambda share, told=told: told(round(1000 * share), 1000),  # type: ignore[misc]
+                    told=tell,
                 )
         except (RunError, ExportError) as error:
             failed = True
@@ -134,16 +134,3 @@ def _record(folder: Path, e: Entry) -> dict[str, Any]:
         "tags": [tag for tag in e.tags.split(", ") if tag],
         "note": e.note,
     }
-
-
-@contextmanager
-def _bar(words: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on a terminal; nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(None), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task(words, total=None)
-        yield lambda done, all_: progress.update(task, completed=done, total=all_)

@@ -3,6 +3,7 @@
 import hashlib
 from pathlib import Path
 
+from app.progress import Tell, untold
 from app.sheet import Sheet, SheetError
 from app.sheet_text import read_text
 from protocols.layout import SIGNATURE
@@ -10,7 +11,7 @@ from protocols.layout import SIGNATURE
 LARGEST_BYTES = 400_000_000
 
 
-def read_sheet(path: Path) -> Sheet:
+def read_sheet(path: Path, tell: Tell = untold) -> Sheet:
     """The table of a file.
 
     Raises:
@@ -43,4 +44,4 @@ def read_sheet(path: Path) -> Sheet:
         from app.sheet_mat import read_mat  # scipy.io takes a while, and CSV needs none of it
 
         return read_mat(path, sha256)
-    return read_text(path, sha256, data)
+    return read_text(path, sha256, data, tell)

@@ -3,9 +3,11 @@
 import csv
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from app.arguments import shortened
+from app.progress import Tell, counted, part, untold
 from app.sheet import Cells, Sheet, SheetError, is_unit, split_head
 
 COMMENTS = ("#", "%", "//")
@@ -13,17 +15,19 @@ COMMENTS = ("#", "%", "//")
 MARKS = "\t;|,"
 """What may stand between two cells, the surest first; else blanks."""
 COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+LOOKED, CUT = 0.4, 0.9
+"""How far reading is when the lines are found, and when they are cells."""
 POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?")
 
 
-def read_text(path: Path, sha256: str, data: bytes) -> Sheet:
+def read_text(path: Path, sha256: str, data: bytes, tell: Tell = untold) -> Sheet:
     """The table in a file's bytes.
 
     Raises:
         SheetError: it is no text, or holds no table.
     """
     try:
-        return _table(path, sha256, _decoded(path, data))
+        return _table(path, sha256, _decoded(path, data), tell)
     except csv.Error as error:
         raise SheetError(f"{path} is no table of cells ({error}); save it anew as CSV") from None
 
@@ -40,17 +44,22 @@ def _decoded(path: Path, data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def _table(path: Path, sha256: str, text: str) -> Sheet:
+def _table(path: Path, sha256: str, text: str, tell: Tell) -> Sheet:
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = [(at, line) for at, line in enumerate(text.split("\n"), 1) if line.strip()]
-    lines = [(at, line) for at, line in lines if not line.lstrip(' "').startswith(COMMENTS)]
+    lines = [
+        (at, line)
+        for at, line in enumerate(counted(text.split("\n"), part(tell, 0.0, LOOKED)), 1)
+        if (bare := line.lstrip(' "')) and not bare.isspace() and not bare.startswith(COMMENTS)
+    ]
     mark: str | None = None
     if lines and (told := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
         mark, lines = told[1], lines[1:]
     if not lines:
         raise SheetError(f"{path} holds remarks only; give a header line and values below it")
     mark = mark or _mark(path, lines)
-    rows = [(at, [cell.strip() for cell in _split(line, mark)]) for at, line in lines]
+    # Without a quotation mark a line is parted where the mark stands: five times faster, and the same cells.
+    cut = partial(_split, mark=mark) if len(mark) > 1 or '"' in text else partial(str.split, sep=mark)
+    rows = [(at, tuple(map(str.strip, cut(line)))) for at, line in counted(lines, part(tell, LOOKED, CUT))]
     (first, heads), body = rows[0], rows[1:]
     if all(_is_number(cell) for cell in heads if cell):
         raise SheetError(
@@ -69,9 +78,9 @@ def _table(path: Path, sha256: str, text: str) -> Sheet:
         raise SheetError(f"{path} has a header (line {first}) and no values below it")
     columns = []
     for i, (head, (name, unit)) in enumerate(zip(heads, split, strict=True)):
-        cells = [row[i] for _, row in body]
-        if head or any(cells):  # a mark at the end of every line makes an empty column
-            columns.append(Cells(head, name, unit, cells))
+        below = [row[i] for _, row in body]
+        if head or any(below):  # a mark at the end of every line makes an empty column
+            columns.append(Cells(head, name, unit, below))
     return Sheet(path, sha256, tuple(columns), [f"line {at}" for at, _ in body], _decimal_comma(path, body))
 
 
@@ -123,15 +132,17 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:
-    seen: dict[bool, tuple[int, str]] = {}
-    for at, cells in body:
-        for cell in cells:
-            for comma, form in ((True, COMMA), (False, POINT)):
-                if form.fullmatch(cell):
-                    seen.setdefault(comma, (at, cell))
-    if len(seen) == 2:
-        (a, one), (b, other) = seen[True], seen[False]
+    comma = _first(body, ",", COMMA)
+    if comma is None:
+        return False
+    if (point := _first(body, ".", POINT)) is not None:
+        (a, one), (b, other) = comma, point
         raise SheetError(
             f"{path} has a decimal comma in line {a} ('{one}') and a decimal point in line {b} ('{other}'); use one of them"
         )
-    return True in seen
+    return True
+
+
+def _first(body: Sequence[tuple[int, Sequence[str]]], mark: str, form: re.Pattern[str]) -> tuple[int, str] | None:
+    """Line and text of the first number with this mark."""
+    return next(((at, cell) for at, cells in body for cell in cells if mark in cell and form.fullmatch(cell)), None)
