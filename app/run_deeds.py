@@ -2,12 +2,17 @@
 
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.notes import Notes, read_tags, write_notes
+from app.progress import Tell, parts, untold
 from protocols.runreader import Run, RunError
+
+PIECE = 1 << 20
+"""Bytes that are copied between two looks at whether to go on."""
 
 
 def annotate(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
@@ -26,33 +31,78 @@ def annotate(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> Non
             write_notes(path, Notes(read_tags(f"{its_tags},{','.join(new)}"), its_note))
 
 
-def export_runs(paths: Sequence[Path], folder: Path, kind: Format, stopped: Callable[[], bool]) -> int:
+def export_runs(
+    paths: Sequence[Path], folder: Path, kind: Format, stopped: Callable[[], bool], tell: Tell = untold
+) -> int:
     """Write runs as files for other programs; how many files."""
     count = 0
-    for path in paths:
+    for path, told in zip(paths, parts(tell, [_size(path) for path in paths]), strict=True):
+        if stopped():
+            break
         with Run(path) as run:
-            count += len(export(run, folder, kind, stopped=stopped))
+            count += len(export(run, folder, kind, told=told, stopped=stopped))
     return count
 
 
-def take_in(paths: Sequence[Path], folder: Path) -> list[str]:
-    """Copy run files into a folder; the names that were there already: those are never replaced.
+@dataclass(frozen=True, slots=True)
+class TakenIn:
+    """Names of the runs that were copied, and of those that were there already."""
+
+    copied: tuple[str, ...]
+    there: tuple[str, ...]
+
+
+def take_in(
+    paths: Sequence[Path], folder: Path, stopped: Callable[[], bool] = lambda: False, tell: Tell = untold
+) -> TakenIn:
+    """Copy run files into a folder; what is there already is never replaced. Where `stopped` says so, whole files stay.
 
     Raises:
-        RunError: a file is none of a run.
+        RunError: a file is none of a run, or cannot be copied.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    left = []
-    for path in paths:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
+    copied, there = list[str](), list[str]()
+    for path, told in zip(paths, parts(tell, [_size(path) for path in paths]), strict=True):
         if (folder / path.name).exists():
-            left.append(path.name)
+            there.append(path.name)
             continue
         with Run(path):  # nothing but runs
             pass
-        working = folder / f".{path.name}.part"
-        shutil.copy2(path, working)
-        working.replace(folder / path.name)
-    return left
+        try:
+            whole = _copied(path, folder / path.name, stopped, told)
+        except OSError as error:
+            raise RunError(
+                f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
+            ) from None
+        if not whole:
+            break
+        copied.append(path.name)
+    return TakenIn(tuple(copied), tuple(there))
+
+
+def _size(path: Path) -> int:
+    """Bytes; none of a file that is not there, which whoever opens it says."""
+    return path.stat().st_size if path.is_file() else 0
+
+
+def _copied(path: Path, to: Path, stopped: Callable[[], bool], tell: Tell) -> bool:
+    """Copy a file piece by piece; it has its name only when it is whole. False where it was stopped."""
+    working, size = to.with_name(f".{to.name}.part"), max(path.stat().st_size, 1)
+    try:
+        with path.open("rb") as source, working.open("wb") as copy:
+            while piece := source.read(PIECE):
+                if stopped():
+                    return False
+                copy.write(piece)
+                tell(copy.tell() / size)
+        shutil.copystat(path, working)
+        working.replace(to)
+        return True
+    finally:
+        working.unlink(missing_ok=True)
 
 
 def measured_of(paths: Sequence[Path]) -> list[Measured]:

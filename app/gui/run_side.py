@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 from app.explore_answer import Measured
 from app.export import FORMATS
 from app.gui.form import mark
+from app.gui.going_on import GoingOn
 from app.gui.run_plots import ComparePlot
 from app.gui.theme import Theme
 from app.run_entry import Entry
@@ -54,6 +55,7 @@ class RunSide(QWidget):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
         self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.going = GoingOn()
         self.plot = ComparePlot(theme)
         self.plot.setMinimumHeight(160)
         self.none = QLabel()
@@ -95,6 +97,7 @@ class RunSide(QWidget):
             layout.addWidget(widget, 1 if widget in (self.plot, self.none) else 0)
         layout.addLayout(fields)
         layout.addWidget(self.said)
+        layout.addWidget(self.going)
         layout.addLayout(row)
         self.said.hide()
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
@@ -22,7 +23,7 @@ from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
 from app.overlay import Overlay, Question, elongations_of
 from app.reopening import Reopened, Traces, look_closer, reopen
-from app.run_deeds import export_runs, measured_of, take_in
+from app.run_deeds import TakenIn, export_runs, measured_of, take_in
 from app.run_entry import Entry
 from app.view import View
 
@@ -43,8 +44,7 @@ class RunsPage(QStackedWidget):
     def __init__(self, folder: Callable[[], Path], overlay: Overlay, theme: Theme, index: Path | None = None) -> None:
         super().__init__()
         self._overlay = Overlay(amplifier=overlay.amplifier)
-        self._reads = Jobs("run files", self)
-        self._ended = False
+        self._reads, self._deeds = Jobs("run files", self), Jobs("run deeds", self)
         self._folder = folder
         self.known = RunsFolder(folder, index, self)
         self.model = RunsModel(theme)
@@ -83,9 +83,10 @@ class RunsPage(QStackedWidget):
 
     def end(self) -> None:
         """End what works beside the window."""
-        self._ended = True
+        self.side.going.end_it()
         self.known.end()
         self._reads.close()
+        self._deeds.close()
         self._overlay.close()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
@@ -124,23 +125,23 @@ class RunsPage(QStackedWidget):
     def export(self, folder: Path, kind: Format, chosen: Sequence[Entry] | None = None) -> None:
         """What is chosen, or what was, as files for other programs."""
         paths = [self._path(e) for e in (self.chosen if chosen is None else chosen) if e.readable]
-        self.side.say(f"exporting {len(paths)} …")
-
-        self._reads.do(
-            lambda: export_runs(paths, folder, kind, lambda: self._ended),
-            lambda count: self.side.say(f"{count} files written to {folder}"),
-            self._failed,
+        self._begin(
+            f"exporting {_runs(len(paths))} …",
+            lambda: export_runs(paths, folder, kind, self.side.going.stopped, self.side.going.tell),
+            lambda count: f"{count} files written to {folder}",
         )
 
     def take_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; what has the same name is never replaced."""
         folder = self._folder()
 
-        def done(left: list[str]) -> None:
-            self.side.say(f"already there: {', '.join(left)}" if left else f"{len(paths)} taken in", fault=bool(left))
+        def done(taken: TakenIn) -> str:
             self.known.look()
+            there = f"already there: {', '.join(taken.there)}" if taken.there else ""
+            return "; ".join(filter(None, [f"{_runs(len(taken.copied))} taken in" if taken.copied else "", there]))
 
-        self._reads.do(lambda: take_in(paths, folder), done, self._failed)
+        going = self.side.going
+        self._begin(f"taking in {_runs(len(paths))} …", lambda: take_in(paths, folder, going.stopped, going.tell), done)
 
     def explore(self) -> None:
         """Lay what is chosen, or opened, over the model's curve."""
@@ -159,6 +160,26 @@ class RunsPage(QStackedWidget):
         self.table.choose(paths)
 
     # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _begin(self, words: str, work: Callable[[], Any], then: Callable[[Any], str]) -> None:
+        """Do something with files that takes its time; `then` says what came of it."""
+        going = self.side.going
+        if going.going:
+            self.side.say(f"{going.words.text()} Wait for its end, or stop it, first.", fault=True)
+            return
+
+        def done(answer: Any) -> None:
+            stopped = "stopped" if going.stopped() else ""
+            going.over()
+            self.side.say("; ".join(filter(None, [stopped, then(answer)])))
+
+        def failed(error: Exception) -> None:
+            going.over()
+            self._failed(error)
+
+        self.side.say("")
+        going.begin(words)
+        self._deeds.do(work, done, failed)
 
     def _path(self, entry: Entry) -> Path:
         return self.model.folder / entry.path
@@ -262,3 +283,7 @@ class RunsPage(QStackedWidget):
     def dropEvent(self, event: QDropEvent) -> None:
         self.take_in(run_urls(event))
         event.acceptProposedAction()
+
+
+def _runs(count: int) -> str:
+    return "1 run" if count == 1 else f"{count} runs"

@@ -1,5 +1,6 @@
 """The Runs page in the real window: found by keys, opened, compared, noted, exported, dragged."""
 
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -229,6 +230,44 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
     drop(new)
     until(lambda: "already there" in page.side.said.text(), "for the sentence")
     assert (folder / new.name).read_bytes() == kept
+
+
+def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_stopped(
+    page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.run_deeds.PIECE", 4096)
+    whole, half = (finished_run(tmp_path / "stick", name) for name in ("T8a", "T9a"))
+    going, go_on, begun = page.side.going, threading.Event(), threading.Event()
+    tell = going.tell
+
+    def slowly(share: float) -> None:
+        tell(share)
+        if share > 0.6:
+            begun.set()
+            assert go_on.wait(20)
+
+    monkeypatch.setattr(going, "tell", slowly)
+    page.take_in([whole, half])
+    until(begun.is_set, "for the second file")
+    until(going.isVisible, "for the bar")
+    assert going.words.text() == "taking in 2 runs …"
+    until(lambda: going.bar.value() > 600, "for the share")
+    page.export(tmp_path / "sheets", "csv")
+    assert "Wait for its end" in page.side.said.text()
+    choose(page, "T7")
+    page.open()
+    until(lambda: page.currentWidget() is page.opened, "for a run that is opened meanwhile")
+    page.back()
+    QTest.mouseClick(going.stop, Qt.MouseButton.LeftButton)
+    go_on.set()
+    until(lambda: "stopped" in page.side.said.text(), "for its end")
+    assert page.side.said.text() == "stopped; 1 run taken in"
+    assert going.isHidden()
+    assert (folder / whole.name).read_bytes() == whole.read_bytes()
+    assert not list(folder.glob(f"*{half.name}*")), "nothing half done"
+    page.take_in([half, tmp_path / "gone.h5"])
+    until(lambda: "there is no file" in page.side.said.text(), "for the sentence")
+    assert going.isHidden()
 
 
 def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> None:
