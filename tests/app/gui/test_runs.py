@@ -304,7 +304,7 @@ def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, fold
 
 def test_an_empty_folder_says_what_to_do(open_stage: OpenStage, tmp_path: Path) -> None:
     page = shown(open_stage(folder=tmp_path / "none"), 0)
-    assert "dropped here" in page.side.facts.text()
+    assert "dropped here" in page.side.none.text()
     assert page.filter.told.text() == "0 runs"
     assert not page.side.open.isEnabled()
 
