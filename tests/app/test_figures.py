@@ -2,6 +2,7 @@
 
 import csv
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,11 @@ from model.figures import Curve, Figure, figure5, figure9
 from model.parameters import Membrane, Tactor
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
-FIG9 = list(figure9(Tactor(), Membrane()))
+
+
+@cache
+def fig9() -> list[Figure]:
+    return list(figure9(Tactor(), Membrane()))
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +94,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):  # type: ignore[no-u
 
 
 def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # type: ignore[no-untyped-def]
-    page = drawn(FIG9)
+    page = drawn(fig9())
     assert len(page.axes) == 6
     assert {axes.get_xlabel() for axes in page.axes} == {"frequency (Hz)"}
     assert page.axes[0].get_ylabel() == "amplitude of the centre, peak to peak (µm)"
@@ -103,7 +108,7 @@ def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # 
 
 
 def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ignore[no-untyped-def]
-    for panels in ([figure5(Tactor())], FIG9[1:3]):
+    for panels in ([figure5(Tactor())], fig9()[1:3]):
         page = drawn(panels)
         page.draw_without_rendering()
         (caption,) = (text for text in page.findobj(Text) if text.get_text() == page.get_supxlabel())

@@ -1,9 +1,11 @@
 """The threshold against the response, and the figures with what their captions claim."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
-from model.figures import figures
+from model.figures import Figure, figures
 from model.parameters import Membrane, Tactor
 from model.perception import ABDOMEN, Threshold, margin, usable_bands
 from model.response import amplifier_response, frequency_response
@@ -39,12 +41,14 @@ def test_threshold_curve_is_straight_in_log_log() -> None:
     assert ABDOMEN.at([3.0, 200.0]) == pytest.approx(50e-6)
 
 
-ALL = {figure.name: figure for figure in figures()}
+@cache
+def every() -> dict[str, Figure]:
+    return {figure.name: figure for figure in figures()}
 
 
 def test_every_theory_figure_is_there_with_units() -> None:
-    assert list(ALL) == ["fig4", "fig5", "fig6", "fig8", *(f"fig9{p}" for p in "abcdef"), "fig10", "fig11", "fig12"]
-    for figure in ALL.values():
+    assert list(every()) == ["fig4", "fig5", "fig6", "fig8", *(f"fig9{p}" for p in "abcdef"), "fig10", "fig11", "fig12"]
+    for figure in every().values():
         assert figure.caption.endswith(".")
         assert figure.y_unit
         for curve in figure.curves:
@@ -53,15 +57,15 @@ def test_every_theory_figure_is_there_with_units() -> None:
 
 
 def curves(name: str) -> np.ndarray:
-    return np.array([c.y for c in ALL[name].curves])
+    return np.array([c.y for c in every()[name].curves])
 
 
 def test_captions_of_figures_4_to_8() -> None:
     right, printed = curves("fig4")[:, -1]
     assert printed / right == pytest.approx(7.6, abs=0.05)
     assert right < 0.77e-3 < printed
-    assert np.interp(7.73e-3, ALL["fig5"].curves[0].x, curves("fig5")[0]) == pytest.approx(158.15, abs=0.05)
-    assert np.interp(7.73e-3, ALL["fig5"].curves[1].x, curves("fig5")[1]) == pytest.approx(113.7, abs=0.1)
+    assert np.interp(7.73e-3, every()["fig5"].curves[0].x, curves("fig5")[0]) == pytest.approx(158.15, abs=0.05)
+    assert np.interp(7.73e-3, every()["fig5"].curves[1].x, curves("fig5")[1]) == pytest.approx(113.7, abs=0.1)
     w = curves("fig6")[0]
     assert w[[0, 25, 50]] == pytest.approx([-500 * 2.37886e-7, 0, 1500 * 2.37886e-7], rel=1e-5, abs=1e-12)
     assert curves("fig8")[0, [0, -1]] == pytest.approx([165, 2211.9], rel=1e-4)
@@ -80,7 +84,7 @@ def test_caption_of_figure_9() -> None:
 def test_caption_of_figure_10() -> None:
     y = curves("fig10")
     assert y[2, 0] / y[0, 0] == pytest.approx(1 - 0.035, abs=0.001)
-    assert "338 Hz" in ALL["fig10"].caption
+    assert "338 Hz" in every()["fig10"].caption
     assert (np.diff(y[4]) > 0).all()
 
 

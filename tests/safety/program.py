@@ -85,7 +85,7 @@ def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[
             f'name = "bench under test"\n'
             f'[generator]\nresource = "TCPIP::127.0.0.1::{served.scpi.port}::SOCKET"\ntimeout_s = 0.5\n'
             f'[card]\nserver = "127.0.0.1:{served.card.port}"\n'
-            f'[sensor]\ndelay_s = "100 us"\n'
+            f"[sensor]\ndelay_s = 1e-4\n"
             f"[watchdog]\n{watchdog}\n"
         )
         command = [sys.executable, "-c", "from app.main import entry; entry()"]

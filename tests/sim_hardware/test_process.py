@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def gone(pid: int) -> bool:
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 30.0
     while time.monotonic() < deadline:
         if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
             return True

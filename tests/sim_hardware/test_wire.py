@@ -55,11 +55,13 @@ def test_the_real_driver_plays_over_a_real_socket(bench, link):
     assert report.largest_jump_v < 0.06
 
 
-def test_queries_are_quick(link):
-    begin = time.perf_counter()
-    for _ in range(50):
-        ask(link, "VOLT 1;:SYST:ERR?")
-    assert (time.perf_counter() - begin) / 50 < 0.01
+def test_no_message_waits_until_the_one_before_is_acknowledged(server, link):
+    """It would be 44 ms for every answer to two messages."""
+    assert ask(link, "VOLT 1;:SYST:ERR?")
+    ours = link._manager.visalib.sessions[link._session.session].interface
+    (theirs,) = server._lines
+    for end in (ours, theirs):
+        assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_one_connection_after_the_other(server):
@@ -94,7 +96,7 @@ def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(ben
     bench.inject("scpi-dropped")
     with pytest.raises(LinkError):
         ask(link, "*IDN?")
-    deadline = time.monotonic() + 2.0
+    deadline = time.monotonic() + 30.0
     while time.monotonic() < deadline:
         try:
             socket.create_connection(("127.0.0.1", server.port), timeout=0.2).close()

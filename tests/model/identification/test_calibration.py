@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.estimates import Calibration, changes
+from model.identification.fitted import JointFit
 from model.identification.joint import joint_fit
 from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError
@@ -15,23 +17,26 @@ from model.specimen import Specimen
 from model.study import Study
 from model.uncertainty import linear_band, model_curve
 
-FIT = joint_fit(perfect(World(), Noise(), SHARED))
+
+@cache
+def fit() -> JointFit:
+    return joint_fit(perfect(World(), Noise(), SHARED))
 
 
 def calibration(version: int = 1) -> Calibration:
-    estimates = FIT.estimates()
+    estimates = fit().estimates()
     return Calibration(
         specimen="T7",
         version=version,
         estimates=estimates,
-        covariance=tuple(map(tuple, FIT.covariance_of(estimates).tolist())),
+        covariance=tuple(map(tuple, fit().covariance_of(estimates).tolist())),
         method="joint",
-        runs=tuple(r.label for r in FIT.campaign.runs),
+        runs=tuple(r.label for r in fit().campaign.runs),
         code="0.1.0",
         accepted_at="2026-11-21T12:00:00+00:00",
         accepted_by="somebody",
-        simulated=FIT.campaign.simulated,
-        fixed=FIT.setting.base(),
+        simulated=fit().campaign.simulated,
+        fixed=fit().setting.base(),
     )
 
 
