@@ -1,4 +1,7 @@
-"""Every way out of a run, on real wires: the program is a process of its own, the volts are looked at in ours."""
+"""Every way out of a run, on real wires: the program is a process of its own, the volts are looked at in ours.
+
+The faults that are marked slow are in the fault matrix, too, where the clock is virtual and program and bench are one process.
+"""
 
 import signal
 from pathlib import Path
@@ -22,7 +25,7 @@ def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> 
         assert len(file.points()["frequency"]) == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("moment", ["high voltage OFF", "25.0"])
 def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, moment: str, tmp_path: Path) -> None:
     with program(tmp_path) as (run, _):
@@ -58,6 +61,7 @@ def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself
         assert file.trace.samples > 1000
 
 
+@pytest.mark.slow
 def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:
     """Nobody can command the generator any more; its finite burst ends, and the card sees that it did."""
     with program(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
@@ -70,6 +74,7 @@ def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -
         safe(run.bench)
 
 
+@pytest.mark.slow
 @pytest.mark.breaks_the_drive
 def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_path: Path) -> None:
     with program(tmp_path, "settle_limit_s=0.5") as (run, _):
@@ -84,6 +89,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
         assert len(file.points()["frequency"]) >= 1
 
 
+@pytest.mark.slow
 def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is_there(tmp_path: Path) -> None:
     with program(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
@@ -94,6 +100,7 @@ def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is
         safe(run.bench)  # the source obeyed all the same
 
 
+@pytest.mark.slow
 def test_samples_lost_mid_run_fail_the_run_at_measured_rest(tmp_path: Path) -> None:
     with program(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()

@@ -261,8 +261,9 @@ def test_closing_ends_a_read_that_would_wait_for_ever(bench):
         task.ai_channels.add_ai_voltage_chan("Dev1/ai0")
         task.timing.cfg_samp_clk_timing(1.0, sample_mode=AcquisitionType.CONTINUOUS)
         closer.start()
-        with pytest.raises(RpcError):  # at a scan a second it would be a quarter of an hour, or its own timeout
+        # It would take a quarter of an hour. On a busy computer the server may be gone before the read has reached it.
+        with pytest.raises((RpcError, DaqError)):
             task.read(1000, timeout=1000.0)
         closer.join()
-        with pytest.raises(RpcError):
+        with pytest.raises((RpcError, DaqError)):
             task.close()
