@@ -29,22 +29,37 @@ READ, TAKEN = 0.6, 0.95
 
 def import_tables(options: argparse.Namespace) -> int:
     """`tactor-bench import FILE...`."""
+    words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
+    with bar(words, options.json) as tell:
+        taken, written = bring(options, _amplifier(options.bench), tell)
+    return deliver(_answer(taken, written), options)
+
+
+def bring(options: argparse.Namespace, amplifier: AmplifierTable, tell: Tell) -> tuple[list[Taken], list[Path]]:
+    """What was taken from the files, and the run files that were written.
+
+    Args:
+        options: of the command; its `bench` is not looked at.
+        amplifier: through which all of it was driven.
+        tell: hears how far it is; what it raises ends the import before anything is written.
+
+    Raises:
+        UsageError: a sentence that says which file is wrong, where, and what would do.
+    """
     every = kinds()
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     columns = _pairs("--column", options.column)
-    words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
     try:
-        with bar(words, options.json) as tell:
-            sizes = [path.stat().st_size if path.is_file() else 0 for path in options.files]
-            told = parts(part(tell, 0.0, READ), sizes)
-            sheets = [read_sheet(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
-            wanted = [every[options.kind] if options.kind else recognised_as(sheet, every, columns) for sheet in sheets]
-            taken = _taken(sheets, wanted, options, part(tell, READ, TAKEN))
-            written = [] if options.dry_run else [store(each, asked, options.out) for each, asked in taken]
+        sizes = [path.stat().st_size if path.is_file() else 0 for path in options.files]
+        told = parts(part(tell, 0.0, READ), sizes)
+        sheets = [read_sheet(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
+        wanted = [every[options.kind] if options.kind else recognised_as(sheet, every, columns) for sheet in sheets]
+        taken = _taken(sheets, wanted, options, amplifier, part(tell, READ, TAKEN))
+        written = [] if options.dry_run else [store(each, asked, options.out) for each, asked in taken]
     except (SheetError, ImportingError, StoreError) as error:
         raise UsageError(str(error)) from None
-    return deliver(_answer([each for each, _ in taken], written), options)
+    return [each for each, _ in taken], written
 
 
 def recognised_as(sheet: Sheet, every: dict[str, Kind], columns: dict[str, str]) -> Kind:
@@ -54,23 +69,30 @@ def recognised_as(sheet: Sheet, every: dict[str, Kind], columns: dict[str, str])
 
 
 def _taken(
-    sheets: Sequence[Sheet], wanted: Sequence[Kind], options: argparse.Namespace, tell: Tell
+    sheets: Sequence[Sheet],
+    wanted: Sequence[Kind],
+    options: argparse.Namespace,
+    amplifier: AmplifierTable,
+    tell: Tell,
 ) -> list[tuple[Taken, Asked]]:
     made, columns, series = [], _pairs("--column", options.column), list[tuple[Sheet, Matched]]()
-    for sheet, kind in zip(sheets, wanted, strict=True):
-        asked = _asked(sheet, kind, options)
+    raw = sum(len(sheet.places) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == RAW)
+    sizes = [0 if kind.name == RAW else len(sheet.places) for sheet, kind in zip(sheets, wanted, strict=True)]
+    *told, told_raw = parts(tell, [*sizes, raw])
+    for sheet, kind, tell_one in zip(sheets, wanted, told, strict=True):
+        asked = _asked(sheet, kind, options, amplifier)
         matched = match(sheet, kind, columns)
         if kind.name == RAW:
             series.append((sheet, matched))
         else:
-            made.append((take(sheet, matched, asked, tell), asked))
+            made.append((take(sheet, matched, asked, tell_one), asked))
     if series:
-        asked = _asked(series[0][0], wanted[0], options)
-        made.append((take_series(series, asked, tell), asked))
+        asked = _asked(series[0][0], wanted[0], options, amplifier)
+        made.append((take_series(series, asked, told_raw), asked))
     return made
 
 
-def _asked(sheet: Sheet, kind: Kind, options: argparse.Namespace) -> Asked:
+def _asked(sheet: Sheet, kind: Kind, options: argparse.Namespace, amplifier: AmplifierTable) -> Asked:
     """What was said on the command line, and by the file itself where it is an export."""
     about = sheet.about
     elongation, gain, delay = (
@@ -98,7 +120,7 @@ def _asked(sheet: Sheet, kind: Kind, options: argparse.Namespace) -> Asked:
         sensor=options.sensor,
         gain_error=gain or 0.0,
         delay_s=delay or 0.0,
-        amplifier=_amplifier(options.bench),
+        amplifier=amplifier,
         simulated=options.simulated or bool(int(about.get("simulated", 0))),
         begun=_when(options.measured or about.get("start_time")),
     )

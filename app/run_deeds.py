@@ -1,10 +1,12 @@
 """What is done with several run files at once: noted, exported, taken in, read for comparison. No Qt, no terminal."""
 
 import shutil
+from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.config import AmplifierTable
 from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.notes import Notes, read_tags, write_notes
@@ -103,6 +105,26 @@ def _copied(path: Path, to: Path, stopped: Callable[[], bool], tell: Tell) -> bo
         return True
     finally:
         working.unlink(missing_ok=True)
+
+
+def bring_in(
+    paths: Sequence[Path], folder: Path, specimen: str, amplifier: AmplifierTable, tell: Tell = untold
+) -> tuple[int, list[str]]:
+    """Tables as run files, as `tactor-bench import` makes them without more words; how many, and what looks odd.
+
+    Raises:
+        UsageError: a table cannot be taken so; the sentence says which, where, and what would do.
+        Stopped: `tell` wanted no more of it; nothing was written.
+    """
+    from app.import_command import bring  # units and protocols, for which no page waits
+    from app.import_parser import add_import_command
+
+    parser = ArgumentParser()
+    add_import_command(parser.add_subparsers())
+    options = parser.parse_args(["import", "--out", str(folder), "--", *map(str, paths)])
+    options.specimen = specimen or options.specimen
+    taken, written = bring(options, amplifier, tell)
+    return len(written), [words for each in taken for words in each.cautions]
 
 
 def measured_of(paths: Sequence[Path]) -> list[Measured]:

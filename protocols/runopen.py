@@ -64,14 +64,16 @@ def opened(path: Path) -> "h5py.File":
     except (OSError, ValueError) as error:
         failure: Exception = error
     cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
+    file = None
     try:
         file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
         # A full disk leaves a short file too, but never one that says it ended in order.
         if not cut_off or file["entry/status"][()].decode() in (Status.RUNNING, Status.FAILED):
             return file
-        file.close()
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         failure = failure if cut_off else error
+    if file is not None:
+        file.close()  # HDF5 would give it again, damaged as it is, to whoever opens it next
     if cut_off:
         have, want = cut_off.groups()
         raise RunError(f"{path} is cut off, as a half-copied file is: {have} of {want} bytes are there; copy it again")

@@ -60,6 +60,7 @@ class Book(Pages):
         super().__init__(makers)
         self.measure, self.overlay = measure, overlay
         self._link, self._settings, self._first_theme = link, settings, theme
+        self._amplifier = config.amplifier
         self._jobs = Jobs("pages", self)
 
     # -- the pages -----------------------------------------------------------------------------------------------------
@@ -193,7 +194,7 @@ class Book(Pages):
     def _make_runs(self) -> RunsPage:
         from app.gui.runs_page import RunsPage
 
-        page = RunsPage(lambda: self.folder, self.overlay, self._first_theme)
+        page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_asked.connect(self._lay_over)
         splitters.restore(page, self._settings)
         return page

@@ -23,7 +23,7 @@ from app.gui.run_plots import ComparePlot
 from app.gui.theme import Theme
 from app.run_entry import Entry
 
-NOTHING = "No run is listed.\n\nRun files can be dropped here; the folder is the one of the Measure page."
+NOTHING = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 LONGEST = 280
 """Characters of a reason that are shown beside the list."""
 

@@ -8,9 +8,11 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
+from app.config import AmplifierTable
+from app.exits import UsageError
 from app.explore_answer import Measured
 from app.export import Format
-from app.gui.dropped import run_urls
+from app.gui.dropped import run_urls, table_urls
 from app.gui.file_dialog import Mode, ask_for_files
 from app.gui.jobs import Jobs
 from app.gui.keys import HERE, bind
@@ -22,8 +24,9 @@ from app.gui.runs_list import RunsList, RunsTable
 from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
 from app.overlay import Overlay, Question, elongations_of
+from app.progress import Stopped
 from app.reopening import Reopened, Traces, look_closer, reopen
-from app.run_deeds import TakenIn, export_runs, measured_of, take_in
+from app.run_deeds import TakenIn, bring_in, export_runs, measured_of, take_in
 from app.run_entry import Entry
 from app.view import View
 
@@ -35,14 +38,25 @@ class RunsPage(QStackedWidget):
 
     Args:
         folder: where the runs are, asked whenever the page is looked at.
+        specimen: whose tables are dropped here, asked when some are.
+        amplifier: through which they were driven.
     """
 
     title = "Runs"
     explore_asked = Signal(object)
     """Paths of runs to be laid over the model's curve."""
 
-    def __init__(self, folder: Callable[[], Path], overlay: Overlay, theme: Theme, index: Path | None = None) -> None:
+    def __init__(
+        self,
+        folder: Callable[[], Path],
+        specimen: Callable[[], str],
+        amplifier: AmplifierTable,
+        overlay: Overlay,
+        theme: Theme,
+        index: Path | None = None,
+    ) -> None:
         super().__init__()
+        self._specimen, self._amplifier = specimen, amplifier
         self._overlay = Overlay(amplifier=overlay.amplifier)
         self._reads, self._deeds = Jobs("run files", self), Jobs("run deeds", self)
         self._folder = folder
@@ -143,6 +157,23 @@ class RunsPage(QStackedWidget):
         going = self.side.going
         self._begin(f"taking in {_runs(len(paths))} …", lambda: take_in(paths, folder, going.stopped, going.tell), done)
 
+    def bring_in(self, paths: Sequence[Path]) -> None:
+        """Tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
+        folder, specimen, going = self._folder(), self._specimen(), self.side.going
+        names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
+
+        def tell(share: float) -> None:
+            if going.stopped():
+                raise Stopped
+            going.tell(share)
+
+        def done(brought: tuple[int, list[str]]) -> str:
+            self.known.look()
+            count, cautions = brought
+            return "\n".join([f"{names}: {_runs(count)} of {specimen or 'unnamed'} imported", *cautions])
+
+        self._begin(f"importing {names} …", lambda: bring_in(paths, folder, specimen, self._amplifier, tell), done)
+
     def explore(self) -> None:
         """Lay what is chosen, or opened, over the model's curve."""
         if self.currentWidget() is self.opened and self.opened.run is not None:
@@ -175,7 +206,12 @@ class RunsPage(QStackedWidget):
 
         def failed(error: Exception) -> None:
             going.over()
-            self._failed(error)
+            if isinstance(error, Stopped):
+                self.side.say("stopped; nothing was written")
+            elif isinstance(error, UsageError):
+                self.side.say(f"{error}\nMore can be said in a terminal: tactor-bench import --help", fault=True)
+            else:
+                self._failed(error)
 
         self.side.say("")
         going.begin(words)
@@ -277,11 +313,14 @@ class RunsPage(QStackedWidget):
             bind(self, words, do, *keys, context=HERE, repeats=True)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if run_urls(event) and event.source() is None:
+        if (run_urls(event) or table_urls(event)) and event.source() is None:
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        self.take_in(run_urls(event))
+        if runs := run_urls(event):
+            self.take_in(runs)
+        if tables := table_urls(event):
+            self.bring_in(tables)
         event.acceptProposedAction()
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
-from PySide6.QtGui import QDropEvent
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
 
 from app.catalogue import Catalogue
@@ -268,6 +268,38 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
     page.take_in([half, tmp_path / "gone.h5"])
     until(lambda: "there is no file" in page.side.said.text(), "for the sentence")
     assert going.isHidden()
+
+
+def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
+    page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = tmp_path / "fig4.csv"
+    table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
+    mime = QMimeData()
+    mime.setUrls([QUrl.fromLocalFile(str(table))])
+    none = Qt.KeyboardModifier(0)
+    entering = QDragEnterEvent(QPoint(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none)
+    page.dragEnterEvent(entering)
+    assert entering.isAccepted()
+    before = set(folder.glob("*.h5"))
+    page.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none))
+    until(lambda: "imported" in page.side.said.text(), "for the import")
+    (made,) = set(folder.glob("*.h5")) - before
+    with Run(made) as run:
+        assert (run.specimen, run.state, run.simulated) == ("T7", "imported", False)
+        np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
+    assert page.side.said.text().startswith("fig4.csv: 1 run of T7 imported\n")
+    assert "nothing tells how certain the values are" in page.side.said.text()
+    until(lambda: len(page.model.entries) == len(before) + 1, "for the list")
+    table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
+    page.bring_in([table])
+    until(lambda: "--as raw or --as voltage-steps" in page.side.said.text(), "for the sentence")
+    assert "tactor-bench import --help" in page.side.said.text()
+    table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
+    monkeypatch.setattr(page.side.going, "tell", lambda _share: page.side.going._stop.set())  # as the button does
+    page.bring_in([table])
+    until(lambda: page.side.said.text() == "stopped; nothing was written", "for the end")
+    assert len(list(folder.glob("*.h5"))) == len(before) + 1
 
 
 def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> None:
