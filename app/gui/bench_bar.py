@@ -128,6 +128,9 @@ class BenchBar(QWidget):
         top.addWidget(self.state, 9)
         top.addWidget(self.volts, 8)
         top.addLayout(run, 9)
+        for widget in (self.simulated, self.pause, self.stop):  # else their large writing would keep a window large
+            widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+            widget.setMinimumWidth(72)
         top.addWidget(self.simulated)
         top.addWidget(self.pause)
         top.addWidget(self.stop)

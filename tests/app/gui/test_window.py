@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QPoint, QSettings, Qt
+from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
@@ -340,3 +340,12 @@ class _Sensing:
 
         self.sensor = LaserSensor("laser", 1e-4)
         self.scales = SCALES
+
+
+def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
+    for size in (QSize(1280, 720), QSize(2560, 1440), QSize(1280, 720)):
+        stage.window.resize(size)
+        QCoreApplication.processEvents()
+        assert stage.window.size() == size
+        stop = stage.window.bar.stop
+        assert stop.width() >= stop.sizeHint().width()
