@@ -32,7 +32,7 @@ from protocols.protocol import Protocol
 
 SIZES = {"": (1280, 720), "-large": (2560, 1440)}
 MANY = 10_000
-COLOURS = 256
+COLOURS, RARE = 256, 64
 SETTLE_S = 0.4
 """How long a page is given to come to rest after it was resized or recoloured."""
 
@@ -137,10 +137,11 @@ class Studio:
 
 
 def _palette(image: Image.Image) -> Image.Image:
-    """The commonest colours: a window has few, the rest is the edge of letters. The file is a third as large."""
+    """The commonest colours, and some of those that are rare: a line of amber among red ones. The file is a third as large."""
     counted = sorted(image.getcolors(1 << 24), reverse=True)
+    rare = image.quantize(RARE, method=Image.Quantize.MAXCOVERAGE).getpalette() or []
     palette = Image.new("P", (1, 1))
-    palette.putpalette([level for _, colour in counted[:COLOURS] for level in colour])
+    palette.putpalette([level for _, colour in counted[: COLOURS - RARE] for level in colour] + rare[: 3 * RARE])
     return palette
 
 

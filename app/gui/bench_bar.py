@@ -124,7 +124,7 @@ class BenchBar(QWidget):
         run.addWidget(self.task, 1)
         run.addWidget(self.progress)
         top = QHBoxLayout()
-        top.setSpacing(14)
+        top.setSpacing(18)
         top.addWidget(self.state, 9)
         top.addWidget(self.volts, 8)
         top.addLayout(run, 9)

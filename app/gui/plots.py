@@ -14,8 +14,8 @@ from app.gui.theme import Theme
 
 Array = NDArray[np.float64]
 
-TICK_LINES = 1.0
-"""How many lines of writing a tick takes."""
+TICK_LINES = 0.85
+"""How many lines of writing a tick takes: figures are lower than a line."""
 
 LABEL_ON_LINE = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}
 """Where a line is named: at its left end, above it. A response comes down to it at the other."""
@@ -162,7 +162,7 @@ def calm_range(low: float, high: float, present: tuple[float, float] | None) -> 
     return math.floor((low - 0.08 * span) / step) * step, math.ceil((high + 0.08 * span) / step) * step
 
 
-def few_ticks(low: float, high: float, most: int = 4) -> float:
+def few_ticks(low: float, high: float, most: float = 4.0) -> float:
     """The spacing of two to four ticks, or of less: more would run into each other in a low plot."""
     return round_step(max(high - low, 1e-9), most)
 
@@ -173,7 +173,7 @@ def keep_ticks_apart(plot: Any, font: QFont) -> None:
 
     def space(*_: object) -> None:
         low, high = box.viewRange()[1]
-        spacing = few_ticks(low, high, max(min(int(box.height() / line), 4), 1))
+        spacing = few_ticks(low, high, max(min(box.height() / line, 4.0), 1.0))
         plot.getAxis("left").setTickSpacing(spacing, spacing)
 
     box.sigResized.connect(space)
@@ -181,7 +181,7 @@ def keep_ticks_apart(plot: Any, font: QFont) -> None:
     space()
 
 
-def round_step(span: float, most: int) -> float:
+def round_step(span: float, most: float) -> float:
     """The smallest of 1, 2, 5 times a power of ten of which at most `most` fit into `span`."""
     decade = 10.0 ** math.floor(math.log10(span / most))
     return next(decade * m for m in (1.0, 2.0, 5.0, 10.0) if span / (decade * m) <= most)

@@ -100,6 +100,7 @@ class RunSide(QWidget):
         layout.addWidget(self.going)
         layout.addLayout(row)
         self.said.hide()
+        self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
