@@ -119,6 +119,7 @@ class BenchBar(QWidget):
         self.set_theme(theme)
 
     def _build(self) -> None:
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         run = QVBoxLayout()
         run.setSpacing(4)
         run.addWidget(self.task, 1)

@@ -34,7 +34,7 @@ class RunsTable(QTableView):
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
-        for at, count in enumerate((20, 12, 19, 30, 7, 10, 34, 9)):
+        for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
             self.setColumnWidth(at, count * wide)
         header.setStretchLastSection(False)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)

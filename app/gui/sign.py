@@ -97,14 +97,13 @@ class Sign(QWidget):
 
 def _fit(font: QFont, words: str, area: QRectF, bold: bool, most: int) -> tuple[list[str], QFont]:
     """Lines and font: the largest type in which the words fit on one line, or on two."""
-    best: tuple[int, list[str]] = (0, [words])
     parts = words.split()
-    choices = [[words]] + [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
-    for lines in choices:
-        px = _largest(font, lines, area, bold, most)
-        if px > best[0] + (2 if len(lines) > 1 else 0):
-            best = (px, lines)
-    return best[1], _sized(font, max(best[0], SMALLEST_PX), bold)
+    halves = [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
+    one, two = [words], min(halves, key=lambda lines: max(map(len, lines)), default=[words])
+    px, px_of_two = (_largest(font, lines, area, bold, most) for lines in (one, two))
+    if px_of_two > px + 2:
+        px, one = px_of_two, two
+    return one, _sized(font, max(px, SMALLEST_PX), bold)
 
 
 def _largest(font: QFont, lines: list[str], area: QRectF, bold: bool, most: int) -> int:

@@ -188,6 +188,8 @@ class MainWindow(QMainWindow):
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         self.bar.set_size(self.size())
+        if (outer := self.bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
+            layout.activate()  # at once: what is below shall not stand in the signs for a frame
 
     def _leave_if_read(self) -> None:
         """The session has ended: close, unless a person must first read that the bench is not at rest."""

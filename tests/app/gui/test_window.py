@@ -347,5 +347,6 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         stage.window.resize(size)
         QCoreApplication.processEvents()
         assert stage.window.size() == size
-        stop = stage.window.bar.stop
-        assert stop.width() >= stop.sizeHint().width()
+        bar = stage.window.bar
+        assert bar.stop.width() >= bar.stop.sizeHint().width()
+        assert bar.lamps[0].y() > bar.state.geometry().bottom()
