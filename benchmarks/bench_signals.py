@@ -31,7 +31,7 @@ from protocols.fresh_run import Header
 from protocols.runfile import RunFile
 from protocols.runreader import Run
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
-from protocols.signals.response import sweep_response
+from protocols.signals.swept_response import sweep_response
 from protocols.sine_dwell import SinePoint
 
 RATE = 5000.0

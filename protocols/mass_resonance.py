@@ -19,7 +19,8 @@ from protocols.figures import figures
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.response_curve import must_respond, response_curve
-from protocols.signals.response import LEAST_BINS, FrequencyResponse
+from protocols.signals.response import FrequencyResponse
+from protocols.signals.swept_response import LEAST_BINS
 from protocols.steps import Prompt, Record, Step
 from protocols.values import Curve, Estimate, Planned, Recording
 
@@ -230,7 +231,8 @@ class MassResonance(Protocol):
         return tuple(drives)
 
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
-        from protocols.signals.response import joined, sweep_response
+        from protocols.signals.response import joined
+        from protocols.signals.swept_response import sweep_response
 
         found = []
         for recording, (low, high) in zip(recordings, self._shares, strict=True):

@@ -151,7 +151,7 @@ class Sweep(Protocol):
         )
 
     def _response(self, recording: Recording) -> FrequencyResponse:
-        from protocols.signals.response import periodic_response
+        from protocols.signals.periodic_response import periodic_response
 
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):

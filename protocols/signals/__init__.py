@@ -5,7 +5,8 @@ samples is refused with a sentence (ValueError).
 
     sine       fit_sine, fit_frequency                amplitude and phase of a sine with harmonics
     settling   SettlingDetector                       has the response to a sine become steady?
-    response   sweep_response, periodic_response      frequency response with coherence and error bars
+    response   FrequencyResponse, joined              a frequency response with coherence and error bars,
+                                                      from a sweep (swept_response) or periods (periodic_response)
     peak       spectrum_peak, response_peak           where a spectrum, or a response, is largest
     mode       fit_mode                               natural frequency and damping from a response
     level      level, step_value                      a mean and a step, with errors that know mains and slow noise

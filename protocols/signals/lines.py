@@ -17,6 +17,9 @@ Bin = TypeVar("Bin", bound=np.inexact[Any])
 
 ROWS = 8
 
+POOLED_LINES = 5
+"""Neighbouring lines whose noise is taken together."""
+
 OVERLAP_CORRELATION = 1 / 6
 """Of neighbouring lines: Hann blocks that overlap by half."""
 
@@ -110,3 +113,9 @@ def blocks_for(band_hz: tuple[float, float], resolution_hz: float, bin_hz: float
     first, last = int(np.ceil(low / bin_hz)), int(np.floor(high / bin_hz))
     length = max(2 * round(resolution_hz / bin_hz / 2), 2)
     return Blocks(first, last - first + 1, length, bin_hz)
+
+
+def pooled(noise: Array, lines: int) -> Array:
+    """Each line's mean, (F,), with its neighbours'; at the ends over those that are there."""
+    pool = np.ones(lines)
+    return np.asarray(np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same"))

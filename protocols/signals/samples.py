@@ -39,3 +39,18 @@ def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
     from scipy.special import stdtrit
 
     return float(stdtrit(degrees_of_freedom, 0.5 + level / 2))
+
+
+def check_both(drive: ArrayLike, displacement: ArrayLike, least: int, rate_hz: float) -> tuple[Array, Array]:
+    """Drive and displacement of the same scans, (N,) each.
+
+    Raises:
+        ValueError: they differ in length, have fewer than `least` samples, or one that is no finite number.
+    """
+    check_positive(rate_hz=rate_hz)
+    x, y = check_samples("the drive", drive, least), check_samples("the displacement", displacement, least)
+    if x.size != y.size:
+        raise ValueError(
+            f"the drive has {x.size} samples and the displacement {y.size}: they must be of the same scans"
+        )
+    return x, y

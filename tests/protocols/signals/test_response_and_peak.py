@@ -15,8 +15,10 @@ from model.time import march
 from protocols.signals.mode import fit_mode
 from protocols.signals.multisine import Multisine
 from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
-from protocols.signals.response import SHARP_VARIANCE, FrequencyResponse, periodic_response, sweep_response
+from protocols.signals.periodic_response import periodic_response
+from protocols.signals.response import FrequencyResponse
 from protocols.signals.samples import coverage_factor
+from protocols.signals.swept_response import SHARP_VARIANCE, sweep_response
 
 RATE = 5000.0
 N = 3

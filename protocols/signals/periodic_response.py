@@ -1,0 +1,84 @@
+"""The frequency response from several periods of one drive, which show their noise by not repeating."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from protocols.signals.lines import POOLED_LINES, blocks_for, pooled
+from protocols.signals.repeating import repeating_share
+from protocols.signals.response import FrequencyResponse
+from protocols.signals.samples import check_both, check_positive
+
+EXCITED = 1e-4
+"""Share of the strongest line's power from which a line counts as excited."""
+
+
+def periodic_response(
+    drive: ArrayLike,
+    displacement: ArrayLike,
+    rate_hz: float,
+    period_s: float,
+    band_hz: tuple[float, float],
+    dropped: int = 1,
+    delay_s: float = 0.0,
+) -> FrequencyResponse:
+    """Response to several periods of a multisine or a repeated sweep, at the lines that the drive excites.
+
+    The spread over the periods gives the noise, with two degrees of freedom a period less one, pooled over neighbouring lines;
+    the scatter of the lines beyond it gives what repeats with every period (see `repeating`). A clock of the source that runs
+    away from the card's turns drive and displacement alike, and drops out.
+
+    Args:
+        drive: (N,); an incomplete last period is left out.
+        displacement: (N,), of the same scans.
+        rate_hz: samples per second.
+        period_s: a whole number of samples.
+        band_hz: where lines are wanted.
+        dropped: periods left out at the beginning, while the response becomes periodic.
+        delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
+
+    Raises:
+        ValueError: fewer than two periods remain, a period is no whole number of samples, or nothing is driven.
+    """
+    x, y = check_both(drive, displacement, 2, rate_hz)
+    check_positive(period_s=period_s)
+    n = round(period_s * rate_hz)
+    if n < 4 or abs(period_s * rate_hz - n) > 1e-3:
+        raise ValueError(
+            f"a period of {period_s:g} s is {period_s * rate_hz:g} samples at {rate_hz:g} Hz: it must be a whole number"
+        )
+    periods = x.size // n - dropped
+    if dropped < 0 or periods < 2:
+        raise ValueError(
+            f"{x.size // n} whole periods were recorded and {dropped} are dropped: at least two must remain to see their spread"
+        )
+    from scipy.fft import rfft
+
+    kept = slice(dropped * n, (dropped + periods) * n)
+    X, Y = rfft(x[kept].reshape(periods, n)), rfft(y[kept].reshape(periods, n))
+    blocks = blocks_for(band_hz, 2 * rate_hz / n, rate_hz / n, rate_hz / 2)
+    lines = blocks.first + np.arange(blocks.size)
+    power = (np.abs(X[:, lines]) ** 2).sum(0)
+    if not power.size or not power.max() > 0:
+        raise ValueError(
+            f"there is no drive between {band_hz[0]:g} and {band_hz[1]:g} Hz: check the drive channel's cable"
+        )
+    lines, power = lines[power > EXCITED * power.max()], power[power > EXCITED * power.max()]
+    X, Y = X[:, lines], Y[:, lines]
+    cross = (Y * X.conj()).sum(0)
+    H = cross / power
+    # The displacement's noise is alike at neighbouring lines; what follows the drive is not, and is left out of it.
+    alike = min(POOLED_LINES, lines.size)
+    left = pooled((np.abs(Y - H * X) ** 2).sum(0) / (periods - 1), alike)
+    modulus = np.abs(H)
+    noise = np.maximum(np.sqrt(left / power / 2), np.finfo(float).eps * modulus.max())
+    moved = (np.abs(Y) ** 2).sum(0)
+    f = lines * rate_hz / n
+    return FrequencyResponse(
+        frequency_hz=f,
+        response=H * np.exp(2j * np.pi * f * delay_s),
+        standard_error=np.hypot(noise, repeating_share(f, H, noise) * modulus),
+        coherence=np.divide(np.abs(cross) ** 2, power * moved, out=np.zeros(f.size), where=moved > 0),
+        degrees_of_freedom=2.0 * (periods - 1) * alike,
+        resolution_hz=rate_hz / n,
+        correlation=0.0,
+    )

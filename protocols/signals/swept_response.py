@@ -1,0 +1,139 @@
+"""The frequency response from one long linear sweep.
+
+A sweep does not repeat, but it is known: the whole record is transformed at once (so there is no segment whose ends cut the
+response off, and no bias from the sweep's rate), Y X* is summed over bins under a Hann window, and what arrives at other lags
+than a response can is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope
+amplifier and the whole record's noise against every line, and their segments cut off what rings over their ends.
+"""
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.lines import OVERLAP_CORRELATION, POOLED_LINES, Blocks, bins_of, blocks_for, padded, pooled
+from protocols.signals.recorded_sweep import driven, rises, stands_out
+from protocols.signals.response import FrequencyResponse
+from protocols.signals.samples import check_both
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LEAST_BINS = 32
+"""Bins under one line of a sweep: fewer leave no room beside the gate to see the noise."""
+
+FADED_CYCLES = 6
+"""Cycles of the lowest frequency over which a sweep is faded in and out."""
+
+GATES = np.arange(3, 11)
+"""Lags, in units of 1 / resolution, at which the noise is seen: beyond the Hann window's main lobe, which ends at 2."""
+
+HARMONIC_GATES = -np.arange(2, 9)
+"""Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
+
+SWEEP_FREEDOM = 40.0
+"""Degrees of freedom of a sweep's standard error: 8 gates of which 4.4 are independent, times 4.8 lines, times 2."""
+
+BLUNTED = 2 * (1 / 12 - 1 / (2 * np.pi**2))
+"""What a Hann line adds to a response that bends, as a share of its second difference over the lines: taken out again."""
+
+SHARP_VARIANCE = (1 + 2 * BLUNTED) ** 2 + 2 * BLUNTED**2 - 4 * BLUNTED * (1 + 2 * BLUNTED) * OVERLAP_CORRELATION
+"""By how much that raises the variance of a line."""
+
+SHARP_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / SHARP_VARIANCE - 1) / 2
+"""Of neighbouring lines then: their mean is as noisy as before."""
+
+
+def sweep_response(
+    drive: ArrayLike,
+    displacement: ArrayLike,
+    rate_hz: float,
+    band_hz: tuple[float, float],
+    resolution_hz: float | None = None,
+    delay_s: float = 0.0,
+) -> FrequencyResponse:
+    """Response to one long linear sweep.
+
+    Args:
+        drive: (N,), the whole sweep and, better, a moment of rest after it.
+        displacement: (N,), of the same scans.
+        rate_hz: samples per second.
+        band_hz: where lines are wanted; those at which the sweep was not are left out.
+        resolution_hz: full width of a line; lines stand half of it apart. None: 0.5 Hz, or what a short record allows.
+        delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
+
+    Raises:
+        ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
+    """
+    x, y = check_both(drive, displacement, 4 * LEAST_BINS, rate_hz)
+    swept = driven(x)
+    duration = swept.stop - swept.start
+    if duration < 4 * LEAST_BINS:
+        raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
+    # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
+    # cycles of the lowest frequency it has nothing in the band; the response, which lasts milliseconds, does not notice.
+    faded = min(round(FADED_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
+    n = padded(duration)
+    bin_hz = rate_hz / n
+    least_hz = LEAST_BINS * bin_hz
+    width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
+    if width < least_hz * (1 - 1e-9):
+        raise ValueError(
+            f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
+            "ask for a coarser resolution or sweep longer"
+        )
+    blocks = blocks_for(band_hz, width, bin_hz, rate_hz / 2)
+    if blocks.count < POOLED_LINES:
+        raise ValueError(
+            f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz holds {blocks.count} lines of {width:g} Hz, at least {POOLED_LINES} are needed"
+        )
+    X, Y = bins_of(x[swept], n, blocks, faded), bins_of(y[swept], n, blocks, faded)
+    cross, power = Y * X.conj(), X.real**2 + X.imag**2
+    stands_out(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
+    S_xx = np.asarray(blocks.of(power) @ blocks.window)
+    # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.
+    strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
+    used = np.zeros(S_xx.size, bool)
+    used[strong[0] + 2 : strong[-1] - 1] = True
+    with np.errstate(divide="ignore", invalid="ignore"):
+        H = np.asarray(blocks.of(cross) @ blocks.window) / S_xx
+    # Beyond the outermost of the strong lines the response is taken as it is there.
+    H = H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)]
+    variance = _noise(cross, power, H, blocks, rises(X)) / np.where(used, S_xx, np.inf) ** 2
+    S_nn = variance * S_xx / np.sum(blocks.window**2)
+    signal = np.abs(H) ** 2 * S_xx
+    f = blocks.frequency_hz
+    H[1:-1] -= BLUNTED * (H[2:] - 2 * H[1:-1] + H[:-2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = signal / (signal + S_nn)
+    turn = np.exp(2j * np.pi * f * delay_s)
+    return FrequencyResponse(
+        frequency_hz=f[used],
+        response=(H * turn)[used],
+        standard_error=np.sqrt(SHARP_VARIANCE * variance / 2)[used],
+        coherence=np.nan_to_num(coherence[used]),
+        degrees_of_freedom=SWEEP_FREEDOM,
+        resolution_hz=blocks.length * bin_hz,
+        correlation=SHARP_CORRELATION,
+    )
+
+
+def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: Blocks, rising: bool) -> Array:
+    """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
+    # Straight lines between the lines, which stand half a block apart; beyond the outermost the response is taken as it is there.
+    hop = blocks.length // 2
+    ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
+    share = np.arange(hop, dtype=np.float32) / np.float32(hop)
+    straight = (ends[:-1, None] + np.multiply.outer(np.diff(ends), share)).ravel()
+    within = slice(0, straight.size)
+    left = cross[within] - straight * power[within]
+    # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
+    side = 1 if rising else -1
+    gates = np.concatenate((GATES, HARMONIC_GATES))
+    shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
+    seen = blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
+    at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [GATES.size], axis=1)
+    # What stands at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
+    m = np.abs(HARMONIC_GATES)
+    leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
+    reach = np.pad(leaked, POOLED_LINES, "edge")
+    return np.asarray(pooled(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
