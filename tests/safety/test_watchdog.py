@@ -4,32 +4,30 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
-from app.build import connect
 from app.exits import FAILED
-from app.session import Session
 from drivers.amplifier import DriveLimits, HvAmplifier
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.keysight_33500 import Keysight33500
 from drivers.visa import VisaLink
-from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog
+from drivers.watch import BeatingClock, NoWatchdog
 from drivers.watchdog import WatchdogProcess
 from drivers.watchdog_charge import Charge
-from drivers.watchdog_log import LOG_NAME, untold
+from drivers.watchdog_log import LOG_NAME
 from model.amplifier import AmplifierMap
-from protocols.events import AtRest, Noted, Status
+from protocols.events import AtRest, Status
 from protocols.sine_dwell import SineDwell
 from sim_hardware.bench import VirtualBench
 from sim_hardware.served import ServedBench
 from tests.safety.program import program, safe
-from tests.support import laboratory, run, simulated, volts_are_safe
+from tests.support import laboratory, run, volts_are_safe
 
 LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
 """A drive that would go on for 13 s by itself. How soon the watchdog ends it is measured in docs/decisions/0020-watchdog.md; here
@@ -299,61 +297,3 @@ def test_a_bench_whose_watchdog_cannot_reach_the_source_does_not_go_live(tmp_pat
     with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*enabled = false"):
         watchdog.arm()
     watchdog.close()
-
-
-# -- telling ----------------------------------------------------------------------------------------------------------
-
-
-def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
-    (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
-    for told in (1, 0):
-        events: list[object] = []
-        with laboratory() as lab:
-            session = Session(lambda lab=lab: nullcontext(lab), [events.append], lab.operator)
-            session.start()
-            session.run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T")
-            session.finished.wait(60)
-            session.close()
-        notes = [e.text for e in events if isinstance(e, Noted) and "the watchdog wrote" in e.text]
-        assert len(notes) == told
-        assert all("was brought to rest" in note for note in notes)
-    assert untold(tmp_path) == []
-
-
-def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_so() -> None:
-    with laboratory() as lab:
-        assert isinstance(lab.bench.watchdog, NoWatchdog)
-        assert lab.bench.watchdog.words == ""
-    assert "a held level stays on the specimen" in SWITCHED_OFF
-
-
-@pytest.mark.parametrize(
-    ("resource", "shared"),
-    [
-        ("TCPIP::192.0.2.7::5025::SOCKET", True),
-        ("TCPIP::192.0.2.7::hislip0::INSTR", True),
-        ("ASRL/dev/ttyUSB0::INSTR", False),
-        ("usb0::0x2A8D::0x1301::MY1::INSTR", False),
-    ],
-)
-def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
-    """Two readers on one serial line would each get half of the answers."""
-    from app.build import _shared
-
-    assert _shared(resource) == shared
-
-
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
-    speed: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    charges: list[Charge] = []
-
-    def watches(charge: Charge) -> WatchdogProcess:
-        charges.append(charge)
-        return WatchdogProcess(charge)
-
-    monkeypatch.setattr("drivers.watchdog.WatchdogProcess", watches)
-    with connect(simulated(), speed):
-        pass
-    assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]

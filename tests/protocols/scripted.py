@@ -1,0 +1,54 @@
+"""A protocol for tests: it yields the steps it was given and remembers what they were answered with."""
+
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Unit
+from pydantic import Field
+
+from drivers.drive import Sine
+from protocols.protocol import Protocol
+from protocols.sine_dwell import SineDwell
+from protocols.steps import Settle, Step
+from protocols.values import Estimate, Planned, Recording
+
+SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A point of the test protocol."""
+
+    frequency: Annotated[float, Unit("Hz"), "frequency"]
+    mean: Annotated[float, Unit("m"), "mean displacement"]
+
+
+class Scripted(Protocol):
+    """Yields the steps it was given."""
+
+    name: ClassVar[str] = "scripted"
+    title: ClassVar[str] = "Scripted"
+    point_type: ClassVar[type] = Spot
+    axes: ClassVar[tuple[str, str]] = ("frequency", "mean")
+    script: Any = Field(default=(), exclude=True)
+    sample_rate_hz: float = 5000.0
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        return (Planned("only", (Sine(100, 1, rest_v, 300),), 1.0),)
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        for step in self.script:
+            answer = yield step() if callable(step) else step
+            self.__dict__.setdefault("answers", []).append(answer)
+
+    def point(self, key: Any, recordings: Sequence[Recording], simulated: bool) -> Spot:
+        if not recordings:
+            raise ValueError("nothing was recorded")
+        return Spot(100.0, float(recordings[-1].displacement_m.mean()))
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        return ()
+
+
+SETTLE = Settle(Sine(100, 1, 2.5, 300), 0.02, 0.01, 1.0)

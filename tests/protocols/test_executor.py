@@ -1,0 +1,131 @@
+"""The steps of an entry: each is answered, what the bench cannot do is a sentence, and the card is emptied meanwhile."""
+
+import threading
+import tracemalloc
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from protocols.events import (
+    BlockSeen,
+    PointMeasured,
+    Recorded,
+    SettleEnded,
+    Status,
+)
+from protocols.runreader import Run
+from protocols.steps import Ask, Note, Prompt, Read, Record
+from protocols.values import Recording
+from tests.protocols.scripted import SETTLE, SHORT, Scripted, Spot
+from tests.support import Trigger, laboratory, run
+
+
+def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
+    prompt = Prompt("enable-high-voltage", "Press when ready.")
+    protocol = Scripted(script=(Note("hello"), Ask(prompt), SETTLE, Record(0.05)))
+    with laboratory() as lab:
+        ran = run(protocol, tmp_path, lab)
+    assert ran.status == Status.COMPLETED
+    assert protocol.__dict__["answers"][1] == "done"
+    recording = protocol.__dict__["answers"][3]
+    assert recording.drive_v.shape == recording.displacement_m.shape == (250,)
+    with Run(ran.path) as file:
+        assert file.points()["mean"].tolist() == [recording.displacement_m.mean()]
+        assert next(file.recordings()).drive_v.tolist() == recording.drive_v.tolist()
+
+
+class Hesitant:
+    """Answers the run's prompts late, as a person does; the card goes on sampling meanwhile."""
+
+    def __init__(self, hands: Any, polls: int) -> None:
+        self.hands, self.polls = hands, polls
+
+    def show(self, ask_id: int, prompt: Prompt) -> None:
+        self.left = self.polls
+        self.hands.show(ask_id, prompt)
+
+    def answer(self, ask_id: int) -> str | None:
+        self.left -= 1
+        return self.hands.answer(ask_id) if self.left <= 0 else None
+
+
+def test_a_person_may_take_a_minute_to_answer_without_losing_the_card(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(SHORT, tmp_path, lab, operator=Hesitant(lab.operator, 1200))
+        assert lab.bench.clock.now() > 60
+        assert ran.status == Status.COMPLETED
+    with Run(ran.path) as file:
+        assert file.trace.samples < 10 * 5000  # the wait itself is no measurement
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ((Read("scale"),), "this bench has no meter 'scale' .it has: none."),
+    ],
+)
+def test_what_the_bench_cannot_do_is_a_sentence(script: tuple, says: str, tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Scripted(script=script), tmp_path, lab)
+    assert ran.status == Status.FAILED
+    import re
+
+    assert re.search(says, ran.reason)
+
+
+def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path) -> None:
+    """However many and however long: memory is flat. What a protocol gets is what anybody reads from the file later."""
+    kept: list[int] = []
+
+    def weigh(event: Any) -> None:
+        if isinstance(event, SettleEnded):
+            tracemalloc.start()
+        elif isinstance(event, Recorded):
+            kept.append(tracemalloc.get_traced_memory()[0])
+
+    protocol = Scripted(script=(SETTLE, Record(0.5), *[Record(2.5)] * 3), sample_rate_hz=20_000)
+    seen: list[tuple[Any, Any]] = []
+    with laboratory() as lab:
+        observed = Trigger(
+            lambda e: isinstance(e, PointMeasured),
+            lambda: seen.extend((r.drive_v, r.displacement_m) for r in protocol.__dict__["answers"][1:]),
+        )
+        ran = run(protocol, tmp_path, lab, weigh, observed)
+        tracemalloc.stop()
+    assert ran.status == Status.COMPLETED
+    # One of them is 50 000 scans: 0.2 MB in the blocks that this test keeps, 0.8 MB in volts and metres.
+    assert max(np.diff(kept)) < 0.4e6
+    with Run(ran.path) as file:
+        stored = list(file.recordings())
+    assert [r.drive_v.size for r in stored] == [10_000, 50_000, 50_000, 50_000]
+    for recording, (drive_v, displacement_m) in zip(stored, seen, strict=True):
+        assert (recording.drive_v == drive_v).all()
+        assert (recording.displacement_m == displacement_m).all()
+
+
+def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)
+    assert ran.status == Status.FAILED
+    assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
+
+
+def test_the_card_is_emptied_while_a_point_is_worked_out(tmp_path: Path) -> None:
+    """At raised speed a second of thinking is longer than the card holds its scans for us: 10 s here, 15 s are needed."""
+    emptied = threading.Semaphore(0)
+
+    class Slow(Scripted):
+        def point(self, key: Any, recordings: Sequence[Recording], simulated: bool) -> Spot:
+            for _ in range(15):
+                lab.bench.clock.sleep(1.0)
+                if not all(emptied.acquire(timeout=5) for _ in range(15)):
+                    raise ValueError("nobody looked after the card")
+            return super().point(key, recordings, simulated)
+
+    with laboratory() as lab:
+        looked = [lambda event: emptied.release() if isinstance(event, BlockSeen) else None]
+        ran = run(Slow(script=(SETTLE, Record(0.1))), tmp_path, lab, *looked)
+    assert (ran.status, ran.reason) == (Status.COMPLETED, "all points measured")

@@ -1,0 +1,71 @@
+"""What the watchdog did is told once, and where nobody watches that is said."""
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from app.build import connect
+from app.session import Session
+from drivers.watch import SWITCHED_OFF, NoWatchdog
+from drivers.watchdog import WatchdogProcess
+from drivers.watchdog_charge import Charge
+from drivers.watchdog_log import LOG_NAME, untold
+from protocols.events import Noted
+from protocols.sine_dwell import SineDwell
+from tests.support import laboratory, simulated
+
+
+def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
+    (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
+    for told in (1, 0):
+        events: list[object] = []
+        with laboratory() as lab:
+            session = Session(lambda lab=lab: nullcontext(lab), [events.append], lab.operator)
+            session.start()
+            session.run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T")
+            session.finished.wait(60)
+            session.close()
+        notes = [e.text for e in events if isinstance(e, Noted) and "the watchdog wrote" in e.text]
+        assert len(notes) == told
+        assert all("was brought to rest" in note for note in notes)
+    assert untold(tmp_path) == []
+
+
+def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_so() -> None:
+    with laboratory() as lab:
+        assert isinstance(lab.bench.watchdog, NoWatchdog)
+        assert lab.bench.watchdog.words == ""
+    assert "a held level stays on the specimen" in SWITCHED_OFF
+
+
+@pytest.mark.parametrize(
+    ("resource", "shared"),
+    [
+        ("TCPIP::192.0.2.7::5025::SOCKET", True),
+        ("TCPIP::192.0.2.7::hislip0::INSTR", True),
+        ("ASRL/dev/ttyUSB0::INSTR", False),
+        ("usb0::0x2A8D::0x1301::MY1::INSTR", False),
+    ],
+)
+def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
+    """Two readers on one serial line would each get half of the answers."""
+    from app.build import _shared
+
+    assert _shared(resource) == shared
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
+    speed: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    charges: list[Charge] = []
+
+    def watches(charge: Charge) -> WatchdogProcess:
+        charges.append(charge)
+        return WatchdogProcess(charge)
+
+    monkeypatch.setattr("drivers.watchdog.WatchdogProcess", watches)
+    with connect(simulated(), speed):
+        pass
+    assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]
