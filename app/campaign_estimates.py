@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.campaign import Campaign
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.identifying import Identified, identify
 from app.observing import ObservingError
 from model.amplifier import AmplifierMap

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from app.config import FASTEST, BenchConfig, ConfigError, faults, load_bench
+from app.config import FASTEST, BenchConfig, ConfigError, load_bench
 from app.exits import DONE, UsageError
 from app.units import UnitError, read_value, unit_of
+from app.validation import faults
 from protocols.plain import plain
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins

@@ -10,7 +10,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import AmplifierTable, ConfigError, load_bench
+from app.config import ConfigError, load_bench
+from app.config_tables import AmplifierTable
 from drivers.sensor import LaserSensor
 from protocols.continuation import protocol_of
 from protocols.layout import ENTRY, columns

@@ -12,7 +12,8 @@ from app import calibrations
 from app.answer import Answer, deliver, tracked
 from app.calibrations import CalibrationError, Calibrations
 from app.commands import version
-from app.config import AmplifierTable, ConfigError
+from app.config import ConfigError
+from app.config_tables import AmplifierTable
 from app.corrected import Correction
 from app.exits import UsageError
 from app.fit_answer import plans, profiled, proposed

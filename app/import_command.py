@@ -9,7 +9,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.answer import Answer, Column, Table, deliver
-from app.config import AmplifierTable, ConfigError, faults, load_bench
+from app.config import ConfigError, load_bench
+from app.config_tables import AmplifierTable
 from app.exits import UsageError
 from app.import_columns import ImportingError, Matched, match, recognised
 from app.import_kinds import RAW, Kind, kinds
@@ -20,6 +21,7 @@ from app.progress import Tell, bar, part, parts
 from app.sheet import Sheet, SheetError
 from app.sheet_file import read_sheet
 from app.units import UnitError, read_value, to_number
+from app.validation import faults
 from protocols.registry import PROTOCOLS
 from protocols.storing import StoreError
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.import_columns import ImportingError, Matched, factor
 from app.import_kinds import Kind
 from app.progress import STEP, Tell, parts, untold

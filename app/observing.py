@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from model.identification.observations import (
     Campaign,
     CommonError,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.words import quantity, shown_unit
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor

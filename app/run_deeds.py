@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.notes import Notes, read_tags, write_notes

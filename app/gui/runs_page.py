@@ -8,7 +8,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.exits import UsageError
 from app.explore_answer import Measured
 from app.export import Format

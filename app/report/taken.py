@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.catalogue import Catalogue
-from app.config import AmplifierTable
+from app.config_tables import AmplifierTable
 from app.observing import observations, shapes_in
 from app.run_entry import Wanted
 from model.amplifier import AmplifierMap
