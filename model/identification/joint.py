@@ -7,12 +7,12 @@ a prior; unidentified combinations are found by the singular values of the scale
 from collections.abc import Callable
 from dataclasses import replace
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.identification import names as known
+from model.identification.coordinates import Coordinates
 from model.identification.fitted import JointFit
 from model.identification.observations import Campaign
 from model.identification.problem import Problem
@@ -92,72 +92,24 @@ class _Watch:
         from scipy.optimize import least_squares
 
         p = self._problem
-        log = p.log & (start > 0)
-        scale = np.array([known.scale(n, x) for n, x in zip(p.names, start, strict=True)])
-        scale = np.where(log, 1.0, scale)
-        for i, name in enumerate(p.names):
-            if name in p.campaign.common:
-                scale[i] = p.campaign.common[name].standard_error
-
-        def inward(theta: Array) -> Array:
-            return np.where(log, np.log(np.where(log, theta, 1.0)), theta / scale)
-
-        def outward(x: Array) -> Array:
-            return np.where(log, np.exp(np.where(log, x, 0.0)), x * scale)
-
-        low = np.where(log, np.log(np.where(log, start, 1.0)) - 12, p.low / scale)
-        high = np.where(log, np.log(np.where(log, start, 1.0)) + 12, p.high / scale)
-        seen: dict[bytes, tuple[Array, Array]] = {}
-        best: list[Any] = [np.inf, None]
-
-        def at(x: Array) -> tuple[Array, Array]:
-            key = x.tobytes()
-            if key not in seen:
-                self._check()
-                seen.clear()
-                theta = outward(x)
-                try:
-                    r, J = p.evaluate(theta)
-                except (np.linalg.LinAlgError, ParameterError, FloatingPointError):
-                    r, J = np.full(1, np.nan), np.zeros((1, x.size))
-                if not (np.isfinite(r).all() and np.isfinite(J).all()):
-                    if best[1] is None:
-                        raise _Stop
-                    r, J = np.full(best[1][0].size, 1e8), np.zeros_like(best[1][1])
-                if r @ r < best[0]:
-                    best[:] = [float(r @ r), (r, J, theta)]
-                if self._progress is not None:
-                    self._progress(self.evaluations, best[0])
-                seen[key] = r, -J * np.where(log, theta, scale)
-            return seen[key]
-
-        # a start on a limit is moved a little inside
-        x0 = np.clip(
-            inward(start), np.where(np.isfinite(low), low + 1e-9, low), np.where(np.isfinite(high), high - 1e-9, high)
-        )
-        message, converged = "", False
-
-        def rows(x: Array) -> Array:
-            return at(x)[0]
-
-        def slopes(x: Array) -> Array:
-            return at(x)[1]
-
+        place = Coordinates(p, start)
+        descent = _Descent(p, place, self)
         try:
             with np.errstate(all="ignore"):
                 got = least_squares(
-                    rows, x0, slopes, (low, high), "trf", loss=p.setting.loss,
+                    descent.rows, place.begin, descent.slopes, (place.low, place.high), "trf", loss=p.setting.loss,
                     xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=200,
                 )  # fmt: skip
+        except _Stop:
+            if descent.best is None:
+                return None
+            theta, r, J = descent.best
+            converged, message = False, "stopped because its time was over; the best so far"
+        else:
+            theta = place.outward(got.x)
+            r, J = p.evaluate(theta)
             converged = bool(got.success)
             message = "converged" if converged else "stopped after 200 evaluations without settling"
-            r, J = p.evaluate(outward(got.x))
-            theta = outward(got.x)
-        except _Stop:
-            if best[1] is None:
-                return None
-            r, J, theta = best[1]
-            message = "stopped because its time was over; the best so far"
         if p.setting.loss != "linear":
             weight = np.sqrt(_weights(r, p.setting.loss))
             J = J * weight[:, None]
@@ -168,12 +120,61 @@ class _Watch:
             message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error says little"
         return JointFit(p.campaign, p.setting, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
-    def _check(self) -> None:
+    def check(self) -> None:
+        """Count an evaluation that is about to begin.
+
+        Raises:
+            FitCancelled: somebody asked for it.
+            _Stop: the time is over.
+        """
         self.evaluations += 1
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
         if self.evaluations > 1 and monotonic() > self.deadline:  # the first is always done: an answer, if a poor one
             raise _Stop
+
+    def tell(self, cost: float) -> None:
+        """The least sum of squares so far."""
+        if self._progress is not None:
+            self._progress(self.evaluations, cost)
+
+
+class _Descent:
+    """What a solver asks on its way: every point is evaluated once for rows and slopes, and the best is kept."""
+
+    def __init__(self, problem: Problem, place: Coordinates, watch: _Watch) -> None:
+        self._problem, self._place, self._watch = problem, place, watch
+        self._x, self._at = b"", (np.empty(0), np.empty((0, 0)))
+        self._least = np.inf
+        self.best: tuple[Array, Array, Array] | None = None
+        """theta, residuals and their slopes where the sum of squares was least."""
+
+    def rows(self, x: Array) -> Array:
+        """Residuals, (rows,)."""
+        return self._evaluated(x)[0]
+
+    def slopes(self, x: Array) -> Array:
+        """Their slopes to x, (rows, P)."""
+        return self._evaluated(x)[1]
+
+    def _evaluated(self, x: Array) -> tuple[Array, Array]:
+        if x.tobytes() == self._x:
+            return self._at
+        self._watch.check()
+        theta = self._place.outward(x)
+        try:
+            r, J = self._problem.evaluate(theta)
+        except (np.linalg.LinAlgError, ParameterError, FloatingPointError):
+            r, J = np.full(1, np.nan), np.zeros((1, x.size))
+        if not (np.isfinite(r).all() and np.isfinite(J).all()):
+            if self.best is None:
+                raise _Stop
+            r, J = np.full(self.best[1].size, 1e8), np.zeros_like(self.best[2])
+        if r @ r < self._least:
+            self._least, self.best = float(r @ r), (theta, r, J)
+        self._watch.tell(self._least)
+        self._x, self._at = x.tobytes(), (r, -J * self._place.steepness(theta))
+        return self._at
 
 
 def _weights(r: Array, loss: str) -> Array:
