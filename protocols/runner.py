@@ -1,4 +1,4 @@
-"""Carries one protocol out on an armed bench; owns storing, pausing, cancelling, prompting and the way to rest."""
+"""Carries one protocol out on an armed bench: the order of things, pausing, cancelling, and the way to rest."""
 
 import contextlib
 import importlib
@@ -31,8 +31,9 @@ from protocols.events import (
     StreamStarted,
 )
 from protocols.executor import Executor
+from protocols.hands import Hands
 from protocols.ledger import Ledger
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
+from protocols.operator import Operator
 from protocols.protocol import Protocol
 from protocols.publishing import Observer, Publisher
 from protocols.rehearsal import rehearse
@@ -89,12 +90,12 @@ class Runner:
         self._continuation = continuation or Continuation()
         self._prepare = tuple(prepare)
         self._armed: ArmedBench | None = None
-        self._setup: Prompt | None = None
         self._pausable = False
         self._expired = bench.sensor.expired(datetime.now(UTC).date())
         self._events = Publisher(store, observers, bench.clock, outside)
         self._ledger = Ledger(protocol, store, bench.amplifier.map.rest_v)
         self._executor = Executor(bench, store, operator, self._events, self._look_up, self._expired)
+        self._hands = Hands(self._executor, protocol.high_voltage)
 
     def run(self) -> tuple[Status, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
@@ -102,7 +103,7 @@ class Runner:
             self._begin()
             protocol = self._protocol
             with self._bench.armed(
-                protocol.sample_rate_hz, self._events.take, self, self._started, protocol.high_voltage
+                protocol.sample_rate_hz, self._events.take, self._hands, self._started, protocol.high_voltage
             ) as armed:
                 self._events.publish(Armed(protocol.high_voltage))
                 try:
@@ -128,18 +129,6 @@ class Runner:
             status, reason = Status.FAILED, f"an error of this program: {type(error).__name__}: {error}"
         return self._finish(status, reason)
 
-    # -- the operator's switch: a HighVoltageSwitch whose hands are prompts --------------------------------------------
-
-    def disable(self) -> None:
-        """Have the operator switch high voltage off."""
-        self._executor.ask(DISABLE_HIGH_VOLTAGE)
-
-    def enable(self) -> None:
-        """Have the operator switch high voltage on."""
-        self._executor.ask(ENABLE_HIGH_VOLTAGE)
-
-    # -- entries -------------------------------------------------------------------------------------------------------
-
     def _begin(self) -> None:
         rehearsal = rehearse(
             self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
@@ -162,9 +151,7 @@ class Runner:
     def _carry_out(self, armed: ArmedBench) -> None:
         self._ledger.leave(self._continuation.again)
         self._events.publish(self._ledger.progress())
-        with self._hands(armed, any(prompt.hands_on for prompt in self._prepare)):
-            for prompt in self._prepare:
-                self._executor.ask(prompt)
+        self._hands.prepare(armed, self._prepare)
         self._check_drift(armed)
         while (index := self._ledger.next()) is not None:
             self._ledger.done(index, self._entry(armed, index))
@@ -175,7 +162,7 @@ class Runner:
         entry = self._ledger.entry(index)
         while True:
             try:
-                self._set_up(armed, entry.setup)
+                self._hands.set_up(armed, entry.setup)
                 self._events.publish(EntryBegan(index, entry.label, entry.key))
                 self._pausable = True
                 recordings, redo = self._executor.carry_out(self._protocol, index, entry, armed)
@@ -215,19 +202,6 @@ class Runner:
         for curve in curves:
             self._ledger.keep_curve(curve)
             self._events.tell(CurveReady(curve))
-
-    def _set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
-        """Have a person set up what the entry needs, where that is not what stands there."""
-        if setup is None or setup == self._setup:
-            return
-        self._setup = None
-        with self._hands(armed, setup.hands_on):
-            self._executor.ask(setup)
-        self._setup = setup
-
-    def _hands(self, armed: ArmedBench, on: bool) -> contextlib.AbstractContextManager[None]:
-        """High voltage off while hands are on the specimen, where it has high voltage at all."""
-        return armed.hands_on(self) if on and self._protocol.high_voltage else contextlib.nullcontext()
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.to_rest()
