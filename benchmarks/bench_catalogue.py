@@ -6,10 +6,9 @@ The ratios are against opening every file, which is what a list without an index
 """
 
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+
+from timing import seconds
 
 from app.catalogue import Catalogue
 from app.run_entry import Wanted, read_entry
@@ -24,10 +23,10 @@ def main() -> None:
         here = Path(folder)
         real = [finished_run(here / "real", f"T{i % 20}") for i in range(REAL)]
         index = Catalogue(here / "real", here / "real.sqlite")
-        first = timed(index.scan, 1)
-        again = timed(index.scan)
+        first = min(seconds(index.scan, 1))
+        again = min(seconds(index.scan, 5))
         print(f"{REAL} real files: into a new index {1e3 * first:.0f} ms, looked at again {1e3 * again:.1f} ms")
-        opening = timed(lambda: [read_entry(path, path.name) for path in real[:50]], 1) / 50
+        opening = min(seconds(lambda: [read_entry(path, path.name) for path in real[:50]], 1)) / 50
         synthetic(here, index, opening)
 
 
@@ -40,25 +39,15 @@ def synthetic(here: Path, index: Catalogue, opening: float) -> None:
         path = here / "many" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    listing = timed(many.entries)
+    listing = min(seconds(many.entries, 5))
     entries = many.entries()
-    filtering = timed(lambda: Wanted(words="t7 resonance simulated").among(entries))
-    walking = timed(lambda: many.scan(stopped=lambda: True))
+    filtering = min(seconds(lambda: Wanted(words="t7 resonance simulated").among(entries), 5))
+    walking = min(seconds(lambda: many.scan(stopped=lambda: True), 5))
     print(f"{MANY} runs: listed {1e3 * listing:.0f} ms, filtered by three words {1e3 * filtering:.1f} ms, ")
     print(f"  folder compared with the index {1e3 * walking:.0f} ms")
     print(
         f"  opening every file instead (from 50 of them): {MANY * opening:.0f} s, {MANY * opening / listing:.0f} times as long"
     )
-
-
-def timed(act: Callable[[], Any], times: int = 5) -> float:
-    """The shortest of a few."""
-    spent = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        act()
-        spent.append(time.perf_counter() - begin)
-    return min(spent)
 
 
 if __name__ == "__main__":

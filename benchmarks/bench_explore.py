@@ -8,7 +8,6 @@ Times are told as shares of a frame (16 ms) and ratios; run it on a quiet comput
 import os
 import statistics
 import time
-from collections.abc import Callable
 from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
@@ -16,6 +15,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEventLoop, QTimer
+from timing import seconds
 
 from app.gui.application import application
 from app.gui.explore_page import PAINT_S, ExplorePage
@@ -54,8 +54,8 @@ def main() -> None:
         )
     page.end()
     f = np.linspace(1, 250, 300)
-    quick = timed(lambda: curve(Specimen(), f))
-    thorough = timed(lambda: amplifier_response(Specimen().tactor, f))
+    quick = min(seconds(lambda: curve(Specimen(), f), 15))
+    thorough = min(seconds(lambda: amplifier_response(Specimen().tactor, f), 15))
     print(f"quick curve {1e3 * quick:.1f} ms, {thorough / quick:.0f} times as fast as the thorough one")
 
 
@@ -103,15 +103,6 @@ def pause(ms: int) -> None:
     loop = QEventLoop()
     QTimer.singleShot(ms, loop.quit)
     loop.exec()
-
-
-def timed(act: Callable[[], Any], times: int = 15) -> float:
-    spent = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        act()
-        spent.append(time.perf_counter() - begin)
-    return min(spent)
 
 
 if __name__ == "__main__":

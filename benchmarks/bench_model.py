@@ -4,18 +4,15 @@ Poles and residues (the eigenproblem included) against a plain solve per frequen
 scikit-fem refined to equal accuracy; ten thousand parameter sets; the memory of a study.
 """
 
-import argparse
-import json
 import tracemalloc
-from collections.abc import Callable
 from contextlib import closing
 from itertools import pairwise
 from statistics import median
-from time import perf_counter
 
 import numpy as np
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 from skfem.helpers import dd
+from timing import seconds, tell
 
 from model.closed_form import exact_response
 from model.parameters import Tactor
@@ -24,15 +21,6 @@ from model.study import Study
 
 F = np.linspace(1, 500, 1000)
 T = Tactor()
-
-
-def seconds(call: Callable[[], object], repeats: int) -> list[float]:
-    times = []
-    for _ in range(repeats):
-        start = perf_counter()
-        call()
-        times.append(perf_counter() - start)
-    return times
 
 
 def solve_loop() -> np.ndarray:
@@ -133,20 +121,5 @@ GOALS = (
 )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    as_json = parser.parse_args().json
-    numbers = measure()
-    if as_json:
-        print(json.dumps(numbers))
-        return
-    for name, value in numbers.items():
-        print(f"{name:44s} {value:10.4g}")
-    for name, sign, goal in GOALS:
-        met = numbers[name] < goal if sign == "<" else numbers[name] >= goal
-        print(f"goal {name} {sign} {goal:g}: {'met' if met else 'not met on this machine now'}")
-
-
 if __name__ == "__main__":
-    main()
+    tell(__doc__.splitlines()[0], measure, GOALS)
