@@ -22,7 +22,7 @@ _STEP_V = 0.04
 Counts = NDArray[np.int16]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """A converter's output: count `k` at `origin_s + k / rate_hz`, the last one held; `before_v` until the first.
 
