@@ -13,6 +13,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from app.run_job import Again, Job, header
 from drivers.bench import Bench
 from drivers.errors import BenchError
 from drivers.watchdog_log import untold
@@ -23,7 +24,6 @@ from protocols.steps import Prompt
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
-    from protocols.fresh_run import Header
 
 log = logging.getLogger(__name__)
 
@@ -87,30 +87,6 @@ class Connected(Protocol):
         """Reaches into a simulated bench, to break and mend it; None for a real one."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    protocol: Measurement
-    folder: Path
-    specimen: str
-    earlier: "Earlier | None" = None
-    prepare: tuple[Prompt, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Again:
-    """A run that goes on with another one, which is read when its turn comes."""
-
-    path: Path
-    entries: tuple[int, ...]
-    folder: Path
-
-    def read(self) -> _Job:
-        from protocols.continuation import earlier
-
-        before = earlier(self.path, self.entries)
-        return _Job(before.protocol, self.folder, before.specimen, before)
-
-
 class Session:
     """One bench, one thread, any number of runs one after the other.
 
@@ -128,7 +104,7 @@ class Session:
     ) -> None:
         self._connect, self._observers, self._operator = connect, tuple(observers), operator
         self._outside: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._jobs: queue.SimpleQueue[_Job | _Again | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Job | Again | None] = queue.SimpleQueue()
         self._cancel, self._pause = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = State.CONNECTING
@@ -151,13 +127,13 @@ class Session:
         prepare: Sequence[Prompt] = (),
     ) -> None:
         """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
-        self._queue(_Job(protocol, folder, specimen, earlier, tuple(prepare)))
+        self._queue(Job(protocol, folder, specimen, earlier, tuple(prepare)))
 
     def measure_again(self, path: Path, entries: Sequence[int], folder: Path) -> None:
         """Queue a run that measures some entries of the run `path` again. Returns at once; it is read in our thread."""
-        self._queue(_Again(path, tuple(entries), folder))
+        self._queue(Again(path, tuple(entries), folder))
 
-    def _queue(self, job: _Job | _Again) -> None:
+    def _queue(self, job: Job | Again) -> None:
         self._cancel.clear()
         self._pause.clear()
         self.outcome = None
@@ -217,7 +193,7 @@ class Session:
                 self._become(State.CLOSED)
             self.finished.set()
 
-    def _run(self, connected: Connected, asked: _Job | _Again) -> None:
+    def _run(self, connected: Connected, asked: Job | Again) -> None:
         # HDF5 and what comes with it: not before the window is painted, and not in its thread.
         from protocols.runfile import RunFile
         from protocols.runner import Runner
@@ -227,8 +203,8 @@ class Session:
         self._become(State.RUNNING)
         self._tell_outside()
         try:
-            job = asked.read() if isinstance(asked, _Again) else asked
-            if isinstance(asked, _Again) and self._cancel.is_set():
+            job = asked.read() if isinstance(asked, Again) else asked
+            if isinstance(asked, Again) and self._cancel.is_set():
                 raise RunError(f"Stopped before the run began; nothing was measured. {asked.path.name} is as it was.")
         except RunError as error:
             self._refuse(str(error))
@@ -298,21 +274,3 @@ class Session:
 def watchdog_notes(folder: Path) -> list[Noted]:
     """What the watchdog of an earlier program left to be told beside these runs; told once."""
     return [Noted(f"Since the last start the watchdog wrote: {line}") for line in untold(folder)]
-
-
-def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "Header":
-    """What the run file says about a run before it begins."""
-    from protocols.fresh_run import Header
-
-    return Header(
-        protocol=protocol.name,
-        title=protocol.title,
-        parameters=protocol.model_dump(mode="json"),
-        point_type=protocol.point_type,
-        axes=protocol.axes,
-        sensor=bench.sensor,
-        bench=bench.record,
-        simulated=bench.simulated,
-        specimen=specimen,
-        continues=continues,
-    )

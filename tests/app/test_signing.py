@@ -21,7 +21,7 @@ from app.corrected import CorrectedRun, Correction
 from app.identifying import identify
 from app.main import main
 from app.observing import shapes_of
-from app.session import header
+from app.run_job import header
 from model.closed_form import exact_response
 from model.identification.chain_method import ChainMethod
 from model.identification.setting import Setting
