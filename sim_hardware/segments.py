@@ -18,7 +18,7 @@ _EDGE_S = 5e-6
 
 
 class Segment(Protocol):
-    """One stretch of output."""
+    """One stretch of output; it never changes, and is told apart from others by its hash."""
 
     @property
     def still_from_s(self) -> float:
