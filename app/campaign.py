@@ -178,7 +178,7 @@ class Campaign:
         with self._lock:
             self._writing = None
 
-    def skip(self, name: str, why: str = "skipped") -> None:
+    def skip(self, name: str, why: str = "left out on purpose") -> None:
         """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
         self._change(name, skipped=why)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from app.campaign_plan import Item
 from app.campaign_runs import CRASHED, Made
+from app.words import ended
 from protocols.events import Status
 from protocols.values import Estimate
 
@@ -124,7 +125,7 @@ def _one(
         reason = f"{last.state} with {last.points} points: {last.reason or 'its program is gone'}"
         do = Next.WAIT if waits else Next.RESUME
         return Listed(item, title, Standing.UNFINISHED, reason, do, last.path, last.start_time)
-    reason = f"did not pass: {', '.join(last.failing)}" if last.failing else f"{last.state}: {last.reason}"
+    reason = f"did not pass: {', '.join(last.failing)}" if last.failing else ended(last.state, last.reason)
     standing = Standing.MISSING if last.state in (Status.STOPPED, CRASHED) else Standing.FAILED
     return Listed(item, title, standing, reason, do, last.path, last.start_time)
 

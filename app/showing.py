@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.words import duration, point_line, quantity, size
+from app.words import duration, ended, point_line, quantity, size
 from protocols.continuation import points_of
 from protocols.events import FaultSwitched
 from protocols.figures import figures
@@ -44,7 +44,7 @@ def run_text(run: Run) -> str:
     length = duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
         f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
-        f"{run.state}: {run.reason}" if run.reason else run.state,
+        ended(run.state, run.reason),
         _origin(run)
         or f"begun {run.start_time}, {run.trace.samples} scans at {run.trace.rate_hz:g} Hz ({length}), "
         f"{size(run.path.stat().st_size)}",

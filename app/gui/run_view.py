@@ -11,7 +11,7 @@ from app.gui.theme import Theme
 from app.overlay import Curve
 from app.reopening import Reopened
 from app.sentences import estimate_words
-from app.words import duration
+from app.words import duration, ended
 from protocols.events import RunEnded, Status
 from protocols.registry import PROTOCOLS
 
@@ -69,11 +69,10 @@ class RunView(QWidget):
         self.run = run
         self.heading.setText(run.title)
         told = "".join(f"   {estimate_words(e)}." for e in run.estimates)
-        ended = f"{run.state}: {run.reason}" if run.reason else run.state
         parameters = ", ".join(f"{name} {_short(value)}" for name, value in run.parameters.items())
         simulated = "SIMULATED.   " if run.simulated else ""
         self.facts.setText(
-            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {duration(run.duration_s)}, {ended}.{told}\n{parameters}"
+            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {duration(run.duration_s)}, {ended(run.state, run.reason)}.{told}\n{parameters}"
         )
         # What a protocol that is not known here measured is drawn where it is an amplitude over frequency.
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.words import curve_line, duration, size, uncertain
+from app.words import curve_line, duration, ended, size, uncertain
 from protocols.values import Column, Curve
 
 
@@ -43,3 +43,13 @@ def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_sample
     assert line == "frequency response of sweep 2: 3 lines, 25 to 525 Hz, highest 925.31 ± 0.12 µm/V at 151 Hz"
     del columns["response_errors"]
     assert curve_line(Curve("decay", "", "frequency", "response", columns)) == ""
+
+
+def test_how_a_run_ended_is_told_once() -> None:
+    assert (
+        ended("stopped", "stopped by the operator after 5 of 18 points")
+        == "stopped by the operator after 5 of 18 points"
+    )
+    assert ended("unsafe", "UNSAFE: rest could not be confirmed") == "UNSAFE: rest could not be confirmed"
+    assert ended("completed", "all points measured") == "completed: all points measured"
+    assert ended("crashed", "") == "crashed"
