@@ -2,14 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
 from app.config_tables import AmplifierTable
-from app.exits import UsageError
 from app.explore_answer import Measured
 from app.export import Format
 from app.gui.dropped import run_urls, table_urls
@@ -23,10 +21,10 @@ from app.gui.runs_folder import RunsFolder
 from app.gui.runs_list import RunsList, RunsTable
 from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
+from app.gui.transfers import Transfers
 from app.overlay import Overlay, Question, elongations_of
-from app.progress import Stopped
 from app.reopening import Reopened, Traces, look_closer, reopen
-from app.run_deeds import TakenIn, bring_in, export_runs, measured_of, take_in
+from app.run_deeds import measured_of
 from app.run_entry import Entry
 from app.view import View
 
@@ -56,14 +54,14 @@ class RunsPage(QStackedWidget):
         index: Path | None = None,
     ) -> None:
         super().__init__()
-        self._specimen, self._amplifier = specimen, amplifier
         self._overlay = Overlay(amplifier=overlay.amplifier)
-        self._reads, self._deeds = Jobs("run files", self), Jobs("run deeds", self)
+        self._reads = Jobs("run files", self)
         self._folder = folder
         self.known = RunsFolder(folder, index, self)
         self.model = RunsModel(theme)
         self.table = RunsTable(self.model)
         self.filter, self.side, self.opened = RunFilter(), RunSide(theme), RunView(theme)
+        self.transfers = Transfers(self.side.going, folder, specimen, amplifier, self)
         self.addWidget(RunsList(self.filter, self.table, self.side))
         self.addWidget(self.opened)
         self.setAcceptDrops(True)
@@ -97,10 +95,9 @@ class RunsPage(QStackedWidget):
 
     def end(self) -> None:
         """End what works beside the window."""
-        self.side.going.end_it()
+        self.transfers.end()
         self.known.end()
         self._reads.close()
-        self._deeds.close()
         self._overlay.close()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
@@ -138,41 +135,8 @@ class RunsPage(QStackedWidget):
 
     def export(self, folder: Path, kind: Format, chosen: Sequence[Entry] | None = None) -> None:
         """What is chosen, or what was, as files for other programs."""
-        paths = [self._path(e) for e in (self.chosen if chosen is None else chosen) if e.readable]
-        self._begin(
-            f"exporting {_runs(len(paths))} …",
-            lambda: export_runs(paths, folder, kind, self.side.going.stopped, self.side.going.tell),
-            lambda count: f"{count} files written to {folder}",
-        )
-
-    def take_in(self, paths: Sequence[Path]) -> None:
-        """Copy run files into the folder; what has the same name is never replaced."""
-        folder = self._folder()
-
-        def done(taken: TakenIn) -> str:
-            self.known.look()
-            there = f"already there: {', '.join(taken.there)}" if taken.there else ""
-            return "; ".join(filter(None, [f"{_runs(len(taken.copied))} taken in" if taken.copied else "", there]))
-
-        going = self.side.going
-        self._begin(f"taking in {_runs(len(paths))} …", lambda: take_in(paths, folder, going.stopped, going.tell), done)
-
-    def bring_in(self, paths: Sequence[Path]) -> None:
-        """Tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
-        folder, specimen, going = self._folder(), self._specimen(), self.side.going
-        names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
-
-        def tell(share: float) -> None:
-            if going.stopped():
-                raise Stopped
-            going.tell(share)
-
-        def done(brought: tuple[int, list[str]]) -> str:
-            self.known.look()
-            count, cautions = brought
-            return "\n".join([f"{names}: {_runs(count)} of {specimen or 'unnamed'} imported", *cautions])
-
-        self._begin(f"importing {names} …", lambda: bring_in(paths, folder, specimen, self._amplifier, tell), done)
+        entries = self.chosen if chosen is None else chosen
+        self.transfers.export([self._path(e) for e in entries if e.readable], folder, kind)
 
     def explore(self) -> None:
         """Lay what is chosen, or opened, over the model's curve."""
@@ -191,31 +155,6 @@ class RunsPage(QStackedWidget):
         self.table.choose(paths)
 
     # -- inside --------------------------------------------------------------------------------------------------------
-
-    def _begin(self, words: str, work: Callable[[], Any], then: Callable[[Any], str]) -> None:
-        """Do something with files that takes its time; `then` says what came of it."""
-        going = self.side.going
-        if going.going:
-            self.side.say(f"{going.words.text()} Wait for its end, or stop it, first.", fault=True)
-            return
-
-        def done(answer: Any) -> None:
-            stopped = "stopped" if going.stopped() else ""
-            going.over()
-            self.side.say("; ".join(filter(None, [stopped, then(answer)])))
-
-        def failed(error: Exception) -> None:
-            going.over()
-            if isinstance(error, Stopped):
-                self.side.say("stopped; nothing was written")
-            elif isinstance(error, UsageError):
-                self.side.say(f"{error}\nMore can be said in a terminal: tactor-bench import --help", fault=True)
-            else:
-                self._failed(error)
-
-        self.side.say("")
-        going.begin(words)
-        self._deeds.do(work, done, failed)
 
     def _path(self, entry: Entry) -> Path:
         return self.model.folder / entry.path
@@ -296,6 +235,8 @@ class RunsPage(QStackedWidget):
         self.table.selectionModel().selectionChanged.connect(lambda *_: self._chosen())
         self.table.opened.connect(self.open)
         self.table.doubleClicked.connect(lambda _: self.open())
+        self.transfers.came.connect(self.known.look)
+        self.transfers.said.connect(self.side.say)
         self.side.noted.connect(self.annotate)
         self.side.open_pressed.connect(self.open)
         self.side.explore_pressed.connect(self.explore)
@@ -318,11 +259,7 @@ class RunsPage(QStackedWidget):
 
     def dropEvent(self, event: QDropEvent) -> None:
         if runs := run_urls(event):
-            self.take_in(runs)
+            self.transfers.take_in(runs)
         if tables := table_urls(event):
-            self.bring_in(tables)
+            self.transfers.bring_in(tables)
         event.acceptProposedAction()
-
-
-def _runs(count: int) -> str:
-    return "1 run" if count == 1 else f"{count} runs"

@@ -247,7 +247,7 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
             assert go_on.wait(20)
 
     monkeypatch.setattr(going, "tell", slowly)
-    page.take_in([whole, half])
+    page.transfers.take_in([whole, half])
     until(begun.is_set, "for the second file")
     until(going.isVisible, "for the bar")
     assert going.words.text() == "taking in 2 runs …"
@@ -265,7 +265,7 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
     assert going.isHidden()
     assert (folder / whole.name).read_bytes() == whole.read_bytes()
     assert not list(folder.glob(f"*{half.name}*")), "nothing half done"
-    page.take_in([half, tmp_path / "gone.h5"])
+    page.transfers.take_in([half, tmp_path / "gone.h5"])
     until(lambda: "there is no file" in page.side.said.text(), "for the sentence")
     assert going.isHidden()
 
@@ -292,12 +292,12 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert "nothing tells how certain the values are" in page.side.said.text()
     until(lambda: len(page.model.entries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
-    page.bring_in([table])
+    page.transfers.bring_in([table])
     until(lambda: "--as raw or --as voltage-steps" in page.side.said.text(), "for the sentence")
     assert "tactor-bench import --help" in page.side.said.text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     monkeypatch.setattr(page.side.going, "tell", lambda _share: page.side.going._stop.set())  # as the button does
-    page.bring_in([table])
+    page.transfers.bring_in([table])
     until(lambda: page.side.said.text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
 
