@@ -85,6 +85,8 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     until(lambda: not faults.broken, "for the repair")
     faults.boxes["clock-drift"].click()
     until(lambda: faults.broken, "for the second fault")
+    until(lambda: told() == ["Broken", "Broken", "Mended", "Broken"], "for the log")
+    assert window.view.busy, "it is told while the run goes on"
     window.helm.stop()
     until(lambda: not window.view.busy, "for the end")
     faults.mend.click()
