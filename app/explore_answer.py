@@ -129,7 +129,7 @@ def read_measured(path: Path) -> Measured:
             columns = {name: column[order] for name, column in points.items()}
             return Measured(
                 path,
-                f"{run.specimen} {run.start_time[:10]}",
+                f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
                 run.simulated,
                 2 * float(np.median(columns["drive_amplitude"])),
                 columns["frequency"],

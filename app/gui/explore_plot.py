@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from app.explore import Kept
 from app.explore_answer import Array, Line, Measured, Picture
 from app.gui.copying import Copying, Shown, as_text
-from app.gui.plots import INKS, LABEL_ON_LINE, Corner, ink, largest, paint, quiet, round_step, simulated_mark
+from app.gui.plots import INKS, LABEL_ON_LINE, Corner, ink, largest, paint, quiet, round_step, share_of, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
@@ -67,6 +67,7 @@ class ExplorePlot(QWidget):
         layout.addWidget(self.canvas, 5)
         layout.addWidget(self.below, 2)
         self.below.hide()
+        self.plot.getViewBox().sigResized.connect(lambda _: self._scale())
         self.pointer.sigPositionChanged.connect(lambda line: self.cursor_moved.emit(float(line.value())))
         self.set_theme(theme)
         self._scale()
@@ -232,8 +233,9 @@ class ExplorePlot(QWidget):
         if self._log:
             self.plot.setYRange(0.0, np.ceil(4 * np.log10(max(tops))) / 4, padding=0)
         else:
-            step = round_step(1.08 * max(tops), 8)  # in steps, so that it stands still while a slider moves
-            self.plot.setYRange(0, step * np.ceil(1.05 * max(tops) / step), padding=0)
+            top = 1.05 * max(tops) / (1 - share_of(self.legend, self.plot))
+            step = round_step(top, 8)  # in steps, so that it stands still while a slider moves
+            self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
         self.phase.setYRange(90 * np.floor(min(phases) / 90), 90 * np.ceil(max(phases) / 90), padding=0.04)
 
 

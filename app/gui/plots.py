@@ -14,6 +14,9 @@ from app.gui.theme import Theme
 
 Array = NDArray[np.float64]
 
+MOST_OF_IT = 0.5
+"""Of a plot's height that a legend may take from what is drawn."""
+
 TICK_LINES = 0.85
 """How many lines of writing a tick takes: figures are lower than a line."""
 
@@ -114,6 +117,15 @@ def simulated_mark(plot: Any, font: QFont) -> Corner:
     bold = QFont(font)
     bold.setBold(True)
     return Corner(plot, "SIMULATED", bold, right=True)
+
+
+def share_of(legend: Any, plot: Any) -> float:
+    """How much of a plot's height the legend in its upper corner takes, so that a range can leave that to it."""
+    if not len(legend.items):
+        return 0.0
+    legend.updateSize()
+    height = float(plot.getViewBox().height())
+    return min((float(legend.boundingRect().height()) + 8) / max(height, 1.0), MOST_OF_IT)
 
 
 class Fill(QGraphicsPathItem):

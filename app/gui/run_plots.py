@@ -8,13 +8,11 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore_answer import Measured
 from app.gui.copying import Copying, Shown, as_text
-from app.gui.plots import Corner, ink, largest, paint, quiet, round_step, simulated_mark
+from app.gui.plots import Corner, ink, largest, paint, quiet, round_step, share_of, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
 
 MOST_NAMED = 12
-MOST_OF_IT = 0.5
-"""Of the plot's height that a legend may take from the points."""
 
 
 class ComparePlot(QWidget):
@@ -87,16 +85,13 @@ class ComparePlot(QWidget):
             if 1 < len(self._runs) <= MOST_NAMED:  # one alone is named above the plot
                 self.legend.addItem(item, run.label)
             self.items.append(item)
-        self.legend.updateSize()
         self._scale()
 
     def _scale(self, *_: object) -> None:
         """All points, and above them room for the legend."""
         top = max([FELT_UM * 1.5, *(1e6 * largest(run.peak_to_peak) for run in self._runs)])
         right = max([100.0, *(float(run.frequency_hz.max()) for run in self._runs)])
-        height = max(self.plot.getViewBox().height(), 1.0)
-        named = self.legend.boundingRect().height() + 8 if len(self.legend.items) else 0.0
-        top *= 1.1 / (1 - min(named / height, MOST_OF_IT))
+        top *= 1.1 / (1 - share_of(self.legend, self.plot))
         step = round_step(top, 6)
         self.plot.setYRange(0, step * np.ceil(top / step), padding=0)
         self.plot.setXRange(0, 1.04 * right, padding=0)

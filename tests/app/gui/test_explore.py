@@ -110,6 +110,16 @@ def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     assert len(page.plot._kept_curves) == 0
 
 
+def test_the_legend_hides_no_curve(page: ExplorePage) -> None:
+    page.bar.preset_chosen.emit("fig10")
+    settled(page)
+    legend, box = page.plot.legend, page.plot.plot.getViewBox()
+    until(lambda: len(legend.items) >= 3, "for the kept curves")
+    lowest = box.mapSceneToView(legend.mapToScene(legend.boundingRect().bottomLeft())).y()
+    curves = [*page.plot.curves[:1], *(upper for upper, _ in page.plot._kept_curves)]
+    assert max(float(curve.getData()[1].max()) for curve in curves) < lowest
+
+
 def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: ExplorePage, tmp_path: Path) -> None:
     path = finished_run(tmp_path / "elsewhere")
     mime = QMimeData()
