@@ -92,7 +92,9 @@ def entry() -> NoReturn:
     sys.exit(code)
 
 
+@functools.cache
 def _parser() -> argparse.ArgumentParser:
+    """Everything that is understood; made once, since it takes longer than many a command."""
     from app.bench_parser import add_bench_commands, add_fault_option
     from app.campaign_parser import add_campaign_command
     from app.identify_parser import add_identify_commands, add_report_command
