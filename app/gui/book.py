@@ -122,12 +122,12 @@ class Book(Pages):
         if CAMPAIGN in self.made:
             self.campaign.desk.writing = path
 
-    def restore(self, folder: Path | None, specimen: str | None, page: bool) -> None:
-        """Be as it was; a folder or specimen that is given counts more. `page`: turn to the one that was seen last."""
-        self.measure.restore(self._settings)
+    def restore(self, folder: Path | None, specimen: str | None, asked: bool) -> None:
+        """Be as it was; a folder or specimen that is given counts more, and a protocol that was `asked` for is to be seen."""
+        self.measure.restore(self._settings, form=not asked)
         splitters.restore(self.measure, self._settings)
         last = str(self._settings.value("window/page", ""))
-        if page and last.isdigit() and int(last) < self.count():
+        if not asked and last.isdigit() and int(last) < self.count():
             self.begin_at(int(last))
         kept = self._settings.value("run/folder", "runs")
         self.measure.panel.folder.setText(str(folder if folder is not None else kept))

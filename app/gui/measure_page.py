@@ -1,5 +1,6 @@
 """The measuring page: what to run on the left; the response, the live traces and the log on the right."""
 
+import json
 import time
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from app.view import View
 from model.amplifier import AmplifierMap
 from model.quantity import ParameterError
 from protocols.protocol import Protocol
+from protocols.registry import PROTOCOLS
 
 LOOK_S = 1.0
 """How often the specimen's calibration is looked at."""
@@ -152,13 +154,26 @@ class MeasurePage(QSplitter):
         self._live.close()
         self._foresight.close()
 
-    def restore(self, settings: QSettings) -> None:
-        """Be as it was when it was last closed."""
+    def restore(self, settings: QSettings, form: bool) -> None:
+        """Be as it was when it was last closed; `form`: what it said, too."""
+        if form and (protocol := _kept(settings)) is not None:
+            self.panel.fill(protocol)
         span = settings.value("measure/span")
         if isinstance(span, int | str) and str(span).isdigit():
             self.traces.choose(int(span))
 
     def save(self, settings: QSettings) -> None:
         """Remember how it is."""
-        settings.setValue("measure/protocol", self.panel.kind.name)
+        if (protocol := self.panel.protocol) is not None:
+            said = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
+            settings.setValue("measure/form", json.dumps(said))
         settings.setValue("measure/span", self.traces.chosen)
+
+
+def _kept(settings: QSettings) -> Protocol | None:
+    """What the form said last; None where that is gone, or no protocol of this version."""
+    try:
+        said = json.loads(str(settings.value("measure/form", "")))
+        return PROTOCOLS[said["protocol"]].model_validate(said["parameters"])
+    except (ValueError, KeyError, TypeError):
+        return None

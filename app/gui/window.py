@@ -273,7 +273,7 @@ class MainWindow(QMainWindow):
             self.resize(1280, 720)
         # Who asks for a protocol, or starts one, wants to see it.
         asked = self._autostart or self.measure.panel.protocol != SineDwell()
-        self.pages.restore(folder, specimen, page=not asked)
+        self.pages.restore(folder, specimen, asked)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())

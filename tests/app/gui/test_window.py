@@ -15,6 +15,7 @@ from app.gui.theme import DARK, LIGHT
 from app.session import BenchFailed, Refused
 from app.view import BenchState
 from protocols.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
+from protocols.free_decay import FreeDecay
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.quality import Quality
 from protocols.sine_dwell import SineDwell
@@ -293,6 +294,27 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     assert second.window.measure.panel.specimen.text() == "T12 left"
     assert second.window.measure.traces.chosen == 2
     assert second.window.measure.panel.folder.text() == first.window.measure.panel.folder.text()
+
+
+def test_the_form_says_what_it_said_unless_a_protocol_is_asked_for(open_stage: OpenStage, settings: QSettings) -> None:
+    left = FreeDecay(step_v=0.25)
+    first = open_stage()
+    first.window.measure.panel.fill(left)
+    first.window.close()
+    until(lambda: not first.window.isVisible())
+    assert open_stage().window.measure.panel.protocol == left
+    assert open_stage(protocol=SineDwell(record_s=0.7)).window.measure.panel.protocol == SineDwell(record_s=0.7)
+
+
+@pytest.mark.parametrize(
+    "kept",
+    ["", "[]", '{"protocol": "gone", "parameters": {}}', '{"protocol": "sine-dwell", "parameters": {"record_s": -1}}'],
+)
+def test_a_form_that_was_kept_by_another_version_is_the_papers(
+    open_stage: OpenStage, settings: QSettings, kept: str
+) -> None:
+    settings.setValue("measure/form", kept)
+    assert open_stage().window.measure.panel.protocol == SineDwell()
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (2560, 1440)])
