@@ -92,7 +92,7 @@ class VirtualBench:
         """A link to the generator, or to the supply in its place, in this process."""
         g = self.truth.generator
         model = self.truth.supply.model if self.truth.source == "supply" else g.model
-        return DirectLink(self.port, self.clock, f"{model} (simulated)", g.command_s, timeout_s)
+        return DirectLink(self.port, self.clock, f"generator {model} (simulated)", g.command_s, timeout_s)
 
     def digitizer(self, buffer_s: float = 10.0) -> SimDigitizer:
         """The card in this process."""
