@@ -27,9 +27,8 @@ CHECKS = (
     ("ruff", "format", "--check", "."),
     ("mypy",),
     ("lint-imports",),
-    # A worker a core and one for the time in which others wait for real wires; tests of one file stay together, because
-    # they share what they measured. '-n0' does without.
-    ("pytest", "-n", str((os.cpu_count() or 1) + 1), "--dist", "loadfile", "--no-loadscope-reorder"),
+    # A worker a core; tests of one file stay together, because they share what they measured. '-n0' does without.
+    ("pytest", "-n", "logical", "--dist", "loadfile", "--no-loadscope-reorder"),
 )
 
 

@@ -64,7 +64,7 @@ def direct(model: str) -> Iterator[Made]:
 def on_a_socket(model: str) -> Iterator[Made]:
     bench = VirtualBench(truth(model), WallClock(20.0))
     with ServedBench(bench) as served:
-        link = VisaLink(f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", timeout_s=0.2)
+        link = VisaLink(f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", timeout_s=2.0)
         source = BOXES[model](link, bench.clock)
         yield source, bench, bench.clock
         source.close()

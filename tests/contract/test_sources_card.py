@@ -32,7 +32,8 @@ from sim_hardware.served import ServedBench
 from tests.support import installed, simulated, volts_are_safe
 
 SPEED = 5.0
-MARGIN_S = 0.1 * SPEED
+MARGIN_S = 0.3 * SPEED
+"""Of bench time: what a busy computer may take to rewrite what the card has not played yet."""
 
 
 @contextmanager

@@ -107,12 +107,11 @@ def test_steps_go_on_while_the_run_does() -> None:
         assert not source.at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="still plays"):
             source.play(Ramp(2.5, 3.0, 0.1))
-        # Who takes the steps does so in real time, and may be held up on a busy computer.
-        for level_v in (3.5, 2.0, 2.5):
-            most_s = clock.now() + 300.0
-            while abs(bench.supply.measured_v() - level_v) > 0.02:
-                assert clock.now() < most_s, level_v
-                clock.sleep(0.05)
+        # Who takes the steps does so in real time, and may be held up on a busy computer; so may we.
+        most_s = clock.now() + 300.0
+        while bench.report().lowest_v > 2.05 or abs(bench.supply.measured_v() - 2.5) > 0.02:
+            assert clock.now() < most_s
+            clock.sleep(0.5)
         source.stop()
         assert source.at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.3)

@@ -21,18 +21,19 @@ from tests.support import simulated, volts_are_safe
 
 
 @contextmanager
-def direct(model: str) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+def direct(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+    """`timeout_s` is of the wire; here none is waited for."""
     source, bench, panel = made(model)
     yield source, bench, panel
     source.close()
 
 
 @contextmanager
-def wired(model: str) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
     bench = VirtualBench(truth(model), WallClock(5.0))
     with ServedBench(bench) as served:
-        source = BOXES[model](VisaLink(served.scpi.resource, timeout_s=0.2), bench.clock)
-        panel = VisaLink(served.scpi.resource, timeout_s=0.2)
+        source = BOXES[model](VisaLink(served.scpi.resource, timeout_s=timeout_s), bench.clock)
+        panel = VisaLink(served.scpi.resource, timeout_s=2.0)
         yield source, bench, panel
         source.close()
         panel.close()
@@ -67,7 +68,7 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
 @pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
 @pytest.mark.parametrize(("make", "model"), WAYS)
 def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: str, fault: str) -> None:
-    with make(model) as (source, bench, _):
+    with make(model, timeout_s=0.5) as (source, bench, _):
         playing(source, bench)
         bench.inject(fault)
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
