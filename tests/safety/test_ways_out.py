@@ -4,6 +4,7 @@ The faults that are marked slow are in the fault matrix, too, where the clock is
 """
 
 import signal
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,9 +14,12 @@ from protocols.events import Status
 from protocols.runreader import Run
 from tests.safety.program import program, safe
 
+patient = partial(program, watchdog="silence_s = 5")
+"""A busy computer's pauses are what tests of the watchdog are about."""
+
 
 def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> None:
-    with program(tmp_path, "frequencies_hz=100,160") as (run, _):
+    with patient(tmp_path, "frequencies_hz=100,160") as (run, _):
         run.arm()
         assert run.end() == DONE, run.text
         assert safe(run.bench).outside_rest_s > 0.5
@@ -28,7 +32,7 @@ def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("moment", ["high voltage OFF", "25.0"])
 def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, moment: str, tmp_path: Path) -> None:
-    with program(tmp_path) as (run, _):
+    with patient(tmp_path) as (run, _):
         if moment == "25.0":
             run.arm()
         run.wait_for(moment)
@@ -64,7 +68,7 @@ def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself
 @pytest.mark.slow
 def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:
     """Nobody can command the generator any more; its finite burst ends, and the card sees that it did."""
-    with program(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
+    with patient(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
         run.arm()
         run.wait_for("100.0")
         run.bench.inject("scpi-dropped")
@@ -77,7 +81,7 @@ def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.breaks_the_drive
 def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_path: Path) -> None:
-    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+    with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("generator-power-off")
@@ -91,7 +95,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
 
 @pytest.mark.slow
 def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is_there(tmp_path: Path) -> None:
-    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+    with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("card-unplugged")
@@ -102,7 +106,7 @@ def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is
 
 @pytest.mark.slow
 def test_samples_lost_mid_run_fail_the_run_at_measured_rest(tmp_path: Path) -> None:
-    with program(tmp_path, "settle_limit_s=0.5") as (run, _):
+    with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("card-overrun")
