@@ -17,7 +17,7 @@ from app.import_kinds import RAW, Kind, kinds
 from app.import_series import take_series
 from app.import_values import Asked
 from app.importing import Taken, store, take
-from app.progress import Tell, bar, part, parts
+from app.progress import Tell, bar, files, part, parts
 from app.sheet import Sheet, SheetError
 from app.sheet_file import read_sheet
 from app.units import UnitError, read_value, to_number
@@ -53,8 +53,7 @@ def bring(options: argparse.Namespace, amplifier: AmplifierTable, tell: Tell) ->
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     columns = _pairs("--column", options.column)
     try:
-        sizes = [path.stat().st_size if path.is_file() else 0 for path in options.files]
-        told = parts(part(tell, 0.0, READ), sizes)
+        told = files(part(tell, 0.0, READ), options.files)
         sheets = [read_sheet(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
         wanted = [every[options.kind] if options.kind else recognised_as(sheet, every, columns) for sheet in sheets]
         taken = _taken(sheets, wanted, options, amplifier, part(tell, READ, TAKEN))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import accumulate, pairwise
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -30,6 +31,11 @@ def parts(tell: Tell, sizes: Sequence[float]) -> list[Tell]:
     """For the parts of the whole one after the other, each as long as its size."""
     whole = sum(sizes) or 1.0
     return [part(tell, begin / whole, end / whole) for begin, end in pairwise(accumulate(sizes, initial=0.0))]
+
+
+def files(tell: Tell, paths: Sequence[Path]) -> list[Tell]:
+    """For files one after the other, by their bytes; one that is not there has none, and whoever opens it says so."""
+    return parts(tell, [path.stat().st_size if path.is_file() else 0 for path in paths])
 
 
 def counted(items: Sequence[T], tell: Tell) -> Iterator[T]:

@@ -10,7 +10,7 @@ from app.config_tables import AmplifierTable
 from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.notes import Notes, read_tags, write_notes
-from app.progress import Tell, parts, untold
+from app.progress import Tell, files, untold
 from protocols.runreader import Run, RunError
 
 PIECE = 1 << 20
@@ -38,7 +38,7 @@ def export_runs(
 ) -> int:
     """Write runs as files for other programs; how many files."""
     count = 0
-    for path, told in zip(paths, parts(tell, [_size(path) for path in paths]), strict=True):
+    for path, told in zip(paths, files(tell, paths), strict=True):
         if stopped():
             break
         with Run(path) as run:
@@ -67,7 +67,7 @@ def take_in(
     except OSError as error:
         raise RunError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
     copied, there = list[str](), list[str]()
-    for path, told in zip(paths, parts(tell, [_size(path) for path in paths]), strict=True):
+    for path, told in zip(paths, files(tell, paths), strict=True):
         if (folder / path.name).exists():
             there.append(path.name)
             continue
@@ -83,11 +83,6 @@ def take_in(
             break
         copied.append(path.name)
     return TakenIn(tuple(copied), tuple(there))
-
-
-def _size(path: Path) -> int:
-    """Bytes; none of a file that is not there, which whoever opens it says."""
-    return path.stat().st_size if path.is_file() else 0
 
 
 def _copied(path: Path, to: Path, stopped: Callable[[], bool], tell: Tell) -> bool:
