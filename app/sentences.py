@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from app.session import BenchFailed, BenchOpened, Refused, SessionEvent
-from app.words import curve_line, duration, quantity, uncertain
+from app.words import counted, curve_line, duration, quantity, uncertain
 from protocols.events import (
     Answered,
     Armed,
@@ -58,7 +58,7 @@ def sentence(event: SessionEvent) -> tuple[Level, str] | None:
         case BenchFailed(words) | Refused(words):
             return Level.BAD, words
         case RunStarted():
-            points = "1 point" if event.entries == 1 else f"{event.entries} points"
+            points = counted(event.entries, "point")
             begun = f"{title_of(event.protocol)}: {points}, about {duration(event.expected_s)}"
             return Level.PLAIN, f"{begun}, into {PurePath(event.path).name}"
         case StreamStarted():

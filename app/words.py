@@ -17,6 +17,11 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
+def counted(count: int, noun: str) -> str:
+    """`1 run`, `3 runs`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def ended(state: str, reason: str) -> str:
     """How a run ended and why, told once: `stopped by the operator`, not `stopped: stopped by the operator`."""
     return reason if reason.casefold().startswith(state.casefold()) else f"{state}: {reason}" if reason else state

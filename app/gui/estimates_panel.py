@@ -11,7 +11,7 @@ from app.gui.form import mark
 from app.gui.theme import Theme
 from app.live_estimates import Told
 from app.sliders import SLIDERS
-from app.words import uncertain
+from app.words import counted, uncertain
 
 ROWS = 3
 TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequencies will."
@@ -93,7 +93,7 @@ class EstimatesPanel(QWidget):
         if told is self._told:
             return
         self._told = told
-        count = "1 usable point" if told.points == 1 else f"{told.points} usable points"
+        count = counted(told.points, "usable point")
         self.caption.setText(f"What {count} tell{'s' if told.points == 1 else ''}")
         estimates = told.estimates[:ROWS]
         for at, (name, value, shrinking) in enumerate(self.rows):

@@ -25,7 +25,7 @@ from app.gui.preset_button import PresetButton
 from app.gui.theme import Theme
 from app.presets import Presets
 from app.view import View, volts_between
-from app.words import duration, size
+from app.words import counted, duration, size
 from drivers.bench import Bench
 from drivers.errors import BenchError
 from protocols.protocol import Protocol
@@ -180,8 +180,8 @@ class RunPanel(QWidget):
             told = rehearse(protocol, bench.amplifier)
         except BenchError as refusal:
             return f"✕ {refusal}", True
-        entries = "1 point" if told.entries == 1 else f"{told.entries} points"
-        prompts = "1 prompt" if told.prompts == 1 else f"{told.prompts} prompts"
+        entries = counted(told.entries, "point")
+        prompts = counted(told.prompts, "prompt")
         return (
             f"{entries}, {prompts}, about {duration(told.duration_s)}, "
             f"{volts_between(told.lowest_specimen_v, told.highest_specimen_v)} on the specimen, "

@@ -13,6 +13,7 @@ from app.gui.going_on import GoingOn
 from app.gui.jobs import Jobs
 from app.progress import Stopped
 from app.run_deeds import TakenIn, bring_in, export_runs, take_in
+from app.words import counted
 
 
 class Transfers(QObject):
@@ -46,7 +47,7 @@ class Transfers(QObject):
         """Runs as files for other programs."""
         going = self._going
         self._begin(
-            f"exporting {_runs(len(paths))} …",
+            f"exporting {counted(len(paths), 'run')} …",
             lambda: export_runs(paths, folder, kind, going.stopped, going.tell),
             lambda count: f"{count} files written to {folder}",
         )
@@ -58,9 +59,13 @@ class Transfers(QObject):
         def done(taken: TakenIn) -> str:
             self.came.emit()
             there = f"already there: {', '.join(taken.there)}" if taken.there else ""
-            return "; ".join(filter(None, [f"{_runs(len(taken.copied))} taken in" if taken.copied else "", there]))
+            return "; ".join(
+                filter(None, [f"{counted(len(taken.copied), 'run')} taken in" if taken.copied else "", there])
+            )
 
-        self._begin(f"taking in {_runs(len(paths))} …", lambda: take_in(paths, folder, going.stopped, going.tell), done)
+        self._begin(
+            f"taking in {counted(len(paths), 'run')} …", lambda: take_in(paths, folder, going.stopped, going.tell), done
+        )
 
     def bring_in(self, paths: Sequence[Path]) -> None:
         """Tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
@@ -75,7 +80,7 @@ class Transfers(QObject):
         def done(brought: tuple[int, list[str]]) -> str:
             self.came.emit()
             count, cautions = brought
-            return "\n".join([f"{names}: {_runs(count)} of {specimen or 'unnamed'} imported", *cautions])
+            return "\n".join([f"{names}: {counted(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
         self._begin(f"importing {names} …", lambda: bring_in(paths, folder, specimen, self._amplifier, tell), done)
 
@@ -108,7 +113,3 @@ class Transfers(QObject):
         self.said.emit("", False)
         going.begin(words)
         self._jobs.do(work, done, failed)
-
-
-def _runs(count: int) -> str:
-    return "1 run" if count == 1 else f"{count} runs"

@@ -15,6 +15,7 @@ from app.report.plots import plots_of
 from app.report.responses import TITLE
 from app.report.specimen import Specimen
 from app.report.taken import Taken, Told, take
+from app.words import counted
 
 
 class ReportError(Exception):
@@ -80,7 +81,7 @@ def _runs(folder: Path, specimen: str, told: Told) -> tuple[Taken, ...]:
 def _subtitle(runs: tuple[Taken, ...]) -> str:
     days = sorted(run.start_time[:16].replace("T", " ") for run in runs if run.start_time)
     when = f", {days[0]} to {days[-1]} UTC" if len(set(days)) > 1 else f", {days[0]} UTC" if days else ""
-    return f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}{when}"
+    return f"{counted(len(runs), 'run')}{when}"
 
 
 def _first(

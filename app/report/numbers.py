@@ -60,11 +60,6 @@ def probability(p: float) -> str:
     return f"{p / 10.0**power:.0f} × 10{str(power).translate(RAISED)}"
 
 
-def counted(count: int, noun: str) -> str:
-    """`1 run`, `3 runs`."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def _power(size: float) -> int:
     """A power of ten in threes, 0 from 0.01 to a hundred thousand."""
     if not size or 0.01 <= size < 1e5:

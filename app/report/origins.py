@@ -7,10 +7,10 @@ from typing import Any
 
 from app.report.blocks import Block, Grid, Outcome
 from app.report.known import Known
-from app.report.numbers import SPACE, counted, plain, printed_unit
+from app.report.numbers import SPACE, plain, printed_unit
 from app.report.specimen import TACTOR, Specimen
 from app.report.taken import Taken
-from app.words import shown_unit
+from app.words import counted, shown_unit
 from model.identification.names import OWN
 
 

@@ -10,10 +10,10 @@ from app.report.blocks import Block, Grid, Outcome, Plot, Tone, Words
 from app.report.known import Known
 from app.report.limits import Limits
 from app.report.merits import MERITS, Felt
-from app.report.numbers import MINUS, counted, plain, printed_unit, probability, stated, with_error
+from app.report.numbers import MINUS, plain, printed_unit, probability, stated, with_error
 from app.report.specimen import Specimen, meaning
 from app.report.taken import Taken
-from app.words import shown_unit
+from app.words import counted, shown_unit
 from model.parameters import Membrane, Tactor
 from model.perception import THRESHOLD_M
 
