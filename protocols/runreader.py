@@ -6,12 +6,12 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.closing import Closing
 from drivers.sensor import LaserSensor
 from protocols.events import Status
 from protocols.layout import ENTRY, FORMAT, FORMAT_VERSION
@@ -45,7 +45,7 @@ class Begun:
     key: tuple[float | str, ...]
 
 
-class Run:
+class Run(Closing):
     """An open run file, read-only.
 
     Raises:
@@ -68,14 +68,6 @@ class Run:
             raise NewerRunError(
                 f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
             )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file; nothing can be read of it then."""

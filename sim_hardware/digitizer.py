@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 from drivers.clock import Clock
+from drivers.closing import Closing
 from drivers.errors import AcquisitionError
 from drivers.ports import Block, Identity, Scale
 from sim_hardware.card import DRIVE, SENSOR, Acquisition, Card, RateRefusedError
-from sim_hardware.closing import Closing
 from sim_hardware.faults import Faults
 
 

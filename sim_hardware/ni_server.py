@@ -14,7 +14,7 @@ import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
-from sim_hardware.closing import Closing
+from drivers.closing import Closing
 from sim_hardware.ni_errors import WORDS, NiError
 from sim_hardware.ni_output_task import NiOutputTask
 from sim_hardware.ni_properties import of_device, of_system, of_task, of_terminal

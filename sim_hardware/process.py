@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.child import end
+from drivers.closing import Closing
 from drivers.errors import BenchError
-from sim_hardware.closing import Closing
 from sim_hardware.history_report import HistoryReport
 from sim_hardware.truth import BenchTruth
 

@@ -2,8 +2,9 @@
 
 import os
 import threading
+from abc import abstractmethod
 
-from sim_hardware.closing import Closing
+from drivers.closing import Closing
 
 TICK_S = 0.01
 
@@ -34,8 +35,8 @@ class PtyLine(Closing):
             os.close(self._master)
             os.close(self._slave)
 
-    def _run(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _run(self) -> None: ...
 
     def _send(self, data: bytes) -> None:
         try:

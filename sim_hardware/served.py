@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
+from drivers.closing import Closing
 from sim_hardware.bench import VirtualBench
-from sim_hardware.closing import Closing
 from sim_hardware.ni_server import NiServer
 from sim_hardware.ni_task import NiDevice
 from sim_hardware.wire import ScpiServer

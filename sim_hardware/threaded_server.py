@@ -3,9 +3,10 @@
 import contextlib
 import socket
 import threading
+from abc import abstractmethod
 from collections.abc import Callable
 
-from sim_hardware.closing import Closing
+from drivers.closing import Closing
 from sim_hardware.port import Port
 
 HOST = "127.0.0.1"
@@ -44,8 +45,8 @@ class ThreadedServer(Closing):
         for thread in self._threads:
             thread.join()
 
-    def _serve(self, sock: socket.socket) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _serve(self, sock: socket.socket) -> None: ...
 
     def _wake(self) -> None:
         """Let no thread wait any longer: the connections are about to be closed."""

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 
-from sim_hardware.closing import Closing
+from drivers.closing import Closing
 from sim_hardware.port import Port
 from sim_hardware.scpi_blocks import messages_in
 
