@@ -143,7 +143,7 @@ class JsonObserver:
     def __call__(self, event: SessionEvent) -> None:
         if isinstance(event, BlockTaken | BlockSeen) or not self._read:
             return
-        line = {"event": type(event).__name__, **event_record(event)}
+        line = {"event": event.kind, **event_record(event)}
         try:
             sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
             sys.stdout.flush()

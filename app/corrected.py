@@ -14,6 +14,7 @@ from app.config import ConfigError, load_bench
 from app.config_tables import AmplifierTable
 from drivers.sensor import LaserSensor
 from protocols.continuation import protocol_of
+from protocols.events import EntryBegan, PointMeasured
 from protocols.layout import ENTRY, columns
 from protocols.plain import plain
 from protocols.runreader import Run, RunError
@@ -155,9 +156,9 @@ class CorrectedRun(Run):
                 found = before._latest()
         own, begun = list(self.trace.recordings()), dict[int, int]()
         for event in self.events():
-            if event.kind == "EntryBegan":
+            if event.kind == EntryBegan.kind:
                 begun[int(event.fields["index"])] = event.row
-            elif event.kind == "PointMeasured":
+            elif event.kind == PointMeasured.kind:
                 entry = int(event.fields.get("entry", event.fields["index"]))
                 since = begun.get(entry, 0)
                 mine = [r for r in own if r.entry == entry and since <= r.rows[0] and r.rows[1] <= event.row]

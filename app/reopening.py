@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.sentences import Level, Message, point_words, sentence
-from protocols import events as happened
 from protocols.continuation import points_of
+from protocols.events import EVENTS, Asked, BlockTaken, Playing, PointMeasured, Recorded
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.run_trace import Trace
@@ -150,15 +150,15 @@ def _points(run: Run, kind: type[Protocol] | None) -> list[Any]:
 
 def _message(event: Happened, begun: datetime, protocol: type[Protocol] | None) -> Message | None:
     """The event as the log told it, or none where it told nothing."""
-    kind = getattr(happened, event.kind, None)
+    kind: Any = EVENTS.get(event.kind)  # None for a type that only a newer version of this program knows
     at = begun + timedelta(seconds=event.time_s)
     try:
-        if event.kind == "PointMeasured":
+        if event.kind == PointMeasured.kind:
             make = SimpleNamespace if protocol is None or draws(event.fields["point"]) else protocol.point_type
             return Message(at, Level.PLAIN, point_words(make(**event.fields["point"])))
-        if event.kind == "Asked":
+        if event.kind == Asked.kind:
             return Message(at, Level.ATTENTION, f"Asked: {event.fields['prompt']['text']}")
-        if kind is None or event.kind in ("Playing", "Recorded", "BlockTaken"):
+        if kind in (None, Playing, Recorded, BlockTaken):
             return None
         said = sentence(kind(**event.fields))
     except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: its name at least

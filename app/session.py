@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from app.run_job import Again, Job, header
 from drivers.bench import Bench
@@ -42,6 +42,7 @@ class State(StrEnum):
 class BenchOpened:
     """The instruments answer; `identities` by role."""
 
+    kind: ClassVar[str] = "BenchOpened"
     name: str
     simulated: bool
     identities: dict[str, str]
@@ -51,6 +52,7 @@ class BenchOpened:
 class BenchFailed:
     """The bench cannot be used; the sentence says why and what to do."""
 
+    kind: ClassVar[str] = "BenchFailed"
     words: str
 
 
@@ -58,6 +60,7 @@ class BenchFailed:
 class Refused:
     """A run was not even begun: its file could not be created, or the one it goes on with not be read."""
 
+    kind: ClassVar[str] = "Refused"
     words: str
 
 
@@ -268,7 +271,7 @@ class Session:
             try:
                 observer(event)
             except Exception:
-                log.exception("an observer failed on %s", type(event).__name__)
+                log.exception("an observer failed on %s", event.kind)
 
 
 def watchdog_notes(folder: Path) -> list[Noted]:

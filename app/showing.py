@@ -120,7 +120,7 @@ def broken_on_purpose(run: Run) -> list[Broken]:
     """What was broken on purpose during a run, in its order."""
     found: list[Broken] = []
     for event in () if run.imported else run.events():
-        if event.kind != FaultSwitched.__name__:
+        if event.kind != FaultSwitched.kind:
             continue
         name, at_s = event.fields["fault"], event.time_s
         last = next((i for i, b in enumerate(found) if b.fault == name and b.until_s is None), None)

@@ -253,4 +253,4 @@ def pace(drive: Drive) -> str:
         case Hold():
             return "held"
         case Ramp() | Steps():
-            return type(drive).__name__.lower()
+            return drive.kind.lower()

@@ -68,7 +68,7 @@ class HvAmplifier:
         Raises:
             DriveRefused: with the value, the limit and the remedy.
         """
-        rest, name = self.map.rest_v, type(drive).__name__
+        rest, name = self.map.rest_v, drive.kind
         for value, edge, beyond in (
             (drive.low_v, self.map.low_v, drive.low_v < self.map.low_v - VOLTS_TOLERANCE),
             (drive.high_v, self.map.high_v, drive.high_v > self.map.high_v + VOLTS_TOLERANCE),

@@ -110,7 +110,7 @@ class DcSupply:
         if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
             return ""
         return (
-            f"{self._name} can hold and step, but not play a {type(drive).__name__}: its output falls "
+            f"{self._name} can hold and step, but not play a {drive.kind}: its output falls "
             f"in up to {self._fall_time_s:g} s. Use a generator or the card's output for it. Nothing was sent"
         )
 

@@ -7,7 +7,7 @@ amplifier's *input*.
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,24 +18,25 @@ FADED_CYCLES = 4
 """Cycles of the highest frequency within which a periodic sweep begins and ends."""
 
 
-def _finite(drive: object) -> None:
-    for field in fields(drive):  # type: ignore[arg-type]
+def _finite(drive: "Drive") -> None:
+    for field in fields(drive):
         value = getattr(drive, field.name)
         for number in value if isinstance(value, tuple) else (value,):
             if not math.isfinite(number):
-                raise ValueError(f"{type(drive).__name__}: {field.name} must be a finite number, not {number}")
+                raise ValueError(f"{drive.kind}: {field.name} must be a finite number, not {number}")
 
 
-def _positive(drive: object, *names: str) -> None:
+def _positive(drive: "Drive", *names: str) -> None:
     for name in names:
         if not getattr(drive, name) > 0:
-            raise ValueError(f"{type(drive).__name__}: {name} must be positive, not {getattr(drive, name)}")
+            raise ValueError(f"{drive.kind}: {name} must be positive, not {getattr(drive, name)}")
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
     """A constant level for `duration_s`."""
 
+    kind: ClassVar[str] = "Hold"
     level_v: float
     duration_s: float
 
@@ -67,6 +68,7 @@ class Hold:
 class Ramp:
     """A straight line from one level to another, which is then held."""
 
+    kind: ClassVar[str] = "Ramp"
     start_v: float
     stop_v: float
     duration_s: float
@@ -119,6 +121,7 @@ class Sine(_Swing):
     computer died comes to rest on its own.
     """
 
+    kind: ClassVar[str] = "Sine"
     frequency_hz: float
     amplitude_v: float
     offset_v: float
@@ -155,6 +158,7 @@ class LinearSweep(_Swing):
     guard asks for.
     """
 
+    kind: ClassVar[str] = "LinearSweep"
     start_hz: float
     stop_hz: float
     duration_s: float
@@ -206,6 +210,7 @@ class PeriodicSweep(_Swing):
     card that samples without a filter would fold it back onto the lines.
     """
 
+    kind: ClassVar[str] = "PeriodicSweep"
     start_hz: float
     stop_hz: float
     sweep_s: float
@@ -259,6 +264,7 @@ class Steps:
     The first level is where it starts; each later one is reached in `rise_s` and then held.
     """
 
+    kind: ClassVar[str] = "Steps"
     levels_v: tuple[float, ...]
     dwell_s: float
     rise_s: float
@@ -301,22 +307,26 @@ class Steps:
 
 Drive = Hold | Ramp | Sine | LinearSweep | PeriodicSweep | Steps
 
+DRIVES: dict[str, type[Drive]] = {drive.kind: drive for drive in get_args(Drive)}
+"""Drive types by the name that files, JSON and messages use; a `kind` never changes once it was released."""
+
 
 def as_record(drive: Drive) -> dict[str, Any]:
-    """The drive as plain values, for events and files."""
-    return {"kind": type(drive).__name__, **{f.name: getattr(drive, f.name) for f in fields(drive)}}
+    """Return the drive as plain values, for events and files."""
+    return {"kind": drive.kind, **{f.name: getattr(drive, f.name) for f in fields(drive)}}
 
 
 def from_record(record: dict[str, Any]) -> Drive:
-    """The drive that `as_record` described.
+    """Return the drive that `as_record` described.
 
     Raises:
-        ValueError: the record names no known drive.
+        ValueError: the record is not of a drive, or of one that only a newer version of this program knows.
     """
-    kinds: dict[str, Any] = {kind.__name__: kind for kind in (Hold, Ramp, Sine, LinearSweep, PeriodicSweep, Steps)}
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k != "kind"}
+    kind = record.get("kind")
+    if kind not in DRIVES:
+        raise ValueError(f"unknown drive {kind!r}: this version knows {', '.join(DRIVES)}; install a newer one")
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k != "kind"}
     try:
-        drive: Drive = kinds[record["kind"]](**values)
-    except (KeyError, TypeError) as error:
+        return DRIVES[kind](**values)
+    except TypeError as error:
         raise ValueError(f"not a drive: {record}") from error
-    return drive

@@ -187,7 +187,7 @@ class NiOutput:
         samples = count_of(drive, rate)
         if samples > MOST_SAMPLES:
             raise InstrumentError(
-                f"{self._where}: a {type(drive).__name__} of {drive.duration_s:g} s takes {samples} samples, the limit is "
+                f"{self._where}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
                 f"{MOST_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
             )
         self._let_go()

@@ -30,7 +30,7 @@ def cannot_hold(drive: Shaped, most: int, jump_v: float) -> str:
     if needed <= most:
         return ""
     return (
-        f"this {type(drive).__name__} needs {needed} points to move by no more than {jump_v:g} V at a time, and the "
+        f"this {drive.kind} needs {needed} points to move by no more than {jump_v:g} V at a time, and the "
         f"instrument holds {most}; shorten it, lower its amplitude or its top frequency, lengthen its rise, or raise "
         "amplifier.step_v in the bench file. Nothing was sent"
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Any
+from typing import Any, ClassVar, get_args
 
 from drivers.drive import Drive, as_record
 from drivers.ports import Block, Scale
@@ -25,6 +25,7 @@ class Status(StrEnum):
 class RunStarted:
     """The run file exists; nothing has moved yet."""
 
+    kind: ClassVar[str] = "RunStarted"
     protocol: str
     path: str
     expected_s: float
@@ -36,6 +37,7 @@ class RunStarted:
 class StreamStarted:
     """The card runs."""
 
+    kind: ClassVar[str] = "StreamStarted"
     rate_hz: float
     scales: tuple[Scale, ...]
 
@@ -44,6 +46,7 @@ class StreamStarted:
 class Armed:
     """The source rests, as measured; high voltage is on, says the operator, or stays off where none is needed."""
 
+    kind: ClassVar[str] = "Armed"
     high_voltage: bool = True
 
 
@@ -51,6 +54,7 @@ class Armed:
 class BlockTaken:
     """A block is in the file; `row` is the file's row of its first scan."""
 
+    kind: ClassVar[str] = "BlockTaken"
     block: Block
     row: int
 
@@ -59,6 +63,7 @@ class BlockTaken:
 class BlockSeen:
     """A block that nobody keeps, taken while a person takes their time. Told, never stored."""
 
+    kind: ClassVar[str] = "BlockSeen"
     block: Block
 
 
@@ -66,6 +71,7 @@ class BlockSeen:
 class EntryBegan:
     """An entry of the plan is being measured; `index` counts the plan's entries from 0."""
 
+    kind: ClassVar[str] = "EntryBegan"
     index: int
     label: str
     key: tuple[float | str, ...]
@@ -75,6 +81,7 @@ class EntryBegan:
 class Playing:
     """The guard admitted a drive and the source began it."""
 
+    kind: ClassVar[str] = "Playing"
     drive: Drive
 
 
@@ -82,6 +89,7 @@ class Playing:
 class SettleEnded:
     """The wait before a recording is over: the response became steady, the limit came first, or a fixed wait has passed."""
 
+    kind: ClassVar[str] = "SettleEnded"
     settled: bool
     after_s: float
 
@@ -90,6 +98,7 @@ class SettleEnded:
 class Recorded:
     """Samples were kept under a drive: these rows of the file."""
 
+    kind: ClassVar[str] = "Recorded"
     index: int
     rows: tuple[int, int]
     quality: int
@@ -101,6 +110,7 @@ class Recorded:
 class PointMeasured:
     """A point is in the file, as row `index`; `replaces` is the row of an earlier one of the same entry."""
 
+    kind: ClassVar[str] = "PointMeasured"
     index: int
     point: Any
     entry: int = 0
@@ -114,6 +124,7 @@ class CurveReady:
     Told, never stored: a run's file gets its curves when it is finished, and its raw data has them always.
     """
 
+    kind: ClassVar[str] = "CurveReady"
     curve: Curve
 
 
@@ -121,6 +132,7 @@ class CurveReady:
 class Paused:
     """Somebody paused the run: the source rests, as measured. High voltage is as the run has it."""
 
+    kind: ClassVar[str] = "Paused"
     words: str
     high_voltage: bool = True
 
@@ -129,11 +141,14 @@ class Paused:
 class Resumed:
     """The run goes on, with the entry that was interrupted."""
 
+    kind: ClassVar[str] = "Resumed"
+
 
 @dataclass(frozen=True, slots=True)
 class Progressed:
     """`done` of `entries` are finished; about `left_s` of bench time remain."""
 
+    kind: ClassVar[str] = "Progressed"
     done: int
     entries: int
     left_s: float
@@ -144,6 +159,7 @@ class Progressed:
 class Asked:
     """A person must do something."""
 
+    kind: ClassVar[str] = "Asked"
     ask_id: int
     prompt: Prompt
 
@@ -152,6 +168,7 @@ class Asked:
 class Answered:
     """A person has answered."""
 
+    kind: ClassVar[str] = "Answered"
     ask_id: int
     words: str
 
@@ -160,6 +177,7 @@ class Answered:
 class Noted:
     """A remark."""
 
+    kind: ClassVar[str] = "Noted"
     text: str
 
 
@@ -167,6 +185,7 @@ class Noted:
 class FaultSwitched:
     """Something of a simulated bench was broken on purpose, or mended: what a run measured then is a lesson."""
 
+    kind: ClassVar[str] = "FaultSwitched"
     fault: str
     """Its name."""
     words: str
@@ -178,11 +197,14 @@ class FaultSwitched:
 class GoingToRest:
     """The way out has begun; nothing is measured any more."""
 
+    kind: ClassVar[str] = "GoingToRest"
+
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
     """What the card saw of the drive at the end."""
 
+    kind: ClassVar[str] = "AtRest"
     confirmed: bool
     measured_v: float
     words: str
@@ -192,6 +214,7 @@ class AtRest:
 class RunEnded:
     """The last event of every run, also of one whose disk is full. `estimates` are what was identified."""
 
+    kind: ClassVar[str] = "RunEnded"
     status: Status
     reason: str
     path: str
@@ -221,6 +244,9 @@ Event = (
     | AtRest
     | RunEnded
 )
+
+EVENTS: dict[str, type[Event]] = {event.kind: event for event in get_args(Event)}
+"""Event types by the name that run files and `--json` use; a `kind` never changes once it was released."""
 
 
 def event_record(event: Any) -> dict[str, Any]:

@@ -167,7 +167,7 @@ class Executor:
 
     def _settle(self, armed: ArmedBench, step: Settle) -> Settled:
         if not isinstance(step.drive, Sine):
-            raise BenchError(f"settling is detected under a sine, not under {type(step.drive).__name__}")
+            raise BenchError(f"settling is detected under a sine, not under {step.drive.kind}")
         self._begin(armed, step.drive)
         rate = armed.rate_hz
         first = self._scan_now(armed, FRESH_S)

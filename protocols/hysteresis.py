@@ -130,7 +130,7 @@ class Hysteresis(Protocol):
     def _folded(self, recording: Recording) -> Folded:
         drive, rate = recording.drive, recording.rate_hz
         if not isinstance(drive, Sine):
-            raise ValueError(f"a loop cannot be taken from a recording under {type(drive).__name__}")
+            raise ValueError(f"a loop cannot be taken from a recording under {drive.kind}")
         frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
         moved = _earlier(recording.displacement_m, recording.sensor_delay_s * rate)
         cycles = (

@@ -238,7 +238,7 @@ class MassResonance(Protocol):
         for recording, (low, high) in zip(recordings, self._shares, strict=True):
             drive = recording.drive
             if not isinstance(drive, LinearSweep):
-                raise ValueError(f"a mass resonance cannot use a recording under {type(drive).__name__}")
+                raise ValueError(f"a mass resonance cannot use a recording under {drive.kind}")
             whole = sweep_response(
                 recording.drive_v,
                 recording.displacement_m,

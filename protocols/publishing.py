@@ -73,7 +73,7 @@ class Publisher:
             try:
                 observer(event)
             except Exception:
-                log.exception("an observer failed on %s", type(event).__name__)
+                log.exception("an observer failed on %s", event.kind)
 
     def _now(self) -> float:
         return self._clock.now() - self._begin_s

@@ -124,11 +124,10 @@ class RunFile:
     def event(self, event: Event, time_s: float) -> None:
         """Append what happened, as JSON; a long text goes on in further rows."""
         text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
-        kind = type(event).__name__
         with self._storing():
             for start in range(0, len(text), TEXT_BYTES):
                 piece = text[start : start + TEXT_BYTES]
-                self._append("events", np.array((time_s, self.rows, kind if start == 0 else "+", piece), EVENT))
+                self._append("events", np.array((time_s, self.rows, event.kind if start == 0 else "+", piece), EVENT))
 
     def recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         """Append what was recorded: rows from start to stop, flags of its quality, its drive, its entry of the plan."""

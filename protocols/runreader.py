@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.closing import Closing
 from drivers.sensor import LaserSensor
-from protocols.events import Status
+from protocols.events import EntryBegan, Status
 from protocols.layout import ENTRY, FORMAT, FORMAT_VERSION
 from protocols.run_trace import Trace, sensor_of
 from protocols.runopen import NewerRunError, NoRunError, RunError, intact, opened
@@ -208,7 +208,7 @@ class Run(Closing):
             with Run(earlier) as before:
                 found = before.entries()
         for event in self.events():
-            if event.kind == "EntryBegan":
+            if event.kind == EntryBegan.kind:
                 found[event.fields["index"]] = Begun(event.fields["label"], tuple(event.fields["key"]))
         return found
 

@@ -73,7 +73,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     """
     drive, rate = recordings[-1].drive, recordings[-1].rate_hz
     if not isinstance(drive, Sine):
-        raise ValueError(f"a sine dwell cannot use a recording under {type(drive).__name__}")
+        raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
     each = [_one(recording, drive.frequency_hz) for recording in recordings]
     quality = Quality.SIMULATED if simulated else Quality.GOOD
     for recording, one in zip(recordings, each, strict=True):

@@ -34,7 +34,7 @@ class Ran:
         return [event.point for event in self.events if isinstance(event, PointMeasured)]
 
     def kinds(self) -> list[str]:
-        return [type(event).__name__ for event in self.events]
+        return [event.kind for event in self.events]
 
 
 def simulated(**truth: Any) -> BenchConfig:

@@ -167,7 +167,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
     with Run(lines[0].run) as run:
         assert run.continues == line.run
         assert {*map(int, run.points()["entry"])} == set(range(16))
-        assert any("points carried over" in e.fields["text"] for e in run.events() if e.kind == Noted.__name__)
+        assert any("points carried over" in e.fields["text"] for e in run.events() if e.kind == Noted.kind)
     assert "done" in capsys.readouterr().out
 
 

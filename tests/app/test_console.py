@@ -135,7 +135,7 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
     kinds: list[str] = []
 
     def watch(event: Any) -> None:
-        kinds.append(type(event).__name__)
+        kinds.append(event.kind)
         if kinds.count("EntryBegan") == 2 and kinds[-1] == "EntryBegan":
             keyboard("p\n")
             waited(lambda: front.session.pausing or None, 5)

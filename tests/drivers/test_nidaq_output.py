@@ -117,7 +117,7 @@ def test_stopping_later_than_the_card_has_fetched_would_jump(bench: VirtualBench
         LinearSweep(20.0, 60.0, 0.5, 2.5, 2.5),
         Steps((2.5, 3.5, 1.5, 2.5), 0.05, 0.02),
     ],
-    ids=lambda drive: type(drive).__name__,
+    ids=lambda drive: drive.kind,
 )
 def test_any_drive_is_played_and_ends_by_itself(drive, bench: VirtualBench) -> None:
     source = live(bench)

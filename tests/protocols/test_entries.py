@@ -36,7 +36,7 @@ def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(
 
         def when(event: Any) -> bool:
             begun[0] += isinstance(event, EntryBegan)
-            return begun[0] == 2 and type(event).__name__ == moment
+            return begun[0] == 2 and event.kind == moment
 
         ran = run(LEVELS, tmp_path, lab, Trigger(when, pause.set), watch, pause=pause)
     assert ran.status == Status.COMPLETED

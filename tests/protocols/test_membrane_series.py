@@ -73,7 +73,7 @@ def test_a_membrane_stretched_the_wrong_way_is_noticed_while_it_can_still_be_men
     said = [text for text in notes(ran) if "stretched the wrong way" in text]
     assert len(said) == 2
     assert said[0].startswith("At 2.54 mm the tactor moves")
-    kinds = [(type(e).__name__, getattr(e, "text", "")) for e in ran.events]
+    kinds = [(e.kind, getattr(e, "text", "")) for e in ran.events]
     heard = next(i for i, (_, text) in enumerate(kinds) if "wrong way" in text)
     assert "EntryBegan" in [kind for kind, _ in kinds[heard:]]
 

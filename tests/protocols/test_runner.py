@@ -185,7 +185,7 @@ from protocols.sweep import Sweep
 from tests.support import laboratory, run
 
 def watch(event):
-    seen.append((type(event).__name__, {name for name in sys.modules if name.startswith("scipy.")}))
+    seen.append((event.kind, {name for name in sys.modules if name.startswith("scipy.")}))
 
 seen = []
 with tempfile.TemporaryDirectory() as folder, laboratory() as lab:

@@ -1,0 +1,47 @@
+"""The names under which events are stored and printed."""
+
+from dataclasses import fields
+from typing import get_args
+
+from app.session import SessionEvent
+from protocols.events import EVENTS, Event
+
+IN_FILES = {
+    "RunStarted",
+    "StreamStarted",
+    "Armed",
+    "EntryBegan",
+    "BlockTaken",
+    "BlockSeen",
+    "Playing",
+    "SettleEnded",
+    "Recorded",
+    "PointMeasured",
+    "CurveReady",
+    "Paused",
+    "Resumed",
+    "Progressed",
+    "Asked",
+    "Answered",
+    "Noted",
+    "FaultSwitched",
+    "GoingToRest",
+    "AtRest",
+    "RunEnded",
+}
+"""Text in run files, exports and `--json`: a name is never changed or used again, whatever its class is called."""
+
+
+def test_kinds_in_files_never_change_and_every_event_has_its_own() -> None:
+    assert set(EVENTS) == IN_FILES
+    assert list(EVENTS.values()) == list(get_args(Event))
+
+
+def test_every_event_of_a_session_has_a_kind_of_its_own() -> None:
+    kinds = [event.kind for event in get_args(SessionEvent)]
+    assert set(kinds) == IN_FILES | {"BenchOpened", "BenchFailed", "Refused"}
+    assert len(kinds) == len(set(kinds))
+
+
+def test_a_kind_is_no_field_so_that_no_record_of_an_event_holds_it() -> None:
+    assert all("kind" not in [field.name for field in fields(event)] for event in get_args(SessionEvent))
