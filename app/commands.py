@@ -4,7 +4,6 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +19,6 @@ from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plu
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
-
-
-def version() -> str:
-    """The program's version."""
-    try:
-        return metadata.version("tactor-bench")
-    except metadata.PackageNotFoundError:  # run from a folder that was never installed
-        return "of an unknown version"
 
 
 def protocol_names() -> str:

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.explore import DRIVE, Kept, Preset, Setting, difference, preset
-from app.explore_answer import Measured, Question
+from app.explore_answer import Question
 from app.history import History
+from app.reopening import Measured
 from app.sliders import SLIDERS
 
 SAME_DRIVE = 0.02

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.model_inputs import changed
 from app.sliders import SLIDERS, Slider
 from model.parameters import Membrane, Tactor
 from model.quantity import quantities
-from model.specimen import Specimen, variables
+from model.specimen import Specimen, changed, variables
 
 if TYPE_CHECKING:
     from model.study import Study

@@ -2,14 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.explore import Kept, Setting
-from protocols.quality import usable
-from protocols.runreader import Run, RunError
 
 Array = NDArray[np.float64]
 
@@ -61,24 +58,6 @@ class Picture:
     shape: Shape | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """The points of a run, to lie over the curves; all (P,), SI."""
-
-    path: Path
-    label: str
-    simulated: bool
-    peak_to_peak_v: float
-    """Of the drive, as recorded."""
-    frequency_hz: Array
-    peak_to_peak: Array
-    peak_to_peak_errors: Array
-    twice_fundamental: Array
-    fundamental_errors: Array
-    phase: Array
-    usable: NDArray[np.bool_]
-
-
 class Answerer:
     """Computes pictures; curves once computed are kept in mind, so that kept ones cost nothing."""
 
@@ -112,36 +91,6 @@ class Answerer:
             phase = np.unwrap(np.angle(got.fundamental))
             self._known[name] = Line(f, got.peak_to_peak, 2 * np.abs(got.fundamental), phase)
         return self._known[name]
-
-
-def read_measured(path: Path) -> Measured:
-    """The points of a run that has a response over frequency.
-
-    Raises:
-        RunError: it cannot be read, or has none.
-    """
-    try:
-        with Run(path) as run:
-            points = run.points()
-            if not len(points.get("frequency", ())) or "fundamental" not in points:
-                raise RunError(f"{path.name} has no points over frequency; take a finished sine dwell")
-            order = np.argsort(points["frequency"], kind="stable")
-            columns = {name: column[order] for name, column in points.items()}
-            return Measured(
-                path,
-                f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
-                run.simulated,
-                2 * float(np.median(columns["drive_amplitude"])),
-                columns["frequency"],
-                columns["peak_to_peak"],
-                columns["peak_to_peak_errors"],
-                2 * columns["fundamental"],
-                columns["fundamental_errors"],
-                np.unwrap(columns["phase"]),
-                usable(columns["quality"]),
-            )
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunError(f"{path.name} is damaged inside: {error}") from None
 
 
 def _shape(question: Question) -> Shape:

@@ -13,7 +13,7 @@ from model.amplifier import AmplifierMap
 from model.parameters import Membrane
 
 if TYPE_CHECKING:
-    from app.explore_answer import Measured
+    from app.reopening import Measured
     from model.identification.observations import FrequencyResponse
 
 FREE = ("m_add", "c0", "mu")

@@ -9,13 +9,12 @@ if TYPE_CHECKING:
 
 def write_study(path: Path, study: "Study", variable: str) -> str:
     """Compute a study into a file, HDF5 or by its ending CSV; what was written, in words."""
-    from app.study_answer import header
-    from protocols.studyfile import StudyFile  # HDF5, which no window waits for
+    from protocols.studyfile import StudyFile, StudyHeader  # HDF5, which no window waits for
 
     if path.suffix == ".csv":
         study.run().to_csv(path)
     else:
-        with StudyFile(path, header(study)) as file:
+        with StudyFile(path, StudyHeader.of(study)) as file:
             for start, block in study.blocks():
                 file.write(start, block)
     return f"{path.name}: max − min over {variable}, {study.shape[0]} values"

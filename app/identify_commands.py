@@ -11,7 +11,6 @@ import numpy as np
 from app import calibrations
 from app.answer import Answer, deliver, tracked
 from app.calibrations import CalibrationError, Calibrations
-from app.commands import version
 from app.config import ConfigError
 from app.config_tables import AmplifierTable
 from app.corrected import Correction
@@ -21,6 +20,7 @@ from app.identified_answer import answer_of
 from app.identifying import Identified, identify
 from app.observing import ObservingError
 from app.units import UnitError, to_number
+from app.version import version
 from model.amplifier import AmplifierMap
 from model.identification.estimates import Calibration
 from model.identification.fitted import JointFit

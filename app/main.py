@@ -30,7 +30,7 @@ class _Version(argparse.Action):
     """Prints the version; asking the installed packages for it takes a while, so only then."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from app.commands import version
+        from app.version import version
 
         parser.exit(message=f"{PROGRAM} {version()}\n")
 

@@ -7,22 +7,15 @@ import numpy as np
 
 from app.answer import Answer, Column, Table
 from app.exits import UsageError
-from app.model_inputs import (
-    DENSITY,
-    ELONGATION,
-    changed,
-    read_number,
-    read_settings,
-    read_values,
-    specimen_record,
-)
+from app.model_inputs import DENSITY, ELONGATION, read_settings, read_values
+from app.units import read_number
 from model.figures import Curve, Figure
 from model.membrane import LOAD as WEIGHT
 from model.membrane import Sag, sag, weight
 from model.parameters import Membrane
 from model.quantity import ParameterError
 from model.skin import PRE_STRETCH, point_stiffness
-from model.specimen import Specimen
+from model.specimen import Specimen, changed, specimen_record
 
 ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
 """The paper's membrane elongations."""

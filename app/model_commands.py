@@ -10,24 +10,16 @@ from annotated_types import Interval
 from app.answer import Answer, Column, Table, check_files, deliver, tracked
 from app.exits import UsageError
 from app.membrane_command import membrane
-from app.model_inputs import (
-    VOLTAGE,
-    read_load,
-    read_number,
-    read_specimen,
-    read_values,
-    refusing,
-    specimen_record,
-    specimen_words,
-)
+from app.model_inputs import VOLTAGE, read_load, read_specimen, read_values, refusing, specimen_words
 from app.response_commands import frequency_response, step
+from app.units import read_number
 from model.closed_form import exact_response
 from model.figures import Curve, Figure
 from model.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.parameters import Membrane, Tactor
 from model.quantity import Quantity, quantities
 from model.response import FREQUENCY, poles
-from model.specimen import Specimen, variables
+from model.specimen import Specimen, specimen_record, variables
 from model.statics import deflection, load_compliance, voltage_gain
 
 SHAPES = Quantity("n", "", Interval(), "number of shape functions", 7)

@@ -5,26 +5,23 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from annotated_types import Interval
 
 from app.exits import UsageError
-from app.units import UnitError, to_number
+from app.units import UnitError, read_number, to_number
 from model.membrane import GRAVITY
-from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError, Quantity, quantities
+from model.parameters import Membrane
+from model.quantity import ParameterError, Quantity
 from model.skin import PRE_STRETCH
-from model.specimen import Specimen, variables
+from model.specimen import Specimen, changed, variables
 
 VOLTAGE = Quantity("voltage", "V", Interval(), "voltage on the specimen", None)
 LOAD = Quantity("load", "N", Interval(), "load at the centre", None)
-PEAK_TO_PEAK = Quantity("peak-to-peak", "V", Interval(gt=0), "drive at the amplifier's input", 5.0)
 OFFSET = Quantity("offset", "V", Interval(), "offset of the drive at the amplifier's input", 2.5)
 ELONGATION = Quantity("elongation", "m", Interval(ge=0), "elongation of the membrane", None)
 DURATION = Quantity("duration", "s", Interval(gt=0), "duration of the curve", None)
@@ -49,19 +46,6 @@ def refusing() -> Iterator[None]:
             f"the model cannot be computed with these parameters ({error}): they lie too many orders of magnitude apart; "
             "correct the one that is far from the paper's, which 'tactor-bench model parameters' lists"
         ) from None
-
-
-def read_number(text: str, quantity: Quantity) -> float:
-    """The number that `text` means, in SI and admitted by `quantity`.
-
-    Raises:
-        UnitError, ParameterError: it is none, or not admitted.
-    """
-    try:
-        number = to_number(text, quantity.unit or "1")
-    except UnitError as error:
-        raise UnitError(f"{quantity.name}: {error}") from None
-    return float(quantity.check(number))
 
 
 def read_load(text: str) -> float:
@@ -146,18 +130,6 @@ def read_specimen(options: argparse.Namespace, on_membrane: bool = False) -> Spe
     return changed(Specimen(membrane=Membrane() if on_membrane else None), values)
 
 
-def changed(base: Specimen, values: Mapping[str, float]) -> Specimen:
-    """`base` with the named variables replaced; naming anything of the membrane puts the tactor on it."""
-    of_tactor, of_membrane = ({q.name for q in quantities(kind)} for kind in (Tactor, Membrane))
-    membrane = base.membrane
-    if membrane is None and values.keys() & (of_membrane | {"delta", "contact_length"}):
-        membrane = Membrane()
-    if membrane is not None:
-        membrane = replace(membrane, **_only(values, of_membrane))
-    rest: Any = _only(values, {"delta", "contact_length", "k_s", "c_s"})
-    return replace(base, tactor=replace(base.tactor, **_only(values, of_tactor)), membrane=membrane, **rest)
-
-
 def specimen_words(specimen: Specimen) -> str:
     """Where the specimen vibrates: free, or on which skin."""
     skin = specimen.skin
@@ -168,12 +140,6 @@ def specimen_words(specimen: Specimen) -> str:
         return f"on a skin of {bed}"
     length = 1e3 * specimen.delta * specimen.membrane.L_m
     return f"on the membrane at pre-stretch {specimen.delta:.4g} ({length:.3g} mm elongation): {bed}"
-
-
-def specimen_record(specimen: Specimen) -> dict[str, float]:
-    """Every variable the specimen has, SI, by name."""
-    free = {q.name for q in quantities(Tactor)} | {"k_s", "c_s"}
-    return {name: specimen.value(name) for name in variables() if specimen.membrane is not None or name in free}
 
 
 def _each(text: str) -> list[str]:
@@ -197,10 +163,6 @@ def _variable(name: str) -> Quantity:
     if name not in known:
         raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(known)}")
     return known[name]
-
-
-def _only(values: Mapping[str, float], names: set[str]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name in names}
 
 
 def _shared_unit(items: Sequence[str]) -> list[str]:

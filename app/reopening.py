@@ -15,6 +15,7 @@ from app.sentences import Level, Message, point_words, sentence
 from protocols.continuation import points_of
 from protocols.events import EVENTS, Asked, BlockTaken, Playing, PointMeasured, Recorded
 from protocols.protocol import Protocol
+from protocols.quality import usable
 from protocols.registry import PROTOCOLS
 from protocols.run_trace import Trace
 from protocols.runreader import Happened, Run, RunError
@@ -62,6 +63,24 @@ class Reopened:
         return max((float(p.frequency) for p in self.points if hasattr(p, "frequency")), default=250.0)
 
 
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The points of a run, to lie over the curves; all (P,), SI."""
+
+    path: Path
+    label: str
+    simulated: bool
+    peak_to_peak_v: float
+    """Of the drive, as recorded."""
+    frequency_hz: Array
+    peak_to_peak: Array
+    peak_to_peak_errors: Array
+    twice_fundamental: Array
+    fundamental_errors: Array
+    phase: Array
+    usable: NDArray[np.bool_]
+
+
 def reopen(path: Path) -> Reopened:
     """Read a run.
 
@@ -93,6 +112,36 @@ def reopen(path: Path) -> Reopened:
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise RunError(f"{path} is damaged inside: {error}") from None
+
+
+def read_measured(path: Path) -> Measured:
+    """Return the points of a run that has a response over frequency.
+
+    Raises:
+        RunError: it cannot be read, or has none.
+    """
+    try:
+        with Run(path) as run:
+            points = run.points()
+            if not len(points.get("frequency", ())) or "fundamental" not in points:
+                raise RunError(f"{path.name} has no points over frequency; take a finished sine dwell")
+            order = np.argsort(points["frequency"], kind="stable")
+            columns = {name: column[order] for name, column in points.items()}
+            return Measured(
+                path,
+                f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
+                run.simulated,
+                2 * float(np.median(columns["drive_amplitude"])),
+                columns["frequency"],
+                columns["peak_to_peak"],
+                columns["peak_to_peak_errors"],
+                2 * columns["fundamental"],
+                columns["fundamental_errors"],
+                np.unwrap(columns["phase"]),
+                usable(columns["quality"]),
+            )
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise RunError(f"{path.name} is damaged inside: {error}") from None
 
 
 def read_traces(trace: Trace, start: int = 0, stop: int | None = None) -> Traces:

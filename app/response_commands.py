@@ -7,17 +7,8 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from app.answer import Answer, Column, Table
-from app.model_inputs import (
-    DURATION,
-    OFFSET,
-    PEAK_TO_PEAK,
-    VOLTAGE,
-    read_number,
-    read_specimen,
-    read_values,
-    specimen_record,
-    specimen_words,
-)
+from app.model_inputs import DURATION, OFFSET, VOLTAGE, read_specimen, read_values, specimen_words
+from app.units import PEAK_TO_PEAK, read_number
 from model.amplifier import AmplifierMap
 from model.closed_form import exact_response
 from model.drive import series
@@ -27,7 +18,7 @@ from model.perception import margin, usable_bands
 from model.quantity import Quantity
 from model.response import PERIODIC, amplifier_response, modal, orders_for
 from model.response import frequency_response as receptance
-from model.specimen import Specimen
+from model.specimen import Specimen, specimen_record
 from model.time import onset_response, step_response
 
 DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.config_tables import AmplifierTable
-from app.explore_answer import Measured, read_measured
 from app.export import Format, export
 from app.notes import Notes, read_tags, write_notes
 from app.progress import Tell, files, untold
+from app.reopening import Measured, read_measured
 from protocols.runreader import Run, RunError
 
 PIECE = 1 << 20

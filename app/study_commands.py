@@ -14,23 +14,15 @@ from numpy.typing import NDArray
 
 from app.answer import Answer, Column, Table, check_files, deliver
 from app.exits import FAILED, UsageError
-from app.model_inputs import (
-    OFFSET,
-    PEAK_TO_PEAK,
-    changed,
-    read_number,
-    read_settings,
-    read_specimen,
-    read_values,
-    read_vary,
-    refusing,
-)
-from app.study_answer import fixed, header, picture, record, result, summary, title
+from app.model_inputs import OFFSET, read_settings, read_specimen, read_values, read_vary, refusing
+from app.study_answer import picture, record, result, summary
+from app.units import PEAK_TO_PEAK, read_number
 from app.workers import Counting, workers
 from model.response import FREQUENCY
+from model.specimen import changed
 from model.study import PRESETS, Study
 from protocols.storing import StoreError
-from protocols.studyfile import StudyFile, check_place
+from protocols.studyfile import StudyFile, StudyHeader, check_place
 
 CURVE_HZ = "1:250:250"
 MOST_SETS = 30
@@ -135,14 +127,14 @@ def _computed(wanted: Study, options: argparse.Namespace) -> Answer:
             part = kept[start : start + len(block)]
             part[:] = block[: len(part)]
             advance(len(block))
-    told = Table("summary", title(wanted), summary(wanted, np.abs(kept[:MOST_SETS])))
+    told = Table("summary", wanted.title, summary(wanted, np.abs(kept[:MOST_SETS])))
     notes = (
         [f"the first {MOST_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MOST_SETS else []
     )
     found = result(wanted, kept) if keep else None
     return Answer(
         "study",
-        fixed(wanted),
+        wanted.fixed,
         (told,),
         tuple(notes),
         curve=found,
@@ -157,7 +149,7 @@ def _file(wanted: Study, path: Path | None) -> Iterator[Callable[[int, NDArray[A
     if path is None:
         yield lambda *_: None
         return
-    with StudyFile(path, header(wanted)) as file:
+    with StudyFile(path, StudyHeader.of(wanted)) as file:
         yield file.write
     sys.stderr.write(f"wrote {path}\n")
 
@@ -198,5 +190,5 @@ def _sensitivity(wanted: Study, options: argparse.Namespace) -> Answer:
     words = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
     note = "first: share of the variance the parameter explains alone; total: share that would vanish if it were known."
     return Answer(
-        "study --sensitivity", fixed(wanted), (Table("sobol", words, tuple(columns), most=20, lead=2),), (note,)
+        "study --sensitivity", wanted.fixed, (Table("sobol", words, tuple(columns), most=20, lead=2),), (note,)
     )

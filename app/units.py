@@ -4,12 +4,16 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_origin
 
-from annotated_types import Unit
+from annotated_types import Interval, Unit
+
+from model.quantity import Quantity
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
 PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+PEAK_TO_PEAK = Quantity("peak-to-peak", "V", Interval(gt=0), "drive at the amplifier's input", 5.0)
 
 LONGEST = 60
 TOWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
@@ -45,6 +49,19 @@ def to_number(text: str, unit: str) -> float:
         raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
         raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
+
+
+def read_number(text: str, quantity: Quantity) -> float:
+    """Return the number that `text` means, in SI and admitted by `quantity`.
+
+    Raises:
+        UnitError, ParameterError: it is none, or not admitted.
+    """
+    try:
+        number = to_number(text, quantity.unit or "1")
+    except UnitError as error:
+        raise UnitError(f"{quantity.name}: {error}") from None
+    return float(quantity.check(number))
 
 
 def unit_of(model: "type[BaseModel]", name: str) -> str | None:

@@ -1,8 +1,8 @@
 """A tactor, free or on a membrane, and every number of it that a study, an estimate or a command line may change."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,3 +105,25 @@ class Specimen:
         length = v.get("contact_length", beam.L - beam.L2 if self.contact_length is None else self.contact_length)
         k_point = point_stiffness(m["L_m"], m["b_m"], m["h_m"], m["E_m"], delta)
         return k_point / CONTACT_LENGTH.check(length), m["c_s_delta"] * delta + m["c_s_0"]
+
+
+def changed(base: Specimen, values: Mapping[str, float]) -> Specimen:
+    """Return `base` with the named variables replaced; naming anything of the membrane puts the tactor on it."""
+    of_tactor, of_membrane = ({q.name for q in quantities(kind)} for kind in (Tactor, Membrane))
+    membrane = base.membrane
+    if membrane is None and values.keys() & (of_membrane | {"delta", "contact_length"}):
+        membrane = Membrane()
+    if membrane is not None:
+        membrane = replace(membrane, **_only(values, of_membrane))
+    rest: Any = _only(values, {"delta", "contact_length", "k_s", "c_s"})
+    return replace(base, tactor=replace(base.tactor, **_only(values, of_tactor)), membrane=membrane, **rest)
+
+
+def specimen_record(specimen: Specimen) -> dict[str, float]:
+    """Return every variable that the specimen has, SI, by name."""
+    free = {q.name for q in quantities(Tactor)} | {"k_s", "c_s"}
+    return {name: specimen.value(name) for name in variables() if specimen.membrane is not None or name in free}
+
+
+def _only(values: Mapping[str, float], names: set[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name in names}

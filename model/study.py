@@ -25,7 +25,7 @@ from model.poles import modal_form, receptance
 from model.quantity import ParameterError
 from model.response import check_frequency, orders_for, peak_to_peak, period_points
 from model.shapes import check_n
-from model.specimen import Specimen, variables
+from model.specimen import Specimen, specimen_record, variables
 
 Array = NDArray[np.float64]
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
@@ -113,6 +113,22 @@ class Study:
         known = variables()
         named = (Axis(name, known[name].unit, tuple(values)) for name, values in self.vary.items())
         return (*named, Axis("frequency", "Hz", self.frequency_hz))
+
+    @property
+    def title(self) -> str:
+        """What is computed over what."""
+        what = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[self.measure]
+        return f"{what} of the centre over {', '.join(axis.name for axis in self.axes)}"
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """What is not varied, by name, SI, without what follows from a variable."""
+        specimen, follows = self.specimen, set()
+        if specimen.membrane is not None:
+            follows = {name for name in ("k_s", "c_s") if getattr(specimen, name) is None}
+        if specimen.contact_length is None and {"L", "L2"} & self.vary.keys():
+            follows.add("contact_length")
+        return {n: v for n, v in specimen_record(specimen).items() if n not in follows and n not in self.vary}
 
     @property
     def chunk(self) -> int:

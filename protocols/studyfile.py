@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from math import prod
 from pathlib import Path
@@ -19,7 +19,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from model.study import Axis
+from model.specimen import variables
+from model.study import UNITS, Axis, Study
 from protocols.fresh_run import software
 from protocols.layout import RESERVE_BYTES
 from protocols.storing import StoreError
@@ -49,6 +50,26 @@ class StudyHeader:
     complex: bool = False
     parameters: tuple[Parameter, ...] = ()
     description: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of(cls, study: Study) -> Self:
+        """Return the header of a study."""
+        known = variables()
+        return cls(
+            title=study.title,
+            signal=study.measure,
+            unit=UNITS[study.measure],
+            axes=study.axes,
+            complex=study.measure == "receptance",
+            parameters=tuple(Parameter(n, v, known[n].unit, known[n].words) for n, v in study.fixed.items()),
+            description={
+                "measure": study.measure,
+                "n": study.n,
+                "amplitude_v": study.amplitude_v,
+                "offset_v": study.offset_v,
+                "amplifier": asdict(study.amplifier),
+            },
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -15,8 +15,8 @@ from PySide6.QtWidgets import (
 )
 
 from app.explore import Setting
-from app.explore_answer import Measured
 from app.history import History
+from app.reopening import Measured
 from app.units import UnitError, to_number
 
 RANGES_HZ = (250, 500, 1000, 4000)

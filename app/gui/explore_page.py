@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.exploration import Exploration
 from app.explore import TITLES, Setting, study_of
-from app.explore_answer import Answerer, Measured, Picture, Question
+from app.explore_answer import Answerer, Picture, Question
 from app.explore_fit import Fitted
 from app.explore_study import write_study
 from app.gui.dropped import run_urls
@@ -27,6 +27,7 @@ from app.gui.shape_plot import ShapePlot
 from app.gui.sliders import SliderPanel
 from app.gui.theme import Theme
 from app.latest import Latest
+from app.reopening import Measured
 from app.view import View
 from model.quantity import ParameterError
 

@@ -10,11 +10,12 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.explore import Kept
-from app.explore_answer import Array, Line, Measured, Picture
+from app.explore_answer import Array, Line, Picture
 from app.gui.copying import Copying, Shown, as_text
 from app.gui.plots import INKS, LABEL_ON_LINE, Corner, ink, largest, paint, quiet, round_step, share_of, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
+from app.reopening import Measured
 
 AXIS_WIDTH = 62
 SERIES = ("max − min", "2 × fundamental")

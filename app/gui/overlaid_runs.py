@@ -7,9 +7,9 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from app.explore import Setting
-from app.explore_answer import Measured, read_measured
 from app.explore_fit import Fitted
 from app.gui.jobs import Jobs
+from app.reopening import Measured, read_measured
 
 Fit = Callable[[Sequence[Measured], Setting, Callable[[], bool]], Fitted]
 """Finds the setting that meets the runs best, beginning from one, until it is cancelled; raises ValueError with a sentence."""

@@ -6,11 +6,11 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from app.explore_answer import Measured
 from app.gui.copying import Copying, Shown, as_text
 from app.gui.plots import Corner, ink, largest, paint, quiet, round_step, share_of, simulated_mark
 from app.gui.response_plot import FELT_UM
 from app.gui.theme import Theme
+from app.reopening import Measured
 
 MOST_NAMED = 12
 

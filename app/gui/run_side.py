@@ -15,12 +15,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.explore_answer import Measured
 from app.export import FORMATS
 from app.gui.form import mark
 from app.gui.going_on import GoingOn
 from app.gui.run_plots import ComparePlot
 from app.gui.theme import Theme
+from app.reopening import Measured
 from app.run_entry import Entry
 
 NOTHING = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."

@@ -8,7 +8,6 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
 from app.config_tables import AmplifierTable
-from app.explore_answer import Measured
 from app.export import Format
 from app.gui.dropped import run_urls, table_urls
 from app.gui.file_dialog import Mode, ask_for_files
@@ -23,7 +22,7 @@ from app.gui.runs_table import RunsModel
 from app.gui.theme import Theme
 from app.gui.transfers import Transfers
 from app.overlay import Overlay, Question, elongations_of
-from app.reopening import Reopened, Traces, look_closer, reopen
+from app.reopening import Measured, Reopened, Traces, look_closer, reopen
 from app.run_deeds import measured_of
 from app.run_entry import Entry
 from app.view import View

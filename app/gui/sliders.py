@@ -8,9 +8,8 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButt
 
 from app.explore import DRIVE, OF_SKIN, Setting
 from app.gui.form import mark
-from app.model_inputs import PEAK_TO_PEAK, read_number
 from app.sliders import GROUPS, Slider
-from app.units import UnitError
+from app.units import PEAK_TO_PEAK, UnitError, read_number
 from model.quantity import ParameterError, Quantity
 from model.specimen import variables
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from app.commands import version
 from app.report import origins, tables
 from app.report.blocks import Block, Outcome, Plot, Report, Section, Words
 from app.report.known import Known, known_of
@@ -15,6 +14,7 @@ from app.report.plots import plots_of
 from app.report.responses import TITLE
 from app.report.specimen import Specimen
 from app.report.taken import Taken, Told, take
+from app.version import version
 from app.words import counted
 
 

@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 
 from app.explore import TITLES, Setting, difference, preset, study_of
-from app.explore_answer import Answerer, Measured, Question, read_measured
+from app.explore_answer import Answerer, Question
 from app.explore_fit import fit_runs
 from app.history import History
 from app.latest import Latest
 from app.main import main
-from app.model_inputs import changed, read_settings
+from app.model_inputs import read_settings
+from app.reopening import Measured, read_measured
 from app.sliders import GROUPS, SLIDERS
 from model.identification.setting import FitCancelled
 from model.quantity import ParameterError
 from model.response import amplifier_response
-from model.specimen import Specimen, variables
+from model.specimen import Specimen, changed, variables
 from model.study import PRESETS
 from protocols.runreader import RunError
 from tests.runs import crashed_run, finished_run

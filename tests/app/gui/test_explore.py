@@ -14,10 +14,10 @@ from PySide6.QtTest import QTest
 from app.explore_fit import Fitted
 from app.gui.explore_page import ExplorePage
 from app.gui.theme import DARK
-from app.model_inputs import changed, read_settings
+from app.model_inputs import read_settings
 from model.identification.setting import FitCancelled
 from model.response import amplifier_response
-from model.specimen import Specimen
+from model.specimen import Specimen, changed
 from tests.app.gui.stage import OpenStage, Stage, until
 from tests.runs import finished_run
 

@@ -6,9 +6,9 @@ import pytest
 from PySide6.QtCore import Qt
 
 from app.explore import Setting
-from app.explore_answer import read_measured
 from app.explore_fit import fit_runs
 from app.main import main
+from app.reopening import read_measured
 from tests.app.gui.stage import OpenStage, grab, until
 from tests.runs import finished_run
 
