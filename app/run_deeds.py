@@ -1,7 +1,6 @@
 """What is done with several run files at once: noted, exported, taken in, read for comparison. No Qt, no terminal."""
 
 import shutil
-from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,14 +110,10 @@ def bring_in(
         UsageError: a table cannot be taken so; the sentence says which, where, and what would do.
         Stopped: `tell` wanted no more of it; nothing was written.
     """
-    from app.import_command import bring  # units and protocols, for which no page waits
-    from app.import_parser import add_import_command
+    from app.importer import ImportOptions, import_files  # loads units and protocols, which no page needs at start-up
 
-    parser = ArgumentParser()
-    add_import_command(parser.add_subparsers())
-    options = parser.parse_args(["import", "--out", str(folder), "--", *map(str, paths)])
-    options.specimen = specimen or options.specimen
-    taken, written = bring(options, amplifier, tell)
+    options = ImportOptions(tuple(paths), folder, specimen=specimen or "unnamed")
+    taken, written = import_files(options, amplifier, tell)
     return len(written), [words for each in taken for words in each.cautions]
 
 
