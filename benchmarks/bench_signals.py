@@ -25,7 +25,6 @@ from drivers.sensor import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import modal
-from model.time import march
 from protocols.events import Status
 from protocols.fresh_run import Header
 from protocols.runfile import RunFile
@@ -33,6 +32,7 @@ from protocols.runreader import Run
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import sweep_response
 from protocols.sine_dwell import SinePoint
+from tests.model.sampled import march
 
 RATE = 5000.0
 BAND = (25.0, 525.0)

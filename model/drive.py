@@ -7,7 +7,7 @@ scale, so a series, not one number, excites the tactor.
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from model.amplifier import AmplifierMap
 from model.quantity import ParameterError
@@ -40,24 +40,7 @@ def series(
                 raise ParameterError(f"duty is {duty}: it must lie between 0 and 1; 0.5 is a symmetric square")
             high, low = amplifier.specimen_v([offset_v + amplitude_v, offset_v - amplitude_v])
             return _square(float(high), float(low), duty, orders)
-    raise ParameterError(f"waveform is {waveform!r}: choose sine or square, or give one period of samples")
-
-
-def sampled_series(input_v: ArrayLike, amplifier: AmplifierMap, orders: int = 64) -> Complex:
-    """V_k of any periodic input given as equidistant samples of one period, shape (N,) with N > 2 orders.
-
-    Raises:
-        ParameterError: too few samples, or the input leaves the amplifier's range.
-    """
-    u = np.asarray(input_v, float)
-    if u.ndim != 1 or u.size <= 2 * orders:
-        raise ParameterError(
-            f"one period is given with {u.size} samples: {orders} harmonics need more than {2 * orders}; sample finer"
-        )
-    check_range(float(u.min()), float(u.max()), amplifier)
-    V = np.fft.rfft(amplifier.specimen_v(u))[: orders + 1] / u.size
-    V[1:] *= 2
-    return V
+    raise ParameterError(f"waveform is {waveform!r}: choose sine or square")
 
 
 def check_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:

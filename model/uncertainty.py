@@ -1,15 +1,13 @@
 """From estimates with a covariance to the band around any curve: linearised, and on request sampled."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.quantity import ParameterError
-from model.sensitivity import many_responses
 from model.specimen import variables
-from model.study import Study
 
 Array = NDArray[np.float64]
 Curve = Callable[[Mapping[str, Array]], Array]
@@ -61,12 +59,6 @@ class Band:
     upper: Array
 
 
-def model_curve(study: Study) -> Curve:
-    """The study's measure as a curve over its frequencies; estimates take the place of its specimen's values."""
-    bare = replace(study, vary={})
-    return lambda values: many_responses(bare, values)
-
-
 def linear_band(curve: Curve, estimates: Estimates, coverage: float = 0.95) -> Band:
     """Band of normal errors through the curve's derivatives (central differences; one-sided at a physical limit).
 
@@ -86,28 +78,6 @@ def linear_band(curve: Curve, estimates: Estimates, coverage: float = 0.95) -> B
     error = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", J, S, J), 0))
     reach = float(ndtri((1 + _coverage(coverage)) / 2)) * error
     return Band(w[0], error, w[0] - reach, w[0] + reach)
-
-
-def sampled_band(curve: Curve, estimates: Estimates, coverage: float = 0.95, draws: int = 2000, seed: int = 1) -> Band:
-    """Band from the quantiles of curves drawn from the estimates; draws that are not physical are left out.
-
-    Raises:
-        ParameterError: coverage outside 0..1, fewer than 100 draws, or estimates so uncertain that half the draws fall out.
-    """
-    if draws < 100:
-        raise ParameterError(f"draws is {draws}: quantiles need at least 100")
-    v = np.asarray(estimates.values)
-    x = np.random.default_rng(seed).multivariate_normal(v, estimates.covariance, draws, check_valid="ignore")
-    x = x[_physical(estimates.names, x)]
-    if len(x) < draws / 2:
-        raise ParameterError(
-            f"{draws - len(x)} of {draws} draws are not physical: the estimates of {', '.join(estimates.names)} are too "
-            "uncertain for a sampled band; measure them better"
-        )
-    w = curve(dict(zip(estimates.names, np.vstack((v, x)).T, strict=True)))
-    tail = (1 - _coverage(coverage)) / 2
-    lower, upper = np.quantile(w[1:], (tail, 1 - tail), axis=0)
-    return Band(w[0], w[1:].std(axis=0, ddof=1), lower, upper)
 
 
 def _moved(estimates: Estimates, v: Array, step: Array) -> Array:

@@ -1,6 +1,5 @@
 """What a report is made of before it is set: words, tables and plots as plain data."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -133,9 +132,3 @@ class Report:
     def passed(self) -> bool:
         """Whether everything that was asked of the specimen holds."""
         return all(outcome.verdict == "pass" for outcome in self.outcomes)
-
-
-def blocks_of(report: Report, kind: type) -> Sequence[Block]:
-    """All words, tables or plots of a report, in order."""
-    every = (*report.first, *(block for section in report.appendix for block in section.blocks))
-    return [block for block in every if isinstance(block, kind)]

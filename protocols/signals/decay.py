@@ -43,11 +43,6 @@ class Decay:
     noise: float
     degrees_of_freedom: int
 
-    @property
-    def ringing_hz(self) -> float:
-        """The damped frequency, at which it is seen to ring."""
-        return self.natural_hz * float(np.sqrt(1 - self.damping_ratio**2))
-
 
 def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> Decay:
     """Fit one decaying oscillation.

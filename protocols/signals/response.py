@@ -12,8 +12,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.signals.samples import coverage_factor
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -49,10 +47,6 @@ class FrequencyResponse:
     def phase(self) -> Array:
         """Radians, -pi..pi."""
         return np.angle(self.response)
-
-    def half_width(self, level: float = 0.95) -> Array:
-        """(F,), to either side of the modulus: holds the truth with probability `level`, line by line."""
-        return coverage_factor(self.degrees_of_freedom, level) * self.standard_error
 
     def within(self, low_hz: float, high_hz: float) -> Self:
         """The lines of a band."""

@@ -11,7 +11,7 @@ from annotated_types import Interval, Unit
 from model.amplifier import AmplifierMap
 from model.closed_form import exact_response
 from model.convergence import convergence
-from model.drive import sampled_series, series
+from model.drive import series
 from model.latency import sine_latency, step_latency
 from model.membrane import sag
 from model.parameters import Membrane, Tactor, beams
@@ -24,8 +24,9 @@ from model.specimen import Specimen
 from model.statics import deflection
 from model.study import Study
 from model.sweep import sweep_response
-from model.time import sampled_response, step_response
-from model.uncertainty import Estimates, linear_band, model_curve, sampled_band
+from model.time import step_response
+from model.uncertainty import Estimates, linear_band
+from tests.model.sampled import model_curve
 
 T, M = Tactor(), Membrane()
 ONE = Estimates(("k2",), (7e-3,), np.array([[1e-10]]))
@@ -62,12 +63,7 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: amplifier_response(T, 10.0, offset_v=float("nan")), ("nan", "0..5 V")),
     (lambda: amplifier_response(T, 10.0, waveform="saw"), ("'saw'", "sine or square")),  # type: ignore[arg-type]
     (lambda: series("square", 1.0, 2.5, AmplifierMap(), duty=1.0), ("duty is 1.0", "between 0 and 1")),
-    (lambda: sampled_series([2.5] * 64, AmplifierMap(), 32), ("64 samples", "more than 64", "sample finer")),
-    (lambda: sampled_series([6.0] * 100, AmplifierMap(), 8), ("6..6 V", "0..5 V")),
     (lambda: step_response(T, -1.0), ("time", "-1 s")),
-    (lambda: sampled_response(T, [0.0, np.inf], 1e3), ("drive", "inf V")),
-    (lambda: sampled_response(T, [[0.0]], 1e3), ("2 axes", "one row")),
-    (lambda: sampled_response(T, [0.0], 0.0), ("rate", "0 Hz")),
     (lambda: step_latency(T, threshold_m=0.0), ("threshold", "0 m", "greater than 0")),
     (lambda: step_latency(T, tolerance=1.0), ("tolerance", "1", "less than 1")),
     (lambda: sine_latency(T, 0.0), ("frequency", "0 Hz")),
@@ -105,11 +101,6 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: Estimates(("colour",), (1.0,), np.eye(1)), ("colour", "choose from")),
     (lambda: Estimates(("k2", "c0"), (7e-3,), np.eye(1)), ("2 names but 1 values",)),
     (lambda: linear_band(model_curve(Study({}, (1.0,))), ONE, coverage=1.0), ("coverage is 1.0",)),
-    (lambda: sampled_band(model_curve(Study({}, (1.0,))), ONE, draws=10), ("draws is 10", "at least 100")),
-    (
-        lambda: sampled_band(model_curve(Study({}, (1.0,))), Estimates(("c_s",), (0.0,), np.array([[1.0]]))),
-        ("not physical", "c_s", "measure"),
-    ),
 ]
 
 

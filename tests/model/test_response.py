@@ -5,13 +5,13 @@ import pytest
 
 from model.amplifier import AmplifierMap
 from model.closed_form import exact_response
-from model.drive import sampled_series, series
+from model.drive import series
 from model.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.parameters import Membrane, Tactor
 from model.poles import modal_form, receptance
 from model.response import amplifier_response, frequency_response, modal, peak_to_peak, periodic_response, poles, system
 from model.skin import Skin, skin
-from model.time import march
+from tests.model.sampled import march, sampled_series
 
 ON = skin(Membrane(), 0.01)
 
@@ -96,7 +96,7 @@ def test_mode_shapes_are_orthonormal_in_mass() -> None:
 def test_sine_through_the_amplifier(amplitude: float, offset: float) -> None:
     """Against the samples of the map itself."""
     theta = 2 * np.pi * np.arange(20_000) / 20_000
-    sampled = sampled_series(offset + amplitude * np.sin(theta), AmplifierMap(), 20)
+    sampled = sampled_series(offset + amplitude * np.sin(theta), 20)
     assert series("sine", amplitude, offset, AmplifierMap(), 20) == pytest.approx(sampled, abs=1e-4)
 
 
@@ -138,7 +138,7 @@ def test_peak_to_peak_finds_the_peak_between_its_samples() -> None:
 
 def test_any_periodic_drive_from_its_samples() -> None:
     theta = 2 * np.pi * np.arange(4096) / 4096
-    V = sampled_series(2.5 + 1.5 * np.sin(theta) + 0.5 * np.sin(3 * theta), AmplifierMap(), 64)
+    V = sampled_series(2.5 + 1.5 * np.sin(theta) + 0.5 * np.sin(3 * theta), 64)
     r = periodic_response(modal(Tactor()), np.array([40.0, 90.0]), V)
     assert r.fundamental == pytest.approx(1j * V[1] * frequency_response(Tactor(), [40, 90]))
 

@@ -10,7 +10,8 @@ from model.response import frequency_response, modal
 from model.skin import Skin, skin
 from model.statics import voltage_gain
 from model.sweep import chirp_response, sweep_response
-from model.time import march, sampled_response, step_response
+from model.time import step_response
+from tests.model.sampled import march
 
 ON = skin(Membrane(), 0.01)
 
@@ -20,7 +21,7 @@ def test_step_is_the_sampled_drive_that_never_changes(on: Skin | None) -> None:
     t = np.arange(2000) / 20_000
     w = step_response(Tactor(), t, 1500.0, on)
     for hold in ("linear", "zero"):
-        assert sampled_response(Tactor(), np.full(2000, 1500.0), 20_000, on, hold=hold) == pytest.approx(w, abs=1e-12)
+        assert march(modal(Tactor(), on), np.full(2000, 1500.0), 20_000, hold) == pytest.approx(w, abs=1e-12)
     assert w[0] == 0
     assert step_response(Tactor(), 10.0, 1500.0) == pytest.approx(1500 * voltage_gain(Tactor()), rel=2e-3)
 
@@ -50,7 +51,7 @@ def test_sweep_through_the_amplifier() -> None:
     T, rate = 0.3, 100_000
     t = np.arange(int(T * rate) + 1) / rate
     u = 2.5 + 2.5 * np.sin(2 * np.pi * (25 * t + 500 * t**2 / (2 * T)))
-    sampled = sampled_response(Tactor(), AmplifierMap().specimen_v(u), rate)
+    sampled = march(modal(Tactor()), AmplifierMap().specimen_v(u), rate)
     w = sweep_response(Tactor(), t[::7], duration_s=T, orders=32)
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
 
@@ -59,9 +60,7 @@ def test_sweep_around_an_offset_begins_at_its_deflection() -> None:
     T, rate, hold = 0.2, 100_000, 20_000
     t = np.arange(int(T * rate) + 1) / rate
     u = 3.2 + 1.5 * np.sin(2 * np.pi * (50 * t + 250 * t**2 / (2 * T)))
-    sampled = sampled_response(Tactor(), AmplifierMap().specimen_v(np.concatenate((np.full(hold, 3.2), u))), rate)[
-        hold:
-    ]
+    sampled = march(modal(Tactor()), AmplifierMap().specimen_v(np.concatenate((np.full(hold, 3.2), u))), rate)[hold:]
     w = sweep_response(Tactor(), t[::7], 50.0, 300.0, T, amplitude_v=1.5, offset_v=3.2, orders=32)
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
     assert w[0] == pytest.approx(600 * 0.7 * voltage_gain(Tactor()), rel=1e-2)
@@ -90,7 +89,7 @@ def test_latency_figures_are_those_of_a_finely_sampled_step() -> None:
 def test_sine_onset() -> None:
     t = np.arange(0, 0.1, 2e-6)
     v = AmplifierMap().specimen_v(2.5 + 2.5 * np.sin(2 * np.pi * 100 * t))
-    w = sampled_response(Tactor(), v, 500_000)
+    w = march(modal(Tactor()), v, 500_000)
     got = sine_latency(Tactor(), 100.0)
     assert got.to_threshold_s == pytest.approx(t[np.argmax(abs(w) >= 50e-6)], abs=4e-6)
     assert got.final_m == pytest.approx(724.0e-6 / 2, rel=1e-4)

@@ -7,7 +7,8 @@ from model.parameters import Tactor
 from model.specimen import Specimen
 from model.statics import voltage_gain
 from model.study import Study
-from model.uncertainty import Estimates, linear_band, model_curve, sampled_band
+from model.uncertainty import Estimates, linear_band
+from tests.model.sampled import model_curve, sampled_band
 
 STUDY = Study({}, tuple(np.linspace(20, 250, 47)))
 SMALL = Estimates(("k2", "c0", "mu"), (7e-3, 159.0, -1.33e-5), np.diag([5e-5, 3.0, 1e-7]) ** 2)

@@ -17,13 +17,14 @@ from drivers.errors import DriveRefused
 from drivers.sensor import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
-from model.time import sampled_response
+from model.response import modal
 from protocols.events import Status
 from protocols.prediction import predicted
 from protocols.rehearsal import CannotRun, rehearse
 from protocols.sine_dwell import SineDwell
 from protocols.steps import Prompt, Step
 from protocols.values import Planned
+from tests.model.sampled import march
 from tests.support import laboratory, run, simulated
 
 SENSOR = LaserSensor("laser", 1e-4)
@@ -73,9 +74,7 @@ def test_a_held_level_does_not_ring_and_a_fast_step_does() -> None:
     low, high = reach(Steps((2.5, 5.0, 2.5), 0.1, 1e-4))
     rate = 1e5
     t = np.arange(0, 0.3, 1 / rate)
-    moved = 1e6 * sampled_response(
-        Tactor(), AmplifierMap().specimen_v(Steps((2.5, 5.0, 2.5), 0.1, 1e-4).volts(t)), rate
-    )
+    moved = 1e6 * march(modal(Tactor()), AmplifierMap().specimen_v(Steps((2.5, 5.0, 2.5), 0.1, 1e-4).volts(t)), rate)
     assert high == pytest.approx(moved.max(), rel=0.02)
     assert low == pytest.approx(moved.min(), rel=0.05)
 

@@ -1,5 +1,9 @@
-"""What the report's tests measure: a tactor that is not the table's, shortly."""
+"""What the report's tests measure: a tactor that is not the table's, shortly; and the blocks of a report."""
 
+from collections.abc import Sequence
+from typing import Any
+
+from app.report.blocks import Report
 from model.parameters import Tactor
 from protocols.sine_dwell import SineDwell
 from protocols.voltage_steps import VoltageSteps
@@ -7,3 +11,9 @@ from protocols.voltage_steps import VoltageSteps
 TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
 DWELL = SineDwell(frequencies_hz=(100, 140, 150, 160, 220), record_s=0.05, min_cycles=5)
 STEPS = VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.2, read_s=0.2, hold_s=0.5)
+
+
+def blocks_of(report: Report, kind: type) -> Sequence[Any]:
+    """All words, tables or plots of a report, in order."""
+    every = (*report.first, *(block for section in report.appendix for block in section.blocks))
+    return [block for block in every if isinstance(block, kind)]

@@ -7,10 +7,11 @@ import pytest
 
 from app.main import main
 from app.report import command
-from app.report.blocks import Words, blocks_of
+from app.report.blocks import Words
 from app.report.limits import Limit, Limits, LimitsError, judge, read_limits
 from app.report.merits import MERITS, Merit
 from app.report.numbers import plain, probability, stated
+from tests.app.report.specimen import blocks_of
 
 
 def test_a_file_of_limits_is_read_with_its_units(tmp_path: Path) -> None:

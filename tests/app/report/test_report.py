@@ -15,7 +15,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 
 from app.main import main
 from app.report import command
-from app.report.blocks import Grid, Plot, Report, Words, blocks_of
+from app.report.blocks import Grid, Plot, Report, Words
 from app.report.content import ReportError, gather, marks
 from app.report.merits import felt, quick
 from app.report.specimen import Specimen
@@ -25,7 +25,7 @@ from model.closed_form import exact_response
 from model.parameters import Membrane, Tactor
 from protocols.quality import Quality
 from protocols.wiring_check import WiringCheck
-from tests.app.report.specimen import TRUTH
+from tests.app.report.specimen import TRUTH, blocks_of
 from tests.support import laboratory, run
 
 

@@ -15,7 +15,8 @@ from model.parameters import Membrane, Tactor
 from model.quantity import ParameterError
 from model.specimen import Specimen
 from model.study import Study
-from model.uncertainty import linear_band, model_curve
+from model.uncertainty import linear_band
+from tests.model.sampled import model_curve
 
 
 @cache
