@@ -1,4 +1,9 @@
-"""The composition root: the one place that decides between real and simulated instruments."""
+"""The composition root: the one place that decides between real and simulated instruments.
+
+Opens whatever a bench file puts at the amplifier's input: a generator, an output of the card, or a DC supply.
+
+Opens the serial sensors of a bench file; on a simulated bench, first the simulated sensor and its port.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -7,17 +12,115 @@ from functools import partial
 from typing import Any
 
 from app.config import BenchConfig
-from app.drivers import DIGITIZERS, driver
-from app.meters import See, open_meters
+from app.config_tables import MeterTable
+from app.drivers import DIGITIZERS, driver, open_generator
 from app.session import OwnOperator
-from app.sources import SERVED_OUTPUT, open_source, options
 from drivers.amplifier import HvAmplifier
 from drivers.bench import Bench
 from drivers.clock import Clock
 from drivers.errors import InstrumentError
 from drivers.ports import Digitizer, Identity, Meter, Source
+from drivers.scpi import Link
 from drivers.watch import SWITCHED_OFF, BeatingClock, NoWatchdog, Watchdog
 from sim_hardware.operator import SimulatedOperator
+
+MARGIN_S = 0.1
+"""Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
+
+SERVED_OUTPUT = (
+    "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
+    "dies while the bench is live, a drive ends by itself at rest, but a held level stays on the specimen"
+)
+
+
+def open_source(
+    config: BenchConfig, clock: Clock, link: Callable[[float], Link], server: str, stack: ExitStack
+) -> Source:
+    """The source, on its wire; it is let go with `stack`. `link` opens a wire, given how long an answer may take.
+
+    Raises:
+        InstrumentError: it is not there, or something else is.
+    """
+    match config.source.kind:
+        case "card-output":
+            from drivers.nidaq_output import NiOutput
+
+            output = NiOutput(clock=clock, **{**options(config, _speed(clock)), "server": server or None})
+            stack.callback(output.close)
+            return output
+        case "dc-supply":
+            from drivers.dc_supply import DcSupply
+
+            wire = link(config.supply.timeout_s)
+            stack.callback(wire.close)
+            return DcSupply(wire, clock, **options(config, _speed(clock)))
+        case "generator":
+            wire = link(config.generator.timeout_s)
+            stack.callback(wire.close)
+            return open_generator(config.generator.driver, wire, clock, config.amplifier.step_v)
+
+
+def options(config: BenchConfig, speed: float) -> dict[str, Any]:
+    """What the driver of the source is told beyond its wire and its clock; plain values, the watchdog needs them too."""
+    match config.source.kind:
+        case "card-output":
+            return {
+                "device": config.card.device,
+                "channel": config.source.channel,
+                "start_trigger": config.source.start_trigger,
+                "margin_s": MARGIN_S * speed,
+            }
+        case "dc-supply":
+            return {
+                "channel": config.supply.channel,
+                "current_limit_a": config.supply.current_limit_a,
+                "fall_time_s": config.supply.fall_time_s,
+                "step_v": config.amplifier.step_v,
+            }
+        case "generator":
+            return {"step_v": config.amplifier.step_v}
+
+
+def _speed(clock: Clock) -> float:
+    return float(getattr(clock, "speed", 1.0))
+
+
+BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
+"""Factory settings."""
+
+See = Callable[[], float | None]
+
+
+def open_meters(tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, see: See | None) -> dict[str, Meter]:
+    """The meters by name; they are let go with `stack`. `see` is what a simulated sensor sees, None on a real bench.
+
+    Raises:
+        InstrumentError: a port is not there, or something else answers on it.
+    """
+    return {name: _open(table, clock, stack, see) for name, table in tables.items()}
+
+
+def _open(table: MeterTable, clock: Clock, stack: ExitStack, see: See | None) -> Meter:
+    from drivers.keyence_lkg import KeyenceLkg
+    from drivers.optoncdt import OptoNcdt
+    from drivers.serial_line import SerialLine
+
+    port = table.port if see is None else _simulated(table, stack, see)
+    line = SerialLine(port, table.baud or BAUD[table.driver], table.timeout_s)
+    stack.callback(line.close)
+    match table.driver:
+        case "keyence-lkg":
+            return KeyenceLkg(line, clock, output=table.output)
+        case "optoncdt":
+            return OptoNcdt(line, clock, range_m=table.range_m)
+
+
+def _simulated(table: MeterTable, stack: ExitStack, see: See) -> str:
+    from sim_hardware.laser_meters import Ild1420, LkG, PtyPort
+
+    model = LkG(see) if table.driver == "keyence-lkg" else Ild1420(see, table.range_m)
+    return stack.enter_context(PtyPort(model)).port
+
 
 BLOCK_S = 0.05
 """A block on a bench at real speed; at raised speed blocks grow, so that they stay worth their round trip."""

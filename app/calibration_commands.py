@@ -7,7 +7,7 @@ from app import calibrations
 from app.answer import Answer, Column, Table, deliver
 from app.calibrations import CalibrationError, Calibrations
 from app.exits import UsageError
-from app.identified_answer import parameters
+from app.fit_answer import parameters
 from model.identification.estimates import Calibration, changes
 
 

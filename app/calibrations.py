@@ -11,7 +11,7 @@ from typing import Any
 from app.whole_file import write_whole
 from model.identification.estimates import Calibration
 from model.quantity import ParameterError
-from protocols.names import safe_name
+from protocols.layout import safe_name
 
 FORMAT = "tactor-bench-calibrations"
 

@@ -14,10 +14,8 @@ from typing import Any, Literal, Self
 
 from pydantic import ValidationError
 
-from app.campaign_file import CampaignError, campaign_path, read_record, write_record
-from app.campaign_plan import CARRIED, PAPER, Item, Plan, known
-from app.campaign_runs import Made, Shelf
-from app.campaign_standing import GOOD, Listed, Next, basis_of, stand
+from app.campaign_plan import CARRIED, PAPER, CampaignError, Item, Plan, campaign_path, known, read_record, write_record
+from app.campaign_standing import GOOD, Listed, Made, Next, Shelf, basis_of, stand
 from model.amplifier import AmplifierMap
 from protocols.events import Status
 from protocols.protocol import Protocol

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.campaign import Campaign
-from app.campaign_file import CampaignError
-from app.campaign_plan import Item
+from app.campaign_plan import CampaignError, Item
 from app.campaign_standing import Listed, Next, Standing
 from app.session import Refused, SessionEvent
 from drivers.bench import Bench

@@ -1,20 +1,30 @@
-"""A campaign as it is shown: every item with what it found, needs and will ask, and what comes next. No Qt, no terminal."""
+"""A campaign as it is shown: every item with what it found, needs and will ask, and what comes next. No Qt, no terminal.
+
+What the runs of a campaign say together about the specimen, by the paper's chain; and what is believed of it meanwhile.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.campaign import Campaign
-from app.campaign_file import CampaignError
+from app.campaign_plan import CampaignError
 from app.campaign_queue import rehearse_campaign
 from app.campaign_standing import Listed, Next, Standing
+from app.config_tables import AmplifierTable
+from app.identifying import Identified, identify
+from app.observing import ObservingError
 from drivers.errors import BenchError
 from model.amplifier import AmplifierMap
+from model.identification.chain import ChainError
+from model.identification.setting import Setting
 from model.parameters import Tactor
+from model.quantity import ParameterError
 from protocols.rehearsal import Rehearsal
+from protocols.runreader import Run, RunError
 from protocols.values import Estimate
 
 if TYPE_CHECKING:
@@ -145,9 +155,36 @@ def sheet_of(campaign: Campaign, bench: Bench | None) -> Sheet:
 
 def known_of(campaign: Campaign, amplifier: AmplifierMap) -> Known:
     """What the runs that count tell together, by the paper's chain. Fits."""
-    from app.campaign_estimates import identified  # the numerics take a while to import, and nobody waits here
 
     found = identified(campaign, amplifier)
     if isinstance(found, str):
         return Known((), Tactor(), found)
     return Known(tuple(found.estimates), found.tactor, " ".join(found.notes[-1:]))
+
+
+def identified(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Identified | str:
+    """The parameters that the runs of a campaign tell so far; a sentence where they tell none.
+
+    The chain goes in the campaign's order: what a later run cannot tell does not take away what the earlier ones do.
+    """
+    runs, why = campaign.counting(), "no run of this campaign counts yet"
+    for last in range(len(runs), 0, -1):
+        try:
+            found = identify(runs[:last], "chain", Setting(amplifier=amplifier or _amplifier_of(runs[0])))
+        except (RunError, ObservingError, ChainError, ParameterError) as error:
+            why = str(error)
+        else:
+            return found if last == len(runs) else replace(found, notes=(*found.notes, why))
+    return why
+
+
+def _amplifier_of(path: Path) -> AmplifierMap:
+    """The amplifier as it was in a run: its map is copied into every run file."""
+    with Run(path) as run:
+        return AmplifierTable.of(run.configuration).map
+
+
+def believed(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Tactor:
+    """The specimen as far as it is known: what was identified, and the paper's Table I for the rest."""
+    found = identified(campaign, amplifier)
+    return Tactor() if isinstance(found, str) else found.tactor

@@ -1,12 +1,73 @@
-"""The next step of a campaign as a person is told it: what, why, what it will take, and what can be answered. No Qt."""
+"""The next step of a campaign as a person is told it: what, why, what it will take, and what can be answered. No Qt.
 
+A campaign in words, alike in window and terminal.
+
+All that is told about one item of a campaign, in sections. No Qt, no terminal.
+"""
+
+from __future__ import annotations
+
+import re
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from app.campaign_sheet import Row, Sheet
-from app.campaign_standing import Next, Standing
-from app.campaign_words import DOES, estimate_words, rehearsal_words, why_next
-from app.words import duration
+from app.campaign_standing import GOOD, Listed, Next, Standing
+from app.view import volts_between
+from app.words import duration, quantity, size
+from protocols.rehearsal import Rehearsal
+from protocols.values import Estimate
+
+if TYPE_CHECKING:
+    from app.campaign_sheet import Known
+    from model.identification.estimates import Estimate as ModelEstimate
+
+
+MARKS = {
+    Standing.DONE: "✓",
+    Standing.STALE: "↻",
+    Standing.FAILED: "✗",
+    Standing.UNFINISHED: "…",
+    Standing.RUNNING: "▶",
+    Standing.SKIPPED: "–",
+}
+
+DOES = {Next.RUN: "Measure", Next.AGAIN: "Measure again", Next.RESUME: "Go on with"}
+"""What is done with an item that comes next."""
+
+
+def estimate_words(estimate: Estimate | ModelEstimate) -> str:
+    """`k2: 31.2 ± 0.4 N/m`."""
+    return f"{estimate.name}: {quantity(estimate.value, estimate.standard_error, estimate.unit)}"
+
+
+def why_next(line: Listed) -> str:
+    """Why this is what comes next."""
+    needs = " and ".join(line.item.needs)
+    match line.next:
+        case Next.RESUME:
+            return f"The last run {shortly(line.reason)}. The points that are there are kept."
+        case Next.AGAIN if line.standing is Standing.STALE:
+            return f"It was done, but {line.reason}."
+        case Next.AGAIN:
+            return f"The last run {shortly(line.reason).replace('unsafe: UNSAFE', 'ended UNSAFE')}."
+        case _:
+            rests = f"; what it rests on, {needs}, is done" if needs else ""
+            return f"It is the first in the list that is not measured yet{rests}."
+
+
+def shortly(reason: str) -> str:
+    """The first clause of a reason: what happened, without what to do and without the library's own words."""
+    return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
+
+
+def rehearsal_words(told: Rehearsal) -> str:
+    """What an item will ask of bench and people, in a line."""
+    prompts = {0: "no prompts", 1: "1 prompt"}.get(told.prompts, f"{told.prompts} prompts")
+    volts = volts_between(told.lowest_specimen_v, told.highest_specimen_v)
+    return f"about {duration(told.duration_s)}, {prompts}, {volts} on the specimen, file about {size(told.file_bytes)}"
+
 
 MOST_ESTIMATES = 6
 
@@ -102,3 +163,42 @@ def _nothing(sheet: Sheet) -> Step:
         return Step("Everything is measured", f"{but}The report: tactor-bench report {sheet.specimen} --out reports")
     waits = [f"{row.name}: {row.line.reason}" for row in sheet.rows if row.line.next is Next.WAIT]
     return Step("Nothing can be measured now", "; ".join(waits))
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading and what stands below it."""
+
+    heading: str
+    lines: tuple[str, ...]
+
+
+def details_of(row: Row, known: Known | None, specimen: str) -> tuple[Section, ...]:
+    """What is known of an item; sections with nothing to tell are left out."""
+    line, item = row.line, row.line.item
+    counts = line.standing in GOOD
+    state = [f"{row.state}{': ' if line.reason else ''}{line.reason}"]
+    if line.run is not None:
+        state.append(line.run.name)
+    settings = tuple(f"{name} = {_value(value)}" for name, value in item.settings.items())
+    told = (
+        Section("State", tuple(state)),
+        Section("Found" if counts else "Found, but does not count", tuple(map(estimate_words, line.estimates))),
+        Section(f"Known of {specimen} from all runs that count, by the paper's chain", _known(known)),
+        Section("Carried on into it", tuple(map(estimate_words, row.carried))),
+        Section("Will take", (rehearsal_words(row.told),) if row.told is not None else ()),
+        Section("Set up first", tuple(prompt.text for prompt in item.prepare)),
+        Section("Rests on", (", ".join(item.needs),) if item.needs else ()),
+        Section("Settings that differ from the protocol's", settings),
+    )
+    return tuple(section for section in told if section.lines)
+
+
+def _known(known: Known | None) -> tuple[str, ...]:
+    if known is None:
+        return ()
+    return (*map(estimate_words, known.estimates), *((known.why_not,) if known.why_not else ()))
+
+
+def _value(value: object) -> str:
+    return ", ".join(f"{v:g}" for v in value) if isinstance(value, list | tuple) else str(value)

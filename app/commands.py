@@ -1,21 +1,31 @@
-"""What the commands do. Each takes the parsed options and returns an exit code."""
+"""What the commands do. Each takes the parsed options and returns an exit code.
+
+`tactor-bench protocols` and `tactor-bench resume`: what can be measured, and going on with what was begun.
+
+The parsers of `tactor-bench protocols` and `resume`. What they run is imported when it runs.
+"""
 
 import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
+from inspect import getdoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from app.arguments import path
 from app.config import FASTEST, BenchConfig, ConfigError, load_bench
 from app.exits import DONE, UsageError
+from app.gui.form import fields_of, text_of
 from app.units import UnitError, read_value, unit_of
 from app.validation import faults
+from protocols.continuation import earlier, named
 from protocols.plain import plain
 from protocols.protocol import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
+from protocols.runreader import RunError
 
 if TYPE_CHECKING:
     from protocols.continuation import Earlier
@@ -206,3 +216,105 @@ def _draw(run_file: Path, picture: Path) -> int:
     except RunError as error:
         raise UsageError(str(error)) from None
     return DONE
+
+
+def resume_run(options: argparse.Namespace) -> int:
+    """Go on with a run beside the old one, of the same specimen; the exit code of a run."""
+    config, speed = chosen_bench(options)
+    for trouble in load_plug_ins():
+        sys.stderr.write(f"{trouble}\n")
+    if options.file:
+        protocol_kind(options.file)
+    try:
+        again = named(options.run, [word for word in options.again.split(",") if word]) if options.again else ()
+        before = earlier(options.run, again)
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    options.out = options.out or options.run.parent
+    options.specimen = options.specimen or before.specimen
+    return run_headless(config, speed, options, before.protocol, before=before)[0]
+
+
+def list_protocols(options: argparse.Namespace) -> int:
+    """What can be measured, or the parameters of one protocol."""
+    for trouble in load_plug_ins():
+        sys.stderr.write(f"{trouble}\n")
+    if options.protocol:
+        kind = protocol_kind(options.protocol)
+        rows = _parameters(kind)
+        lines = [f"{kind.title}: {_first_line(kind)}"]
+        for row in rows:
+            lines += [f"  {row['parameter']} = {row['default']} {row['unit']}".rstrip()]
+            lines += [f"      {row['what it is']}" + (f"; {row['range']}" if row["range"] else "")]
+    else:
+        rows = [{"protocol": name, "what it measures": _first_line(kind)} for name, kind in sorted(PROTOCOLS.items())]
+        widest = max(map(len, PROTOCOLS))
+        lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
+    sys.stdout.write((json.dumps(rows) if options.json else "\n".join(lines)) + "\n")
+    return DONE
+
+
+def _parameters(kind: type[Protocol]) -> list[dict[str, str]]:
+    return [
+        {
+            "parameter": field.name,
+            "default": text_of(kind.model_fields[field.name].get_default(call_default_factory=True)),
+            "unit": field.unit,
+            "range": field.limits,
+            "what it is": field.words,
+        }
+        for field in fields_of(kind)
+    ]
+
+
+def _first_line(kind: type[Protocol]) -> str:
+    """The protocol's own first sentence."""
+    return (getdoc(kind) or kind.title).splitlines()[0]
+
+
+def add_protocol_commands(known: Any, bench_options: Any) -> None:
+    """Register the commands with the subparsers of the command; the options are those of `run`."""
+    protocols = known.add_parser(
+        "protocols",
+        help="list what can be measured, and the parameters of each",
+        description="The protocols of this program and of installed packages; with a name or a file, its parameters.",
+        epilog="example: tactor-bench protocols sine-dwell",
+    )
+    protocols.add_argument("protocol", nargs="?", help="a protocol, or a lab's own file: ./my_protocol.py")
+    protocols.add_argument("--json", action="store_true", help="as one JSON object on standard output")
+    protocols.set_defaults(command=_protocols)
+
+    resume = known.add_parser(
+        "resume",
+        help="go on with a run that was stopped or crashed, or measure some of its points again",
+        description="Go on with a run that was stopped, failed or lost its program; or, with --again, measure some of its "
+        "points once more. The result is a new file that carries the old points over and links to their raw data.",
+        epilog="example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
+    )
+    resume.add_argument("run", type=path, metavar="RUN", help="a run file")
+    resume.add_argument(
+        "--again",
+        default="",
+        metavar="WHICH",
+        help="entries by what they are called, e.g. 155,160 for frequencies; or 'flagged'",
+    )
+    resume.add_argument(
+        "--protocol",
+        dest="file",
+        default="",
+        metavar="FILE.py",
+        help="the file of a lab's own protocol, where the run is of one",
+    )
+    bench_options(resume)
+    resume.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
+    resume.set_defaults(command=_resume)
+
+
+def _protocols(options: argparse.Namespace) -> int:
+
+    return list_protocols(options)
+
+
+def _resume(options: argparse.Namespace) -> int:
+
+    return resume_run(options)

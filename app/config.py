@@ -11,9 +11,17 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from app.arguments import shortened
-from app.config_source import MeterTable, SourceTable, SupplyTable
-from app.config_tables import AmplifierTable, CardTable, GeneratorTable, SensorTable, WatchdogTable
-from app.table import Table
+from app.config_tables import (
+    AmplifierTable,
+    CardTable,
+    GeneratorTable,
+    MeterTable,
+    SensorTable,
+    SourceTable,
+    SupplyTable,
+    Table,
+    WatchdogTable,
+)
 from app.validation import faults
 from sim_hardware.truth import BenchTruth
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.config import ConfigError, load_bench
 from app.config_tables import AmplifierTable
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from protocols.continuation import protocol_of
 from protocols.events import EntryBegan, PointMeasured
 from protocols.layout import ENTRY, columns

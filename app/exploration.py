@@ -1,13 +1,21 @@
-"""One person's way through the model: where the sliders stand and stood, which curves are kept, where one looks. No Qt."""
+"""One person's way through the model: where the sliders stand and stood, which curves are kept, where one looks. No Qt.
+
+What the sliders of the Explore page vary, as a study file. No Qt.
+"""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from app.explore import DRIVE, Kept, Preset, Setting, difference, preset
 from app.explore_answer import Question
 from app.history import History
 from app.reopening import Measured
 from app.sliders import SLIDERS
+
+if TYPE_CHECKING:
+    from model.study import Study
+
 
 SAME_DRIVE = 0.02
 """By how much, of it, a run's drive may differ from the curve's."""
@@ -85,3 +93,16 @@ class Exploration:
         setting = Setting(values, bool(record["on_skin"]), float(record["peak_to_peak_v"]))
         _ = setting.specimen
         self.history = History(setting)
+
+
+def write_study(path: Path, study: "Study", variable: str) -> str:
+    """Compute a study into a file, HDF5 or by its ending CSV; what was written, in words."""
+    from protocols.studyfile import StudyFile, StudyHeader  # HDF5, which no window waits for
+
+    if path.suffix == ".csv":
+        study.run().to_csv(path)
+    else:
+        with StudyFile(path, StudyHeader.of(study)) as file:
+            for start, block in study.blocks():
+                file.write(start, block)
+    return f"{path.name}: max − min over {variable}, {study.shape[0]} values"

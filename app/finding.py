@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from app.drivers import BUILT_IN, SOURCES, driver
 from drivers.errors import BenchError
 from drivers.ports import Identity
-from drivers.supply_dialects import DIALECTS
+from drivers.supply_wire import DIALECTS
 
 LAN_PORTS = (5025, 5555)
 """Where function generators listen: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from app.observing import campaign_of, shapes_of
 from model.identification.adequacy import Adequacy, adequacy
-from model.identification.chain import chain
+from model.identification.chain import ChainMethod, Validation, chain
 from model.identification.chain_errors import chain_errors
-from model.identification.chain_method import ChainMethod, Validation
 from model.identification.estimates import Estimate
 from model.identification.fitted import JointFit
 from model.identification.joint import joint_fit

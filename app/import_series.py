@@ -16,7 +16,7 @@ from drivers.drive import Sine
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine
-from protocols.sine_point import SinePoint, sine_point
+from protocols.sine_dwell import SinePoint, sine_point
 from protocols.values import Column, Curve, Recording
 
 Array = NDArray[np.float64]

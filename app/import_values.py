@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.config_tables import AmplifierTable
-from app.import_columns import ImportingError, Matched, factor
-from app.import_kinds import Kind
+from app.import_columns import ImportingError, Kind, Matched, factor
 from app.progress import STEP, Tell, parts, untold
 from app.sheet import Cells, Sheet
 from app.units import UnitError, to_number

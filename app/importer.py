@@ -10,8 +10,7 @@ from pydantic import ValidationError
 
 from app.config_tables import AmplifierTable
 from app.exits import UsageError
-from app.import_columns import ImportingError, Matched, match, recognised
-from app.import_kinds import RAW, Kind, kinds
+from app.import_columns import RAW, ImportingError, Kind, Matched, kinds, match, recognised
 from app.import_series import take_series
 from app.import_values import Asked
 from app.importing import Taken, store, take

@@ -16,14 +16,13 @@ from app.import_columns import ImportingError, Matched
 from app.import_values import Asked, Source, add_errors, repeated, sources, values_of
 from app.progress import Tell, untold
 from app.sheet import Sheet
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from protocols.events import Status
-from protocols.fresh_run import Header
 from protocols.layout import ENTRY, columns
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
-from protocols.runfile import RunFile
+from protocols.runfile import Header, RunFile
 from protocols.values import Curve
 
 Array = NDArray[np.float64]

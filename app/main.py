@@ -96,12 +96,12 @@ def entry() -> NoReturn:
 def _parser() -> argparse.ArgumentParser:
     """Everything that is understood; made once, since it takes longer than many a command."""
     from app.bench_parser import add_bench_commands, add_fault_option
-    from app.campaign_parser import add_campaign_command
+    from app.campaign_commands import add_campaign_command
+    from app.commands import add_protocol_commands
     from app.identify_parser import add_identify_commands, add_report_command
-    from app.import_parser import add_import_command
+    from app.import_command import add_import_command
     from app.model_parser import add_model_commands
-    from app.protocol_parser import add_protocol_commands
-    from app.run_parser import add_run_commands
+    from app.run_commands import add_run_commands
 
     parser = _Parser(
         prog=PROGRAM,

@@ -1,10 +1,22 @@
-"""`tactor-bench study`: the response for every combination of values, on this computer or a cluster; and what matters most."""
+"""`tactor-bench study`: the response for every combination of values, on this computer or a cluster; and what matters most.
+
+How a study is told: a table of its peaks, a picture, its result for JSON.
+
+Where a study is computed: here, or on a Dask cluster; and how far it is.
+
+What `tactor-bench figures` does: the paper's figures as PNG, PDF and CSV.
+"""
 
 import argparse
+import importlib.util
+import json
+import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from itertools import groupby
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -12,17 +24,136 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.answer import Answer, Column, Table, check_files, deliver
-from app.exits import FAILED, UsageError
+from app.answer import Answer, Column, Table, check_files, deliver, say, tracked, writing
+from app.drawing import draw
+from app.exits import DONE, FAILED, UsageError
 from app.model_inputs import OFFSET, read_settings, read_specimen, read_values, read_vary, refusing
-from app.study_answer import picture, record, result, summary
 from app.units import PEAK_TO_PEAK, read_number
-from app.workers import Counting, workers
+from model.figures import Curve, Figure
 from model.response import FREQUENCY
 from model.specimen import changed
-from model.study import PRESETS, Study
+from model.study import PRESETS, UNITS, Study, StudyResult
 from protocols.storing import StoreError
 from protocols.studyfile import StudyFile, StudyHeader, check_place
+
+MOST_CURVES = 8
+"""Combinations that a picture can hold."""
+SHOWN = {"m": "µm", "m/V": "nm/V"}
+
+
+def result(wanted: Study, values: NDArray[Any]) -> StudyResult:
+    """All values, (sets, F), over the study's axes."""
+    return StudyResult(wanted.measure, UNITS[wanted.measure], wanted.axes, values.reshape(*wanted.shape, -1))
+
+
+def record(found: StudyResult) -> dict[str, Any]:
+    """The result for JSON: nested lists; a complex number is a pair."""
+    v = found.values
+    lists = (np.stack((v.real, v.imag), -1) if np.iscomplexobj(v) else v).tolist()
+    axes = [{"name": a.name, "unit": a.unit, "values": a.values} for a in found.axes]
+    return {"axes": axes, found.measure: {"unit": found.unit, "values": lists}}
+
+
+def summary(wanted: Study, amplitude: NDArray[np.float64]) -> tuple[Column, ...]:
+    """Each combination with its peak, for a person."""
+    f, peak = np.asarray(wanted.frequency_hz), amplitude.argmax(1)
+    index = np.unravel_index(np.arange(len(amplitude)), wanted.shape or (1,))
+    varied = (
+        Column(axis.name, axis.unit, np.asarray(axis.values)[i])
+        for axis, i in zip(wanted.axes[:-1], index, strict=False)
+    )
+    unit = UNITS[wanted.measure]
+    shown = SHOWN[unit]
+    ends = (
+        (f"at_{f[0]:g}_hz", amplitude[:, 0], f"at {f[0]:g} Hz"),
+        (f"at_{f[-1]:g}_hz", amplitude[:, -1], f"at {f[-1]:g} Hz"),
+    )
+    return (
+        *varied,
+        Column("peak", unit, amplitude.max(1), "highest", shown, ".1f"),
+        Column("peak_frequency", "Hz", f[peak], "at frequency", form="g"),
+        *(Column(name, unit, values, head, shown, ".1f") for name, values, head in ends),
+    )
+
+
+def picture(wanted: Study, values: NDArray[Any]) -> Figure:
+    """A few curves over frequency."""
+    f = np.asarray(wanted.frequency_hz)
+    curves = []
+    for k in np.unique(np.linspace(0, len(values) - 1, min(len(values), MOST_CURVES)).astype(int)):
+        index = np.unravel_index(k, wanted.shape or (1,))
+        label = ", ".join(
+            f"{a.name} = {a.values[i]:.4g} {a.unit}".rstrip() for a, i in zip(wanted.axes, index, strict=False)
+        )
+        curves.append(Curve(label, f, np.abs(values[k])))
+    some = f" {len(curves)} of {len(values)} combinations." if len(curves) < len(values) else ""
+    where = "Free tactor" if wanted.specimen.membrane is None else "Tactor on the membrane"
+    caption = f"{where}: {wanted.title}.{some}"
+    return Figure("study", "frequency", "Hz", "amplitude of the centre", UNITS[wanted.measure], tuple(curves), caption)
+
+
+CONNECT_S = 10
+"""How long a cluster's scheduler may take to answer."""
+
+
+@contextmanager
+def workers(address: str | None) -> Iterator[Executor | None]:
+    """An executor on the cluster at `address`, on one started here for `local`, or None for no address.
+
+    Raises:
+        UsageError: Dask is not installed, or nobody answers at the address.
+    """
+    if address is None:
+        yield None
+        return
+    if importlib.util.find_spec("distributed") is None:
+        raise UsageError(
+            "--cluster needs Dask, which is not installed; run \"pip install 'tactor-bench[cluster]'\", or leave --cluster out"
+        )
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # it tells every connection otherwise
+    try:
+        if address == "local":
+            # Nothing of it can be reached from another computer.
+            here = "127.0.0.1:0"
+            client = Client(processes=False, dashboard_address=here, worker_dashboard_address=here)
+        else:
+            client = Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(
+            f"no Dask scheduler answers at '{address}' ({error}); start one with 'dask scheduler', "
+            "or compute here with --cluster local"
+        ) from None
+    with client, client.get_executor() as pool:
+        yield pool
+
+
+class Counting(Executor):
+    """Passes chunks of parameter sets on, to `pool` or to this thread, and tells how many sets are done."""
+
+    def __init__(self, pool: Executor | None, advance: Callable[[int], None]) -> None:
+        self._pool, self._advance = pool, advance
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        if self._pool is not None:
+            return self._pool.submit(fn, *args, **kwargs)
+        future: Future[Any] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+    def map(
+        self, fn: Callable[..., Any], *iterables: Any, timeout: float | None = None, chunksize: int = 1
+    ) -> Iterator[Any]:
+        """Results in order; each is an array with one row a parameter set."""
+        if self._pool is None:
+            results: Iterator[Any] = map(fn, *iterables)
+        else:
+            results = self._pool.map(fn, *iterables, timeout=timeout, chunksize=chunksize)
+        for result in results:
+            self._advance(len(result))
+            yield result
+
 
 CURVE_HZ = "1:250:250"
 MOST_SETS = 30
@@ -192,3 +323,59 @@ def _sensitivity(wanted: Study, options: argparse.Namespace) -> Answer:
     return Answer(
         "study --sensitivity", wanted.fixed, (Table("sobol", words, tuple(columns), most=20, lead=2),), (note,)
     )
+
+
+def figures(options: argparse.Namespace) -> int:
+    """`tactor-bench figures`."""
+    from model.figures import figures as theory
+
+    folder = options.out or Path("figures")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
+    with refusing():
+        specimen = read_specimen(options, on_membrane=True)
+        if own := [
+            name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)
+        ]:
+            raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
+        everything = theory(specimen.tactor, specimen.membrane)
+    chosen = _chosen(everything, options.only)
+    suffixes = (".png", ".pdf") if options.pdf else (".png",)
+    written = []
+    for name, panels in tracked(list(chosen.items()), "drawing"):
+        paths = [folder / f"{name}{suffix}" for suffix in suffixes]
+        for path in paths:
+            with writing(path):
+                draw(panels, path)
+        sheet = folder / f"{name}.csv"
+        with writing(sheet):
+            curves_table(panels).to_csv(sheet)
+        files = [str(path) for path in (*paths, sheet)]
+        written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
+    if options.json:
+        say(json.dumps({"command": "figures", "figures": written}))
+    return DONE
+
+
+def _chosen(everything: Sequence[Figure], only: Sequence[str] | None) -> dict[str, list[Figure]]:
+    """Panels by the figure they belong to; one panel alone where its own name is asked for."""
+    groups = {name: list(panels) for name, panels in groupby(everything, lambda figure: figure.name.rstrip("abcdef"))}
+    if not only:
+        return groups
+    known = groups | {figure.name: [figure] for figure in everything}
+    for name in only:
+        if name not in known:
+            raise UsageError(f"there is no figure '{name}'; there are: {', '.join(known)}")
+    return {name: known[name] for name in only}
+
+
+def curves_table(panels: Sequence[Figure]) -> Table:
+    """All curves of a figure as columns over its x, SI."""
+    first = panels[0]
+    columns = [Column(first.x_label, first.x_unit, first.curves[0].x)]
+    for panel in panels:
+        before = f"{panel.name} " if len(panels) > 1 else ""
+        columns += [Column(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
+    return Table(first.name, first.name, tuple(columns))

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, befor
 
 from app.build import HASTY_BLOCK_S, connect
 from app.campaign import Campaign
-from app.campaign_estimates import identified
 from app.campaign_plan import PAPER, known
 from app.campaign_queue import Conductor
+from app.campaign_sheet import identified
 from app.config import load_bench
 from app.session import Session
 from protocols.registry import PROTOCOLS

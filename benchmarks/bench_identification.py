@@ -14,13 +14,11 @@ from timing import seconds, tell
 
 from model.closed_form import exact_response
 from model.identification.adequacy import adequacy
-from model.identification.chain import chain
+from model.identification.chain import ChainMethod, chain
 from model.identification.chain_errors import chain_errors
-from model.identification.chain_method import ChainMethod
-from model.identification.draws import redrawn
 from model.identification.joint import joint_fit
 from model.identification.live import LiveFit
-from model.identification.observations import FrequencyResponse
+from model.identification.observations import FrequencyResponse, redrawn
 from model.identification.profile import profile
 from model.parameters import Membrane, Tactor
 from model.response import amplifier_response

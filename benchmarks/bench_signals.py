@@ -21,13 +21,12 @@ from scipy.signal import csd, welch
 
 from drivers.drive import LinearSweep
 from drivers.ports import Block, Scale
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import modal
 from protocols.events import Status
-from protocols.fresh_run import Header
-from protocols.runfile import RunFile
+from protocols.runfile import Header, RunFile
 from protocols.runreader import Run
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import sweep_response

@@ -17,7 +17,7 @@ from pathlib import Path
 from app.build import connect
 from app.config import load_bench
 from app.preview import MinMaxTrace
-from app.run_job import header
+from app.session import header
 from drivers.bench import DISPLACEMENT, DRIVE
 from protocols.events import BlockTaken, StreamStarted
 from protocols.runfile import RunFile

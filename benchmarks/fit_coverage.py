@@ -15,13 +15,10 @@ import numpy as np
 from campaigns import SHARED, Noise, World, perfect
 
 from model.identification.adequacy import adequacy
-from model.identification.chain import chain
+from model.identification.chain import ChainError, ChainMethod, chain
 from model.identification.chain_errors import chain_errors
-from model.identification.chain_method import ChainError, ChainMethod
-from model.identification.compared import observed
-from model.identification.draws import redrawn
 from model.identification.joint import joint_fit
-from model.identification.observations import Campaign
+from model.identification.observations import Campaign, observed, redrawn
 from model.identification.setting import Setting
 from model.parameters import Membrane, Tactor
 

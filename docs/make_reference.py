@@ -19,7 +19,7 @@ sys.path.insert(0, str(HERE.parent))
 
 import h5py  # noqa: E402
 
-from app.gui.fields import fields_of, text_of  # noqa: E402
+from app.gui.form import fields_of, text_of  # noqa: E402
 from app.main import _parser  # noqa: E402
 from protocols.layout import columns  # noqa: E402
 from protocols.protocol import Protocol  # noqa: E402

@@ -16,7 +16,7 @@ from drivers.drive import Drive
 from drivers.errors import AcquisitionError, BenchError, UnsafeError
 from drivers.ports import Block, Digitizer, Meter, Scale, Stream
 from drivers.rest import Rest
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from drivers.watch import NoWatchdog, Watchdog
 from drivers.way_out import BY_HAND, DISPLACEMENT, DRIVE, PATIENCE_S, WayOut, channel_skew_s, drive_volts
 

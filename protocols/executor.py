@@ -1,4 +1,7 @@
-"""Carries out the steps of one entry on an armed bench, and answers each."""
+"""Carries out the steps of one entry on an armed bench, and answers each.
+
+The samples of one recording while it is made: converted and judged block by block, kept only where they are few.
+"""
 
 import itertools
 import math
@@ -8,14 +11,15 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.bench import DISPLACEMENT, DRIVE, Bench, channel_skew_s, drive_volts
 from drivers.bench import Armed as ArmedBench
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.ports import Block, Reading, Scale
-from protocols.counts import converted
 from protocols.events import Answered, Asked, BlockSeen, Noted, Playing, Recorded, SettleEnded
-from protocols.gathering import Gathering
 from protocols.operator import Operator
 from protocols.protocol import Protocol
 from protocols.publishing import Publisher
@@ -23,7 +27,54 @@ from protocols.quality import Quality
 from protocols.runfile import RunFile
 from protocols.signals import SettlingDetector
 from protocols.steps import Answer, Ask, Await, Awaited, Note, Play, Prompt, Read, Record, Redo, Settle, Settled
-from protocols.values import MOST_SCANS, LongRecording, Planned, Recording, too_long
+from protocols.values import LONG_SCANS, MOST_SCANS, Array, LongRecording, Planned, Recording, converted, too_long
+
+Units = Callable[[NDArray[np.int16]], tuple[Array, Array, Quality]]
+
+
+class Gathering:
+    """Takes the blocks of a recording, one after the other.
+
+    Args:
+        units: drive (V), displacement (m) and what is wrong with them, of a block's integers (2, n).
+    """
+
+    def __init__(self, units: Units, first: Block) -> None:
+        self._units = units
+        self._first, self._last = first.start, first
+        self._whole: list[tuple[Array, Array]] = []
+        self._quality, self._taken = Quality.GOOD, 0
+        self.scans = first.raw.shape[1]
+        """Scans of all blocks so far."""
+
+    @property
+    def start(self) -> int:
+        """The card's number of the first scan."""
+        return self._first
+
+    def add(self, block: Block) -> None:
+        """The next block; what came before it is counted."""
+        self._take(self._last.raw)
+        self._last = block
+        self.scans += block.raw.shape[1]
+
+    def end(self, wanted: int) -> tuple[Sequence[Array], Quality]:
+        """Drive and displacement, (wanted,) each, and what is wrong with them; of a long recording no samples."""
+        self._take(self._last.raw[:, : wanted - self._taken])
+        if self._last.stop - self._first != self.scans:
+            self._quality |= Quality.DROPPED
+        long = wanted > LONG_SCANS
+        return () if long else [np.concatenate(channel) for channel in zip(*self._whole, strict=True)], self._quality
+
+    def _take(self, raw: NDArray[np.int16]) -> None:
+        drive_v, displacement_m, flags = self._units(raw)
+        self._quality |= flags
+        self._taken += raw.shape[1]
+        if self._taken <= LONG_SCANS:
+            self._whole.append((drive_v, displacement_m))
+        else:
+            self._whole.clear()
+
 
 FRESH_S = 0.05
 """After a drive begins, scans older than this may still be on their way to us."""

@@ -13,8 +13,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from protocols.quality import Quality
-from protocols.sine_dwell import SineDwell
-from protocols.sine_point import SinePoint, sine_point
+from protocols.sine_dwell import SineDwell, SinePoint, sine_point
 from protocols.steps import Prompt, Step
 from protocols.values import Estimate, Planned, Recording
 

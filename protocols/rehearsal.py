@@ -12,7 +12,7 @@ from drivers.amplifier import HvAmplifier
 from drivers.drive import Drive
 from drivers.errors import BenchError, DriveRefused
 from drivers.ports import Meter
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.parameters import Tactor
 from protocols.layout import RESERVE_BYTES
 from protocols.protocol import Protocol

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from drivers.bench import channel_skew_s
 from drivers.drive import from_record
 from drivers.ports import Scale
-from drivers.sensor import LaserSensor
-from protocols.counts import converted
+from drivers.sensor_presets import LaserSensor
 from protocols.layout import CHANNELS, ENTRY
 from protocols.quality import Quality
-from protocols.values import Recording
+from protocols.values import Recording, converted
 
 if TYPE_CHECKING:
     import h5py

@@ -3,14 +3,23 @@
 What survives `kill -9` was measured (docs/decisions/0004-run-file.md): every dataset is created first, then SWMR is
 switched on, then rows are only appended and each block is flushed. Nothing raw is ever rewritten or compressed while
 running. Status and results go in when the run ends.
+
+What a run file holds before its first sample: who measures what with which bench, and every dataset that will grow.
+
+What is found in a run after it was measured, appended to its finished file; raw data is not touched.
 """
 
 import contextlib
 import json
 import os
+import platform
 import shutil
-from collections.abc import Sequence
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,24 +29,203 @@ import numpy as np
 from drivers.bench import DISPLACEMENT, DRIVE
 from drivers.drive import Drive, as_record
 from drivers.ports import Block, Scale
+from drivers.sensor_presets import LaserSensor
 from protocols.events import Event, Status, event_record
-from protocols.fresh_run import Header, create
 from protocols.layout import (
     BLOCK,
     CHANNELS,
     ENTRY,
     EVENT,
+    FORMAT,
+    FORMAT_VERSION,
     LARGEST_POLYNOMIAL,
     RECORDING,
     RESERVE_BYTES,
     TEXT_BYTES,
     columns,
+    cut,
+    run_path,
 )
-from protocols.names import cut, run_path
+from protocols.plain import plain
 from protocols.quality import Quality
-from protocols.run_results import append_curves, append_estimates
 from protocols.storing import StoreError, Storing, reason_of
 from protocols.values import Curve, Estimate
+
+RAW_CHUNK = 16_384
+TABLE_CHUNK = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What a run is, known before it begins."""
+
+    protocol: str
+    title: str
+    parameters: Mapping[str, Any]
+    point_type: type
+    axes: tuple[str, str]
+    sensor: LaserSensor
+    bench: Mapping[str, Any]
+    simulated: bool
+    specimen: str = "unnamed"
+    continues: Path | None = None
+    """The run this one goes on with: its points are carried over, its raw data is linked to."""
+    imported: Mapping[str, Any] = field(default_factory=dict)
+    """Where the points come from if no bench measured them for this file: source files, hashes, columns."""
+    begun: datetime | None = None
+    """When it was measured, if not now."""
+
+
+def software() -> dict[str, str]:
+    """Versions of everything that had a hand in the numbers."""
+    packages = ("tactor-bench", "numpy", "scipy", "h5py", "nidaqmx", "pyvisa", "pyvisa-py")
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def create(file: h5py.File, path: Path, header: Header, points: Mapping[str, tuple[str, str, int]]) -> None:
+    """Fill a new file at `path`; `points` are the columns of its points (protocols.layout.columns)."""
+    file.attrs.update(
+        {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
+    )
+    entry = group(file, "entry", "NXentry", default="points")
+    now = (header.begun or datetime.now(UTC)).isoformat(timespec="milliseconds")
+    for name, value, length in (
+        ("status", str(Status.RUNNING), 16),
+        ("reason", "", TEXT_BYTES),
+        ("start_time", now, 32),
+        ("end_time", "", 32),
+        ("title", f"{header.title} of {header.specimen}", TEXT_BYTES),
+    ):
+        entry.create_dataset(name, data=np.array(cut(value, length), f"S{length}"))
+    for name, value in {
+        "protocol": header.protocol,
+        "parameters": json.dumps(header.parameters),
+        "specimen": header.specimen,
+        "configuration": json.dumps(plain(header.bench), allow_nan=False),
+        "software": json.dumps(software()),
+        "host": socket.gethostname(),
+    }.items():
+        entry.create_dataset(name, data=value)
+    if header.imported:
+        entry["imported"] = json.dumps(plain(header.imported), ensure_ascii=False, allow_nan=False)
+    entry["process_id"] = os.getpid()
+    entry["simulated"] = header.simulated
+    # Relative, so that a folder of runs can be moved.
+    earlier = os.path.relpath(header.continues, path.parent) if header.continues else ""
+    entry["continues"] = earlier
+    if earlier:
+        entry["earlier"] = h5py.ExternalLink(earlier, "/entry")
+    _create_trace(entry, header.sensor)
+    _create_points(entry, header.axes, points)
+    for name, kind in (("events", EVENT), ("blocks", BLOCK), ("recordings", RECORDING)):
+        entry.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(TABLE_CHUNK,))
+    _create_instrument(entry, header)
+
+
+def _create_trace(entry: h5py.Group, sensor: LaserSensor) -> None:
+    trace = group(entry, "trace", "NXdata", signal="displacement", auxiliary_signals=["drive"])
+    trace.create_dataset("sample_rate", data=0.0).attrs["units"] = "Hz"
+    # Volts become units as gain * volts + offset; the card's polynomial gives the volts.
+    gains = {
+        "drive": (1.0, 0.0, "V"),
+        "displacement": (sensor.gain_m_per_v, -sensor.zero_v * sensor.gain_m_per_v, "m"),
+    }
+    for name, (gain, offset, unit) in gains.items():
+        raw = trace.create_dataset(name, (0,), "i2", maxshape=(None,), chunks=(RAW_CHUNK,))
+        raw.attrs.update({"units": "counts", "long_name": f"{name} (counts)", "scaled_units": unit})
+        # NXdata's own convention; the straight line through the middle of the card's polynomial.
+        factor = trace.create_dataset(f"{name}_scaling_factor", data=1.0)
+        shift = trace.create_dataset(f"{name}_offset", data=0.0)
+        factor.attrs.update({"units": f"{unit}/count", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
+        shift.attrs.update({"units": "counts", "long_name": f"{unit} = ({name} + offset) * scaling_factor"})
+        trace.create_dataset(f"{name}_volts_to_units", data=[gain, offset]).attrs["units"] = unit
+        card = trace.create_dataset(f"{name}_scaling_coefficients", data=np.zeros(LARGEST_POLYNOMIAL))
+        skew = trace.create_dataset(f"{name}_skew", data=0.0)
+        skew.attrs.update({"units": "s", "long_name": "how much later than its scan this channel was converted"})
+        card.attrs["units"] = "V"
+        card.attrs["long_name"] = "card polynomial: volts = c0 + c1 n + c2 n^2 + c3 n^3"
+
+
+def _create_points(entry: h5py.Group, axes: tuple[str, str], wanted: Mapping[str, tuple[str, str, int]]) -> None:
+    x, y = axes
+    points = group(entry, "points", "NXdata", signal=y, axes=[x])
+    for name, (unit, words, width) in wanted.items():
+        shape, longest = ((0, width), (None, width)) if width else ((0,), (None,))
+        column = points.create_dataset(name, shape, "f8", maxshape=longest, chunks=(TABLE_CHUNK, *shape[1:]))
+        column.attrs.update({"units": unit, "long_name": f"{words} ({unit})"})
+    entries = points.create_dataset(ENTRY, (0,), "i8", maxshape=(None,), chunks=(TABLE_CHUNK,))
+    entries.attrs.update({"units": "1", "long_name": "entry of the plan"})
+
+
+def _create_instrument(entry: h5py.Group, header: Header) -> None:
+    instrument = group(entry, "instrument", "NXinstrument")
+    sensor = group(instrument, "displacement_sensor", "NXsensor")
+    for name, value, unit in (
+        ("gain", header.sensor.gain_m_per_v, "m/V"),
+        ("zero", header.sensor.zero_v, "V"),
+        ("delay", header.sensor.delay_s, "s"),
+        ("gain_relative_uncertainty", header.sensor.gain_relative_uncertainty, "1"),
+        ("valid_low", header.sensor.valid_low_v, "V"),
+        ("valid_high", header.sensor.valid_high_v, "V"),
+    ):
+        sensor.create_dataset(name, data=value).attrs["units"] = unit
+    for name in ("name", "serial", "calibrated", "expires"):
+        sensor[name] = getattr(header.sensor, name)
+    for role, identity in dict(header.bench.get("identities", {})).items():
+        group(instrument, role, "NXcollection")["name"] = str(identity)
+
+
+def group(parent: h5py.Group, name: str, kind: str, **attributes: Any) -> h5py.Group:
+    """A new group of a NeXus class."""
+    made = parent.create_group(name)
+    made.attrs["NX_class"] = kind
+    made.attrs.update(attributes)
+    return made
+
+
+def append_curves(path: Path, curves: Sequence[Curve], locking: bool = True) -> None:
+    """Append curves to a finished run, each a group that a NeXus viewer draws.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    if not curves:
+        return
+    with Storing(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+        every = group(file["entry"], "curves", "NXcollection")
+        for curve in curves:
+            found = group(every, f"{curve.name}_{len(every):03d}", "NXdata", signal=curve.y, axes=[curve.x])
+            found["title"] = f"{curve.name} {curve.label}".strip()
+            found.attrs.update({"name": curve.name, "label": curve.label, "entry": curve.entry})
+            for name, column in curve.columns.items():
+                found.create_dataset(name, data=column.values).attrs.update(
+                    {"units": column.unit, "long_name": f"{column.words} ({column.unit})"}
+                )
+
+
+def append_estimates(path: Path, estimates: Sequence[Estimate], locking: bool = True) -> None:
+    """Append identified quantities to a finished run.
+
+    Raises:
+        StoreError: the file cannot be written.
+    """
+    if not estimates:
+        return
+    with Storing(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+        found = group(file["entry"], "estimates", "NXcollection")
+        for estimate in estimates:
+            one = group(found, estimate.name.replace(" ", "_"), "NXcollection")
+            for name, value in (("value", estimate.value), ("standard_error", estimate.standard_error)):
+                one.create_dataset(name, data=value).attrs["units"] = estimate.unit
+            one["source"] = estimate.source
 
 
 class RunFile:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.closing import Closing
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from protocols.events import EntryBegan, Status
 from protocols.layout import ENTRY, FORMAT, FORMAT_VERSION
 from protocols.run_trace import Trace, sensor_of

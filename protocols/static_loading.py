@@ -13,14 +13,26 @@ from pydantic import model_validator
 
 from drivers.errors import BenchError
 from drivers.rest import REST_TOLERANCE_V
-from protocols.compliance import SIDES, estimates
-from protocols.load_point import LoadPoint, load_point
+from protocols.load_point import (
+    ATTEMPTS,
+    KEEP,
+    PREVIOUS,
+    REPEAT,
+    SIDES,
+    Landed,
+    LoadPoint,
+    doubt,
+    estimates,
+    lift,
+    load_point,
+    place,
+    turn_side,
+)
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.signals.level import Level, level
 from protocols.steps import Ask, Await, Record, Redo, Step
 from protocols.values import Estimate, Planned, Recording
-from protocols.weight_prompts import ATTEMPTS, KEEP, PREVIOUS, REPEAT, Landed, doubt, lift, place, turn_side
 from protocols.weights import WeightClass, grams, uncertainty_kg
 
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)

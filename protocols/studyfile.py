@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from model.specimen import variables
 from model.study import UNITS, Axis, Study
-from protocols.fresh_run import software
 from protocols.layout import RESERVE_BYTES
+from protocols.runfile import software
 from protocols.storing import StoreError
 
 FORMAT = "tactor-bench-study"

@@ -1,4 +1,7 @@
-"""The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
+"""The values a run is made of: an entry of its plan, a recording of samples, an estimate.
+
+A card's integers as physical units.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -134,3 +137,11 @@ class Planned:
     key: tuple[float | str, ...] = ()
     setup: Prompt | None = None
     prompts: int = 0
+
+
+def converted(convert: Callable[[NDArray[np.int16]], Array], raw: NDArray[np.int16]) -> Array:
+    """`convert(raw)`; of a long record through a table of all counts: the same numbers in half the time and less."""
+    if raw.size < 1 << 18:
+        return convert(raw)
+    counts = np.arange(1 << 16, dtype=np.uint16)
+    return np.asarray(convert(counts.view(np.int16))[raw.view(np.uint16)])

@@ -7,8 +7,7 @@ from sim_hardware.generator import Generator
 from sim_hardware.keysight_33200 import Keysight33200
 from sim_hardware.keysight_33500 import Keysight33500
 from sim_hardware.rigol_dg import RigolDg
-from sim_hardware.scpi import Instrument
-from sim_hardware.scpi_values import ScpiError
+from sim_hardware.scpi import Instrument, ScpiError
 from sim_hardware.siglent_sdg import SiglentSdg
 from sim_hardware.tektronix_afg import TektronixAfg
 from sim_hardware.truth import GENERATORS, GeneratorTruth

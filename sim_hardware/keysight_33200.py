@@ -7,9 +7,8 @@ download that replaces what is playing at once.
 from collections.abc import Sequence
 
 from sim_hardware.keysight_33500 import SOURCE, KeysightBox
-from sim_hardware.scpi import Command
+from sim_hardware.scpi import Arguments, Command, ScpiError, choice, one
 from sim_hardware.scpi_box import data_of
-from sim_hardware.scpi_values import Arguments, ScpiError, choice, one
 
 MEMORY_POINTS = 65_536
 FULL_SCALE = 8191

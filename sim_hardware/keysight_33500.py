@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_hardware.generator import Generator
-from sim_hardware.scpi import Command
+from sim_hardware.scpi import Arguments, Command, ScpiError, choice, number, one
 from sim_hardware.scpi_box import ScpiBox, data_of, only
-from sim_hardware.scpi_values import Arguments, ScpiError, choice, number, one
 
 SOURCE = "[SOURce[1]:]"
 MEMORY_POINTS = 1_000_000

@@ -8,8 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from sim_hardware.generator import RANGES_VPP, Generator
-from sim_hardware.scpi import Command
-from sim_hardware.scpi_values import Arguments, ScpiError, boolean, choice, number, one, real
+from sim_hardware.scpi import Arguments, Command, ScpiError, boolean, choice, number, one, real
 
 SOURCE_OHM = 50.0
 MAX_EMF_V = 10.0

@@ -1,10 +1,16 @@
 """Laser sensors that answer on a serial line: Keyence LK-G in text, Micro-Epsilon optoNCDT in words of three bytes.
 
 `see` is what the laser sees: metres from its zero, or None where there is no target in its range.
+
+A simulated serial instrument on a pseudo-terminal: the driver opens a true port, by its name. Not on Windows.
 """
 
+import os
+import select
 from collections.abc import Callable
 from typing import Protocol
+
+from sim_hardware.pty_line import TICK_S, PtyLine
 
 See = Callable[[], float | None]
 
@@ -83,3 +89,23 @@ class Ild1420:
         place = None if seen is None else seen / self._range_m + 0.5
         count = 262075 if place is None or not 0 <= place <= 1 else round((place * 100 + 1) * 65520 / 102)
         return bytes((count & 63, 64 | count >> 6 & 63, 128 | count >> 12 & 63))
+
+
+class PtyPort(PtyLine):
+    """Serves one instrument until closed.
+
+    Attributes:
+        silent: set it to make the instrument neither obey nor answer.
+    """
+
+    def __init__(self, model: SerialModel) -> None:
+        self.silent = False
+        self._model = model
+        super().__init__("simulated serial sensor")
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            readable, _, _ = select.select([self._master], [], [], TICK_S)
+            data = os.read(self._master, 4096) if readable else b""
+            if not self.silent and (out := (self._model.receive(data) if data else b"") + self._model.tick()):
+                self._send(out)

@@ -20,8 +20,7 @@ from sim_hardware.beyond import Creep, Hysteresis
 from sim_hardware.faults import Faults
 from sim_hardware.history import History
 from sim_hardware.situation import Situation, force_n, opening
-from sim_hardware.slew import slewed
-from sim_hardware.stepper import BLOCK, Stepper
+from sim_hardware.stepper import BLOCK, Stepper, slewed
 from sim_hardware.truth import AmplifierTruth, BenchTruth
 
 Array = NDArray[np.float64]

@@ -2,16 +2,165 @@
 
 An instrument declares its commands as patterns (`[SOURce[1]:]VOLTage[:LEVel]`); the engine finds the command for a
 header, keeps the path from one command of a message to the next (IEEE 488.2, SCPI-99 Vol. 1 ch. 6), and joins answers.
+
+Values in SCPI messages: numbers with units, booleans, choices, and the errors a bad one makes (SCPI-99, IEEE 488.2).
+
+Binary blocks in SCPI messages: their bytes may look like an end of line, a comma or a quote, and are none.
+
+A block is `#`, a digit, that many digits of length, and as many bytes (IEEE 488.2, 7.7.6). Siglent boxes write the length
+as a parameter (`LENGTH,4096B`) and the bytes bare after `WAVEDATA,`. Messages are bytes, or the same as Latin-1 text.
 """
 
+import math
 import re
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from sim_hardware.scpi_blocks import lift_blocks, put_back
-from sim_hardware.scpi_values import MESSAGES, Arguments, ScpiError
+Arguments = Sequence[str]
+"""What follows a header, split at its commas."""
+
+MESSAGES = {
+    0: "No error",
+    -104: "Data type error",
+    -108: "Parameter not allowed",
+    -109: "Missing parameter",
+    -113: "Undefined header",
+    -131: "Invalid suffix",
+    -161: "Invalid block data",
+    -211: "Trigger ignored",
+    -221: "Settings conflict",
+    -222: "Data out of range",
+    -224: "Illegal parameter value",
+    -225: "Out of memory",
+    -350: "Error queue overflow",
+    -410: "Query INTERRUPTED",
+    786: "Specified arb waveform already exists",
+}
+
+_PREFIXES = {"": 1.0, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}
+_NUMBER = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*([A-Z]*)$", re.IGNORECASE)
+
+
+class ScpiError(Exception):
+    """A command was refused; the engine puts `code` into the error queue."""
+
+    def __init__(self, code: int, detail: str = "") -> None:
+        super().__init__(f"{MESSAGES[code]}; {detail}" if detail else MESSAGES[code])
+        self.code = code
+
+
+def number(text: str, unit: str, low: float = -math.inf, high: float = math.inf, default: float | None = None) -> float:
+    """A number with an optional unit (`5 KHZ`, `20MVPP`) or one of MIN MAX DEF INF.
+
+    `M` is milli except before HZ and OHM, where it is mega.
+
+    Raises:
+        ScpiError: not a number, a foreign unit, or a keyword that this setting does not know.
+    """
+    word = text.strip().upper()
+    keywords = {"MIN": low, "MAX": high, "DEF": default, "INF": math.inf}
+    for long, short in (("MINIMUM", "MIN"), ("MAXIMUM", "MAX"), ("DEFAULT", "DEF"), ("INFINITY", "INF")):
+        if word in (long, short):
+            value = keywords[short]
+            if value is None:
+                raise ScpiError(-224)
+            return value
+    found = _NUMBER.match(word)
+    if not found:
+        raise ScpiError(-104)
+    scale = 1.0
+    if suffix := found.group(2):
+        prefixes = _PREFIXES | ({"M": 1e6} if unit in ("HZ", "OHM") else {})
+        prefix = suffix[: -len(unit)] if unit and suffix.endswith(unit) else None
+        if prefix is None or prefix not in prefixes:
+            raise ScpiError(-131)
+        scale = prefixes[prefix]
+    return float(found.group(1)) * scale
+
+
+def boolean(text: str) -> bool:
+    """ON, OFF or a number. Raises ScpiError for anything else."""
+    word = text.strip().upper()
+    if word in ("ON", "OFF"):
+        return word == "ON"
+    return number(word, "") != 0
+
+
+def choice(text: str, *names: str) -> str:
+    """The short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is none."""
+    for name in names:
+        short = "".join(c for c in name if not c.islower())
+        if text.strip().upper() in (short, name.upper()):
+            return short
+    raise ScpiError(-224)
+
+
+def real(value: float) -> str:
+    """A float as Trueform boxes write it; infinity is 9.9E+37."""
+    return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
+
+
+def one(arguments: Arguments) -> str:
+    """The only argument of a command. Raises ScpiError if there is none or more than one."""
+    if not arguments:
+        raise ScpiError(-109)
+    if len(arguments) > 1:
+        raise ScpiError(-108)
+    return arguments[0]
+
+
+_BLOCK = re.compile(r"(?<=[ ,])#([1-9])")
+_BARE = re.compile(r"LENGTH,(\d+)B,[^\n]*?WAVEDATA,")
+_MARK = "\x00"
+"""Stands in a message where a block was; no driver sends it."""
+
+
+def messages_in(received: bytes) -> tuple[list[str], bytes]:
+    """The complete messages of what has been received, and the rest that is still to be completed."""
+    text, messages, start, look = received.decode("latin-1"), [], 0, 0
+    while (end := text.find("\n", look)) >= 0:
+        span = _next_block(text, look, end)
+        if span is not None and span[1] > end:
+            look = span[1]
+            if look > len(text):
+                break
+            continue
+        messages.append(text[start:end])
+        start = look = end + 1
+    return messages, received[start:]
+
+
+def lift_blocks(message: str) -> tuple[str, list[str]]:
+    """The message with a mark in the place of each block, and the blocks' bytes as Latin-1 text."""
+    blocks, look = [], 0
+    while (span := _next_block(message, look, len(message))) is not None:
+        begin, end, data = span
+        blocks.append(message[data:end])
+        message = message[:begin] + _MARK + message[end:]
+        look = begin + 1
+    return message, blocks
+
+
+def put_back(argument: str, blocks: list[str]) -> str:
+    """The block for an argument that is a mark; blocks are used up in order."""
+    return blocks.pop(0) if argument == _MARK else argument
+
+
+def _next_block(text: str, look: int, end: int) -> tuple[int, int, int] | None:
+    """Begin, end and first data byte of the first block that begins in `text[look:end]`."""
+    found = []
+    if block := _BLOCK.search(text, look, end):
+        digits = int(block[1])
+        length = text[block.end() : block.end() + digits]
+        size = int(length) if length.isdigit() and len(length) == digits else 1 << 30
+        data = block.end() + digits
+        found.append((block.start(), data + size, data))
+    if bare := _BARE.search(text, look, end):
+        found.append((bare.end(), bare.end() + int(bare[1]), bare.end()))
+    return min(found, default=None)
+
 
 QUEUE = 20
 """Errors a box keeps; the last place then says that more were lost."""

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from sim_hardware.generator import Generator
 from sim_hardware.keysight_levels import MAX_EMF_V, Levels
-from sim_hardware.scpi import Command
-from sim_hardware.scpi_values import Arguments, ScpiError, boolean, choice, number, one, real
+from sim_hardware.scpi import Arguments, Command, ScpiError, boolean, choice, number, one, real
 from sim_hardware.segments import Wave
 
 

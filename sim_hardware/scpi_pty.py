@@ -8,7 +8,7 @@ import time
 
 from sim_hardware.port import Port
 from sim_hardware.pty_line import TICK_S, PtyLine
-from sim_hardware.scpi_blocks import messages_in
+from sim_hardware.scpi import messages_in
 
 
 class ScpiPty(PtyLine):

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from sim_hardware.generator import Generator
 from sim_hardware.keysight_levels import MAX_EMF_V, MIN_EMF_VPP
-from sim_hardware.scpi import Command
-from sim_hardware.scpi_values import Arguments, ScpiError
+from sim_hardware.scpi import Arguments, Command, ScpiError
 from sim_hardware.segments import Wave
 
 FULL_SCALE = 32767

@@ -1,8 +1,11 @@
 """The tactor's modes on a fixed time grid, stepped exactly for a voltage and a load that are linear between grid points.
 
 Whole blocks of the grid are computed at once: w = T_V V + T_F F + O z, with one small recursion from block to block.
+
+The slew limit of a simulated amplifier.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,3 +145,26 @@ def _missing(tactor: Tactor, n: int) -> float:
     """What the shapes beyond the n-th would yield to a point load, m/N: the kink under it takes many of them."""
     form = modal(tactor, None, n, source="load")
     return float(load_compliance(tactor) + np.sum((form.residues / form.poles).real))
+
+
+def slewed(target: Array, start_v: float, step_v: float) -> Array:
+    """`target` followed from `start_v` with at most `step_v` per sample; untouched where it is slow enough."""
+    rises = target.copy()
+    rises[1:] -= target[:-1]
+    rises[0] -= start_v
+    if rises.max() <= step_v and rises.min() >= -step_v:
+        return target
+    jumps = np.flatnonzero(np.abs(rises) > step_v)
+    out, wanted = target.copy(), target.tolist()
+    i, n = int(jumps[0]), target.size
+    while True:
+        at = float(out[i - 1]) if i else start_v
+        while i < n and abs(wanted[i] - at) > step_v:
+            at += math.copysign(step_v, wanted[i] - at)
+            out[i] = at
+            i += 1
+        # Caught up: sample i is admissible; go on to the next one that is not.
+        later = int(np.searchsorted(jumps, i, side="right"))
+        if later >= jumps.size:
+            return out
+        i = int(jumps[later])

@@ -5,8 +5,7 @@ Limits, error codes and the spelling of answers follow the guides named in `driv
 
 from collections.abc import Callable, Sequence
 
-from sim_hardware.scpi import Answer, Command, Engine
-from sim_hardware.scpi_values import Arguments, ScpiError, boolean, number
+from sim_hardware.scpi import Answer, Arguments, Command, Engine, ScpiError, boolean, number
 from sim_hardware.supply import Supply
 
 HIGHEST_V, HIGHEST_A = 6.18, 5.15

@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim_hardware.generator import Generator
-from sim_hardware.scpi import Command
+from sim_hardware.scpi import Arguments, Command, ScpiError, choice, number, one
 from sim_hardware.scpi_box import ScpiBox, data_of
-from sim_hardware.scpi_values import Arguments, ScpiError, choice, number, one
 
 SOURCE = "[SOURce[1]:]"
 FULL_SCALE = 16382

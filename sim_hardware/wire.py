@@ -9,7 +9,7 @@ import time
 
 from drivers.closing import Closing
 from sim_hardware.port import Port
-from sim_hardware.scpi_blocks import messages_in
+from sim_hardware.scpi import messages_in
 
 HOST = "127.0.0.1"
 _LONGEST_LINE = 1 << 24

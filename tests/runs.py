@@ -9,11 +9,10 @@ import numpy as np
 
 from drivers.drive import Sine
 from drivers.ports import Block, Scale
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from protocols.events import Armed, Noted, Status
-from protocols.fresh_run import Header
 from protocols.quality import Quality
-from protocols.runfile import RunFile
+from protocols.runfile import Header, RunFile
 from protocols.sine_dwell import SineDwell, SinePoint
 from protocols.values import Estimate
 
@@ -71,7 +70,7 @@ def finished_run(
 
 def crashed_run(folder: Path, specimen: str = "T3") -> Path:
     """What a program leaves that is killed after its first point."""
-    with mock.patch("protocols.fresh_run.os.getpid", return_value=NOBODY):
+    with mock.patch("protocols.runfile.os.getpid", return_value=NOBODY):
         file = _begun(folder / ".writing", specimen, (100.0, 160.0), 5000.0)
     file.point(sine_point(100.0))
     folder.mkdir(exist_ok=True)

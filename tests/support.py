@@ -9,7 +9,7 @@ from typing import Any
 
 from app.build import Laboratory, connect
 from app.config import BenchConfig, load_bench
-from app.run_job import header
+from app.session import header
 from protocols.events import Event, PointMeasured, Status
 from protocols.protocol import Protocol
 from protocols.runfile import RunFile

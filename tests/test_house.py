@@ -41,7 +41,7 @@ def test_the_house_as_it_stands_keeps_its_doors(copy: Path) -> None:
         ("drivers/clock.py", "from protocols import events", "The one way"),
         ("model/skin.py", "import drivers", "The one way"),
         ("protocols/steps.py", "import sim_hardware.plant", "The one way"),
-        ("drivers/sensor.py", "from model import parameters", "Drivers know nothing"),
+        ("drivers/sensor_presets.py", "from model import parameters", "Drivers know nothing"),
         ("model/skin.py", "import pydantic", "The model needs numpy"),
         ("app/session.py", "import PySide6.QtCore", "Qt stays"),
         ("app/session.py", "import h5py", "HDF5 stays"),

@@ -1,34 +1,135 @@
-"""The window's four pages: made when they are first looked at, kept between starts, ended with the window."""
+"""The window's four pages: made when they are first looked at, kept between starts, ended with the window.
+
+The window's pages behind tabs; a single page needs none.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from PySide6.QtCore import QSettings, QTimer, Signal
+from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
+from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from app.config import BenchConfig
 from app.gui import splitters
 from app.gui.campaign_desk import CampaignDesk
+from app.gui.form import mark
 from app.gui.jobs import Jobs
+from app.gui.keys import bind
 from app.gui.link import Link
 from app.gui.measure_page import MeasurePage
-from app.gui.pages import Pages
 from app.gui.theme import Theme
 from app.overlay import Overlay
 from app.presets import Presets, presets_path
-from protocols.protocol import Protocol
+from app.view import View
+from protocols.protocol import Protocol as Measurement
 
 if TYPE_CHECKING:
-    from PySide6.QtWidgets import QWidget
-
     from app.campaign_queue import Order
     from app.gui.campaign_page import CampaignPage
     from app.gui.explore_page import ExplorePage
     from app.gui.runs_page import RunsPage
+
+
+class Page(Protocol):
+    """What the window does with a page: a widget that shows views."""
+
+    def show_view(self, view: View) -> None: ...
+
+    def set_theme(self, theme: Theme) -> None: ...
+
+    def refresh(self) -> None: ...
+
+    def enter(self) -> None:
+        """It is looked at from now on: take the keyboard, without which its keys do nothing."""
+
+
+class Pages(QTabWidget):
+    """Shows one page at a time and passes on what all of them must hear.
+
+    Args:
+        pages: title and maker of each. The first is made at once, another when it is first looked at or asked for.
+    """
+
+    def __init__(self, pages: Sequence[tuple[str, Callable[[], Page]]], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setDocumentMode(True)
+        self.setTabBarAutoHide(True)
+        self._makers = tuple(make for _, make in pages)
+        self._made: dict[int, Page] = {}
+        self._places: list[QVBoxLayout] = []
+        self._view: View | None = None
+        self._theme: Theme | None = None
+        for title, _ in pages:
+            place = QWidget()
+            layout = QVBoxLayout(place)
+            layout.setContentsMargins(0, 0, 0, 0)
+            self._places.append(layout)
+            at = self.addTab(place, title)
+            self.setTabToolTip(at, f"Ctrl+{at + 1}")
+            bind(self, f"Page {title}", partial(self.go_to, at), f"Ctrl+{at + 1}")
+        self.page(0)
+        self.currentChanged.connect(lambda at: self.page(at).enter())
+
+    def go_to(self, at: int) -> None:
+        """Look at a page, and have the keyboard there."""
+        if at == self.currentIndex():
+            self.page(at).enter()
+        self.setCurrentIndex(at)
+
+    def begin_at(self, at: int) -> None:
+        """Turn to a page without making it: until somebody does, its place says that it comes."""
+        with QSignalBlocker(self):
+            self.setCurrentIndex(at)
+        if at not in self._made:
+            comes = QLabel(f"{self.tabText(at)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            mark(comes, "note")
+            self._places[at].addWidget(comes)
+
+    def page(self, at: int) -> Page:
+        """A page, made by now."""
+        if at not in self._made:
+            self._made[at] = page = self._makers[at]()
+            assert isinstance(page, QWidget)
+            if self._theme is not None:
+                page.set_theme(self._theme)
+            if self._view is not None:
+                page.show_view(self._view)
+            while (comes := self._places[at].takeAt(0)) is not None:
+                cast("QWidget", comes.widget()).deleteLater()
+            self._places[at].addWidget(page)
+            page.show()
+        return self._made[at]
+
+    @property
+    def made(self) -> Mapping[int, Page]:
+        """The pages that somebody has looked at, by their place."""
+        return self._made
+
+    @property
+    def present(self) -> Page:
+        """The page that is seen."""
+        return self.page(self.currentIndex())
+
+    def show_view(self, view: View) -> None:
+        self._view = view
+        for page in self._made.values():
+            page.show_view(view)
+
+    def set_theme(self, theme: Theme) -> None:
+        self._theme = theme
+        for page in self._made.values():
+            page.set_theme(theme)
+
+    def refresh(self) -> None:
+        """Let what can be seen move."""
+        if (page := self._made.get(self.currentIndex())) is not None:
+            page.refresh()
+
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
 """Places of the pages."""
@@ -40,7 +141,9 @@ class Book(Pages):
     ordered = Signal(object)
     """An `Order` of the campaign that the session shall carry out now."""
 
-    def __init__(self, protocol: Protocol, link: Link, config: BenchConfig, settings: QSettings, theme: Theme) -> None:
+    def __init__(
+        self, protocol: Measurement, link: Link, config: BenchConfig, settings: QSettings, theme: Theme
+    ) -> None:
         overlay = Overlay(amplifier=config.amplifier.map)
         measure = MeasurePage(
             protocol,

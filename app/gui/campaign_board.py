@@ -1,17 +1,31 @@
-"""A campaign that is open: what comes next above, the list on the left, and beside it the chosen item or the live plots."""
+"""A campaign that is open: what comes next above, the list on the left, and beside it the chosen item or the live plots.
+
+The next step of a campaign, large, with why it is next, what it will take, and one key for each answer.
+
+The top of an open campaign: whose it is, how far it is, and the way to another one.
+"""
 
 from __future__ import annotations
 
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QSplitter, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QSplitter,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
-from app.gui.campaign_head import CampaignHead
 from app.gui.campaign_list import CampaignList
 from app.gui.campaign_side import CampaignSide
-from app.gui.campaign_step_pane import StepPane
+from app.gui.form import mark
 from app.gui.keys import HERE, bind
 from app.gui.live_pane import LivePane
 from app.gui.theme import Theme
@@ -24,6 +38,118 @@ if TYPE_CHECKING:
 
     from app.campaign_sheet import Known, Row, Sheet
     from app.campaign_step import Step
+
+
+WORDS = {
+    "accept": "Accept   (Enter)",
+    "reject": "Reject   (X)",
+    "run": "Run   (F5)",
+    "run without hands": "Run what needs no hands   (Ctrl+F5)",
+    "halt the queue": "Only this one   (Ctrl+F5)",
+}
+"""Of the buttons, by what they do (`app.campaign_step.Do`)."""
+
+
+class StepPane(QFrame):
+    """Shows one step."""
+
+    pressed = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        mark(self, "panel")
+        self.heading, self.why, self.detail = QLabel(), QLabel(), QLabel()
+        mark(self.heading, "step")
+        mark(self.why, "step-why")
+        mark(self.detail, "step-detail")
+        text = QVBoxLayout()
+        text.setSpacing(4)
+        for label in (self.heading, self.why, self.detail):
+            label.setTextFormat(Qt.TextFormat.PlainText)
+            label.setWordWrap(True)
+            text.addWidget(label)
+        text.addStretch()
+        self.buttons = {what: QPushButton(words) for what, words in WORDS.items()}
+        column = QVBoxLayout()
+        column.setSpacing(6)
+        for what, button in self.buttons.items():
+            button.clicked.connect(lambda _=False, what=what: self.pressed.emit(what))
+            button.hide()
+            column.addWidget(button)
+        column.addStretch()
+        layout = QHBoxLayout(self)
+        layout.setContentsMargins(16, 10, 12, 10)
+        layout.setSpacing(20)
+        layout.addLayout(text, 1)
+        layout.addLayout(column)
+
+    def show_step(self, step: Step, why_not: str) -> None:
+        """Show a step; `why_not` tells why no run may begin now, and is empty where one may."""
+        self.heading.setText(step.heading)
+        self.why.setText(step.why)
+        self.detail.setText(step.detail)
+        for label in (self.why, self.detail):
+            label.setVisible(bool(label.text()))
+        for what, button in self.buttons.items():
+            button.setVisible(what in step.does)
+            first = bool(step.does) and what == step.does[0]
+            mark(button, "go" if first else "")
+            runs = what.startswith("run")
+            if what == "run":
+                button.setText(WORDS[what] if first else "Run the next   (F5)")
+            button.setEnabled(not (runs and why_not))
+            button.setToolTip(f"Cannot run: {why_not}" if runs and why_not else "")
+
+
+class CampaignHead(QWidget):
+    """A line of words, a bar, and below it what could not be done."""
+
+    another_pressed = Signal()
+    open_pressed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.name, self.progress, self.said = QLabel(), QLabel(), QLabel()
+        mark(self.name, "heading")
+        mark(self.said, "fault")
+        self.said.setWordWrap(True)
+        self.said.hide()
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 1000)
+        self.bar.setTextVisible(False)
+        self.bar.setFixedHeight(10)
+        another, other = QPushButton("New …   (Ctrl+N)"), QPushButton("Open …   (Ctrl+O)")
+        row = QHBoxLayout()
+        row.setSpacing(12)
+        row.addWidget(self.name)
+        row.addWidget(self.progress)
+        row.addWidget(self.bar, 1)
+        for button, signal in ((another, self.another_pressed), (other, self.open_pressed)):
+            button.setProperty("kind", "choice")
+            button.clicked.connect(signal)
+            row.addWidget(button)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(4)
+        layout.addLayout(row)
+        layout.addWidget(self.said)
+
+    def show_progress(self, sheet: Sheet, running: str, view: View, streamed_s: float) -> None:
+        """How far campaign and present run are."""
+        from app.campaign_step import progress_words  # HDF5 comes with it; a thread beside has imported it
+
+        self.name.setText(f"Campaign of {sheet.specimen}")
+        self.name.setToolTip(str(sheet.path))
+        progress = view.progress if running and view.busy else None
+        left_s = progress.left_at(streamed_s) if progress is not None else 0.0
+        self.progress.setText(progress_words(sheet, running, left_s))
+        share = progress.fraction_at(streamed_s) if progress is not None else 0.0
+        self.bar.setValue(round(1000 * (sheet.done + share) / max(sheet.wanted, 1)))
+
+    def say(self, words: str) -> None:
+        """Why something was not done."""
+        self.said.setText(words)
+        self.said.setVisible(bool(words))
 
 
 class CampaignBoard(QWidget):

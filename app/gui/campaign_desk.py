@@ -78,7 +78,7 @@ class CampaignDesk(QObject):
         """Look what could be opened: what was open last, and what lies in the folder."""
 
         def find() -> tuple[Path, ...]:
-            from app.campaign_file import campaigns_in
+            from app.campaign_plan import campaigns_in
 
             found = [path for path in self.recent if path.is_file()] + campaigns_in(folder)
             return tuple(dict.fromkeys(path.absolute() for path in found))

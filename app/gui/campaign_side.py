@@ -76,7 +76,7 @@ class CampaignSide(QWidget):
         return "\n".join(label.text() for label in paper.findChildren(QLabel)) if paper is not None else ""
 
     def _tell(self, row: Row, known: Known | None, specimen: str) -> None:
-        from app.campaign_details import details_of  # HDF5 comes with it; by now a thread beside has imported it
+        from app.campaign_step import details_of  # HDF5 comes with it; by now a thread beside has imported it
 
         paper = QWidget()
         paper.setAutoFillBackground(False)

@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.gui.copying import Shown, as_text, drawn
 from app.gui.form import mark
-from app.gui.framed_plot import FramedPlot
-from app.gui.plots import Fill, calm_range, ink
+from app.gui.plots import Fill, FramedPlot, calm_range, ink
 from app.gui.theme import Theme
 from app.overlay import Curve as Modelled
 from app.sentences import estimate_words

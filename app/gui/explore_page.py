@@ -1,4 +1,7 @@
-"""The Explore page: sliders for every number of the model, and at once what the skin would feel."""
+"""The Explore page: sliders for every number of the model, and at once what the skin would feel.
+
+Where everything of the Explore page stands: sliders at the left, the curves and the motion at the right.
+"""
 
 import json
 from collections.abc import Callable, Sequence
@@ -7,16 +10,14 @@ from typing import Any
 
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtWidgets import QScrollArea, QSplitter, QVBoxLayout, QWidget
 
-from app.exploration import Exploration
+from app.exploration import Exploration, write_study
 from app.explore import TITLES, Setting, study_of
 from app.explore_answer import Answerer, Picture, Question
 from app.explore_fit import Fitted
-from app.explore_study import write_study
 from app.gui.dropped import run_urls
 from app.gui.explore_bar import ExploreBar
-from app.gui.explore_layout import columns
 from app.gui.explore_plot import ExplorePlot
 from app.gui.file_dialog import Mode, ask_for_files
 from app.gui.jobs import Jobs
@@ -30,6 +31,58 @@ from app.latest import Latest
 from app.reopening import Measured
 from app.view import View
 from model.quantity import ParameterError
+
+
+def columns(
+    sliders: SliderPanel, remark: Remark, plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar
+) -> tuple[QWidget, QWidget]:
+    """The left and the right side."""
+    return _left(sliders, remark, bar), _right(plot, shape, bar)
+
+
+def _left(sliders: SliderPanel, remark: Remark, bar: ExploreBar) -> QWidget:
+    scroll = QScrollArea()
+    scroll.setWidget(sliders)
+    scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    scroll.setWidgetResizable(True)
+    scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    scroll.viewport().setAutoFillBackground(False)
+    sliders.setAutoFillBackground(False)
+    left, column = _column(6)
+    column.setContentsMargins(0, 2, 4, 0)
+    column.addLayout(bar.start())
+    column.addWidget(scroll, 1)
+    column.addWidget(remark)
+    column.addLayout(bar.leave())
+    left.setMinimumWidth(400)
+    return left
+
+
+def _right(plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar) -> QWidget:
+    right, column = _column(4)
+    column.addLayout(bar.head())
+    column.addLayout(bar.runs())
+    rows = QSplitter(Qt.Orientation.Vertical)
+    rows.addWidget(plot)
+    below, beam = _column(2)
+    beam.addLayout(bar.motion())
+    beam.addWidget(shape, 1)
+    rows.addWidget(below)
+    rows.setSizes([400, 210])
+    rows.setObjectName("explore/rows")
+    rows.setChildrenCollapsible(False)
+    column.addWidget(rows, 1)
+    return right
+
+
+def _column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
+    """An empty column that fills its place."""
+    widget = QWidget()
+    column = QVBoxLayout(widget)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.setSpacing(spacing)
+    return widget, column
+
 
 PAINT_S = 0.02
 """After the curve the worker waits so long for it to be painted, before it goes on with the motion."""

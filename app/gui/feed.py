@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from app.preview import MinMaxTrace
 from drivers.bench import DISPLACEMENT, DRIVE
 from drivers.ports import Block, Scale
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 
 
 @dataclass(frozen=True, slots=True)

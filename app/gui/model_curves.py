@@ -12,8 +12,7 @@ from PySide6.QtWidgets import QCheckBox
 from app.gui.copying import Shown, drawn
 from app.gui.elided import Elided
 from app.gui.form import mark
-from app.gui.plots import Fill, ink
-from app.gui.series import SERIES
+from app.gui.plots import SERIES, Fill, ink
 from app.gui.theme import Theme
 from app.overlay import COVERAGE, Curve
 

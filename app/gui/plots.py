@@ -1,16 +1,24 @@
-"""What all plots share: quiet axes in the theme's colours, SIMULATED in the corner, and ranges that do not twitch."""
+"""What all plots share: quiet axes in the theme's colours, SIMULATED in the corner, and ranges that do not twitch.
+
+The two ways to state an amplitude over frequency: their names, their symbols, and how a legend shows them.
+
+What the plots of a run's results have in common: one plot under a head line, with what it says in its corners.
+"""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
-from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem
+from PySide6.QtCore import QPointF, QSize, Qt
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QIcon, QPainter, QPainterPath, QPen, QPixmap
+from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLayout, QVBoxLayout, QWidget
 
+from app.gui.copying import Copying
 from app.gui.theme import Theme
+from protocols.protocol import Protocol
 
 Array = NDArray[np.float64]
 
@@ -202,3 +210,90 @@ def round_step(span: float, most: float) -> float:
 def largest(values: NDArray[np.float64]) -> float:
     """The largest of those that are numbers; 0 where none is."""
     return float(np.max(values, where=np.isfinite(values), initial=0.0))
+
+
+SAMPLE = QSize(46, 14)
+"""Size of a legend's sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One way to state the amplitude: its name, its symbol, its line, and its column times a factor."""
+
+    words: str
+    symbol: str
+    line: Qt.PenStyle
+    size_px: int
+    column: str
+    factor: float
+
+
+SERIES = (
+    Series("max − min", "o", Qt.PenStyle.SolidLine, 11, "peak_to_peak", 1e6),
+    Series("2 × fundamental", "s", Qt.PenStyle.DashLine, 6, "fundamental", 2e6),
+)
+
+
+def draws(kind: type[Protocol]) -> bool:
+    """Whether a protocol's points are amplitudes over frequency."""
+    return all(hasattr(kind.point_type, series.column) for series in SERIES)
+
+
+def sample(series: Series, line: str, ink: str, ratio: float) -> QIcon:
+    """Symbol and line as a legend shows them, on a screen with `ratio` pixels to a point."""
+    pixmap = QPixmap(SAMPLE * ratio)
+    pixmap.setDevicePixelRatio(ratio)
+    pixmap.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(pixmap)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(QColor(line), 1.8, series.line))
+    painter.drawLine(QPointF(15, 7), QPointF(45, 7))
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(QColor(ink))
+    if series.symbol == "o":
+        painter.drawEllipse(QPointF(6, 7), 4.5, 4.5)
+    else:
+        painter.drawRect(3, 4, 6, 6)
+    painter.end()
+    return QIcon(pixmap)
+
+
+AXIS_WIDTH = 62
+
+
+class FramedPlot(QWidget):
+    """`_table` gives what it shows as text; `_under` is called with the head line once that is made."""
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._theme = theme
+        self.canvas = pg.PlotWidget(enableMenu=False)
+        self._plot = self.canvas.getPlotItem()
+        quiet(self._plot, self.font())
+        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
+        self._plot.setContentsMargins(0, 0, 8, 0)
+        self._plot.showGrid(x=True, y=True, alpha=0.12)  # drawn once a point, not once a frame
+        self.mark = simulated_mark(self._plot, self.font())
+        self.found = Corner(self._plot, "", self.font(), right=False)
+        self.copying = Copying(self.canvas, self._table)
+        self._layout = QVBoxLayout(self)
+        self._layout.setContentsMargins(0, 0, 0, 0)
+        self._layout.setSpacing(2)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self._theme = theme
+        self.canvas.setBackground(theme.panel)
+        paint(self._plot, theme)
+        self.mark.colour(theme.simulated)
+        self.found.colour(theme.text)
+
+    def show_simulated(self, simulated: bool) -> None:
+        self.mark.show(simulated)
+
+    def _table(self) -> str:
+        raise NotImplementedError
+
+    def _under(self, head: QLayout) -> None:
+        self._layout.addLayout(head)
+        self._layout.addWidget(self.canvas, 1)

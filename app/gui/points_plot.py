@@ -12,8 +12,8 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.gui.copying import as_text, drawn
 from app.gui.form import mark
-from app.gui.framed_plot import FramedPlot
-from app.gui.selection import Selection
+from app.gui.plots import FramedPlot
+from app.gui.response_plot import Selection
 from app.gui.theme import Theme
 from app.sentences import estimate_words, point_words
 from app.words import shown_unit

@@ -7,9 +7,9 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.gui.curves_plot import CurvesPlot
+from app.gui.plots import draws
 from app.gui.points_plot import PointsPlot
 from app.gui.response_plot import ResponsePlot
-from app.gui.series import draws
 from app.gui.theme import Theme
 from app.overlay import Curve as Modelled
 from protocols.events import RunEnded

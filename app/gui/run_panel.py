@@ -21,9 +21,8 @@ from PySide6.QtWidgets import (
 
 from app.gui.estimates_panel import EstimatesPanel
 from app.gui.form import Form, mark
-from app.gui.preset_button import PresetButton
 from app.gui.theme import Theme
-from app.presets import Presets
+from app.presets import PresetButton, Presets
 from app.view import View, volts_between
 from app.words import counted, duration, size
 from drivers.bench import Bench

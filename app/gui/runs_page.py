@@ -17,8 +17,7 @@ from app.gui.run_filter import RunFilter
 from app.gui.run_side import RunSide
 from app.gui.run_view import RunView
 from app.gui.runs_folder import RunsFolder
-from app.gui.runs_list import RunsList, RunsTable
-from app.gui.runs_table import RunsModel
+from app.gui.runs_table import RunsList, RunsModel, RunsTable
 from app.gui.theme import Theme
 from app.gui.transfers import Transfers
 from app.overlay import Overlay, Question, elongations_of

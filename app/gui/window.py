@@ -17,8 +17,7 @@ from app.gui.keys import bind
 from app.gui.link import Link
 from app.gui.notices import Notices
 from app.gui.room import Room
-from app.gui.style import sheet
-from app.gui.theme import Theme, system_theme
+from app.gui.theme import Theme, sheet, system_theme
 from app.session import watchdog_notes
 from app.view import View, opening
 from protocols.protocol import Protocol

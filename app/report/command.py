@@ -18,7 +18,7 @@ from app.report.limits import BESIDE, Limits, LimitsError, example, read_limits
 from app.report.pdf import Pdf, laid_out
 from app.report.specimen import Specimen
 from app.report.taken import Taken, Told
-from protocols.names import safe_name
+from protocols.layout import safe_name
 from protocols.plain import plain
 from protocols.runreader import Run, RunError, intact
 

@@ -10,8 +10,7 @@ from app.report.blocks import Block, Outcome, Plot, Report, Section, Words
 from app.report.known import Known, known_of
 from app.report.limits import Limits, judge
 from app.report.merits import Merit
-from app.report.plots import plots_of
-from app.report.responses import TITLE
+from app.report.plots import TITLE, plots_of
 from app.report.specimen import Specimen
 from app.report.taken import Taken, Told, take
 from app.version import version

@@ -11,10 +11,10 @@ from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
 from app.config import LARGEST
+from app.config_tables import Table
 from app.report.blocks import Outcome
 from app.report.merits import MERITS, Merit, half_interval
 from app.report.numbers import plain, printed_unit, stated
-from app.table import Table
 from app.validation import faults
 from app.words import shown_unit
 

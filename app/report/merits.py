@@ -11,7 +11,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, NORMAL, Specimen
-from model.identification.curves import vertex
+from model.identification.chain import vertex
 from model.identification.names import OWN
 from model.identification.observations import Campaign, FrequencyResponse
 from model.latency import step_latency

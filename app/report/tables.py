@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from app.campaign_plan import PAPER
-from app.report.agreement import Agreement, agreements
 from app.report.blocks import Block, Grid, Outcome, Plot, Tone, Words
 from app.report.known import Known
 from app.report.limits import Limits
 from app.report.merits import MERITS, Felt
 from app.report.numbers import MINUS, plain, printed_unit, probability, stated, with_error
+from app.report.plots import Agreement, agreements
 from app.report.specimen import Specimen, meaning
 from app.report.taken import Taken
 from app.words import counted, shown_unit

@@ -14,8 +14,8 @@ from scipy.special import chdtrc, ndtr
 
 from model.drive import series
 from model.identification.departures import Departure, departures
-from model.identification.equation import Values, beam_of, factors_of, skin_of
 from model.identification.fitted import DOUBTFUL, JointFit, Residuals, chance
+from model.identification.forward import Values, beam_of, factors_of, skin_of
 from model.identification.observations import FrequencyResponse
 from model.identification.receptance import Dense
 

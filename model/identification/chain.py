@@ -4,16 +4,22 @@
 the free peak, 5 E_m from the membrane's sag, 6 c_s per pre-stretch from the peak in 100..250 Hz, 7 the line through c_s(0),
 8 Pearson's r of every curve. Each step takes the results of those before it as exact; `chain_errors` carries the errors
 of all data through all steps.
+
+The paper's identification as values: the choices it leaves open, and what its steps found.
+
+Curves of one tactor as the paper's steps compare them: amplitudes, resonances, and the vertex of a measured peak.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.identification.chain_method import Chain, ChainError, ChainMethod, Step, Validation
-from model.identification.curves import amplitudes, averaged, factors, measured, resonances, vertex, volts_of
+from model.amplifier import AmplifierMap
+from model.drive import series
+from model.identification.forward import factors_of
 from model.identification.names import at
 from model.identification.observations import (
     Campaign,
@@ -23,13 +29,159 @@ from model.identification.observations import (
     StaticLoading,
     VoltageSteps,
 )
-from model.identification.receptance import Dense
+from model.identification.receptance import Dense, Factors
 from model.membrane import modulus
+from model.parameters import Beam, Membrane, Tactor
 from model.quantity import ParameterError
 from model.skin import point_stiffness
 from model.statics import load_compliance, voltage_gain
 
+Damping = Literal["counted", "neglected"]
+
+
+class ChainError(ValueError):
+    """A step cannot be done with these runs; the message names step, run and remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step: its name, the runs it used, what came out (SI, by name), and what it did in words."""
+
+    name: str
+    runs: tuple[str, ...]
+    values: dict[str, float]
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """How well a curve's shape is predicted: Pearson's r of measured and predicted amplitudes, its p value, points."""
+
+    label: str
+    r: float
+    p: float
+    points: int
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What the chain found."""
+
+    steps: tuple[Step, ...]
+    tactor: Tactor
+    membrane: Membrane
+    c_s: dict[float, float]
+    """Elongation (m) -> c_s, kg/(m s)."""
+    r_squared: float | None
+    """Of the line c_s_delta delta + c_s(0), intercept fixed; None without a line."""
+    validation: tuple[Validation, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Everything that came out, by the names of `model.identification.names`."""
+        return {name: value for step in self.steps for name, value in step.values.items()}
+
+
+@dataclass(frozen=True)
+class ChainMethod:
+    """The choices the paper leaves open.
+
+    Attributes:
+        tactor, membrane: values of everything that is not identified.
+        contact_length: as in `model.skin.skin`.
+        static_weight: weight of static loading in step 1, 1 minus it that of mass resonance. Each of the two distances is the
+            sum of squares over the sum of squares of the measured values; the paper does not give its weights, and with these
+            neither unit nor number of points decides. One half by default.
+        damping: "counted" compares measured peaks with the damped model's peaks, like with like, and goes round the steps
+            until c0 no longer changes k2. "neglected" is the paper's word, C = 0: it takes every peak for an undamped
+            frequency, 5 % off at a damping ratio of 0.21.
+        amplitude: "fundamental" of the sine fit, or half of "peak_to_peak" as the paper did. A run that has only one gives that.
+        amplifier, n: the amplifier's map, and the number of shape functions.
+    """
+
+    tactor: Tactor = field(default_factory=Tactor)
+    membrane: Membrane = field(default_factory=Membrane)
+    contact_length: float | None = None
+    static_weight: float = 0.5
+    damping: Damping = "counted"
+    amplitude: Literal["fundamental", "peak_to_peak"] = "fundamental"
+    amplifier: AmplifierMap = field(default_factory=AmplifierMap)
+    n: int = 7
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.static_weight <= 1:
+            raise ParameterError(f"static_weight is {self.static_weight:g}: it must lie between 0 and 1")
+        if self.damping not in ("counted", "neglected") or self.amplitude not in ("fundamental", "peak_to_peak"):
+            raise ParameterError(
+                "damping is counted or neglected, amplitude fundamental or peak_to_peak: choose of these"
+            )
+
+
 Array = NDArray[np.float64]
+
+
+def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float = 0.0, n: int = 7) -> Array:
+    """Peak amplitude (m) of the fundamental at f (Hz) under `volts` on the specimen, all (F,)."""
+    one = np.ones_like(f)
+    H = Dense(t.L1 / t.L, t.L2 / t.L, n).response(factors(t, t.m_add * one, k_s * one, c_s * one), 2 * np.pi * f)[0]
+    return np.asarray(np.abs(t.mu / t.L * H) * volts)
+
+
+def resonances(t: Tactor, mass: Array, damped: NDArray[np.bool_], n: int) -> tuple[Array, Array]:
+    """Resonance frequencies (Hz) for each added mass, of the peak where `damped`, and their slopes to k2."""
+    if not mass.size:
+        return np.zeros(0), np.zeros(0)
+    a = factors(t, mass, np.zeros_like(mass), np.zeros_like(mass))
+    dense = Dense(t.L1 / t.L, t.L2 / t.L, n)
+    omega, square = dense.undamped(a)
+    slope = square[:, 4:].sum(-1) / (2 * omega)
+    if damped.any():
+        peak, s = dense.peak(a)
+        omega, slope = np.where(damped, peak, omega), np.where(damped, s.K[:, 4:].sum(-1), slope)
+    return omega / (2 * np.pi), slope / t.L**3 / (2 * np.pi)
+
+
+def factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
+    """Factors of Eq. (14), one row for each added mass (kg) and skin (N/m^2, kg/(m s)), all (R,)."""
+    eta = mass / (2 * (t.L - t.L2))
+    beam = Beam(t.L, t.L1, t.L2, t.rho1, t.rho2, eta, t.c0, t.k1, t.k2, t.mu)
+    return factors_of(beam, (k_s, c_s), mass.size)
+
+
+def measured(run: FrequencyResponse, whole: bool) -> tuple[Array, Array]:
+    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `whole` prefers half of max - min."""
+    whole = run.fundamental_m is None or (whole and run.peak_to_peak_m is not None)
+    A = np.asarray(run.peak_to_peak_m) / 2 if whole else np.abs(np.asarray(run.fundamental_m))
+    order = np.argsort(run.frequency_hz[run.use])
+    return run.frequency_hz[run.use][order], A[run.use][order]
+
+
+def volts_of(run: FrequencyResponse, amplifier: AmplifierMap) -> Array:
+    """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
+    pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]
+    different, where = np.unique(pairs[np.argsort(run.frequency_hz[run.use])], axis=0, return_inverse=True)
+    return np.array([abs(series("sine", a, o, amplifier, 1)[1]) for a, o in different])[where.ravel()]
+
+
+def averaged(runs: Sequence[StaticLoading]) -> tuple[Array, Array]:
+    """Loads (N) and deflections (m), (N,) each: repeats averaged per side and then over the sides (Sec. IV-1)."""
+    means: dict[float, dict[str, list[float]]] = {}
+    for run in runs:
+        for F, w in zip(run.load_n[run.use], run.deflection_m[run.use], strict=True):
+            means.setdefault(round(float(F), 9), {}).setdefault(run.side, []).append(float(w))
+    loads = np.array(list(means))
+    return loads, np.array([np.mean([np.mean(v) for v in sides.values()]) for sides in means.values()])
+
+
+def vertex(x: Array, y: Array) -> tuple[float, float]:
+    """Abscissa and height of the parabola through three points, (3,) each; the middle one where it has no top."""
+    u = x - x[1]
+    a, b, c = np.linalg.solve(np.stack((u * u, u, np.ones(3)), axis=-1), y)
+    if not a < 0:
+        return float(x[1]), float(y[1])
+    shift = float(-b / (2 * a))
+    return float(x[1] + shift), float(c + b * shift + a * shift * shift)
+
 
 BAND_HZ = (100.0, 250.0)
 """Where the paper looks for the peak on the membrane."""

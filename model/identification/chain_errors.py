@@ -11,11 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.identification.chain import chain
-from model.identification.chain_method import Chain, ChainError, ChainMethod
-from model.identification.compared import observed
-from model.identification.curves import measured, vertex
-from model.identification.draws import redrawn
+from model.identification.chain import Chain, ChainError, ChainMethod, chain, measured, vertex
 from model.identification.estimates import Estimate
 from model.identification.forward import Forward
 from model.identification.names import at, defaults, elongation_of, quantity
@@ -26,6 +22,8 @@ from model.identification.observations import (
     MembraneSag,
     StaticLoading,
     VoltageSteps,
+    observed,
+    redrawn,
 )
 from model.identification.setting import FitCancelled
 from model.quantity import ParameterError

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.closed_form import exact_response
-from model.identification.compared import observed
-from model.identification.curves import vertex
-from model.identification.equation import skin_of
+from model.identification.chain import vertex
 from model.identification.fitted import JointFit
+from model.identification.forward import skin_of
 from model.identification.observations import (
     Campaign,
     FrequencyResponse,
@@ -23,6 +22,7 @@ from model.identification.observations import (
     MembraneSag,
     StaticLoading,
     VoltageSteps,
+    observed,
 )
 from model.identification.problem import Problem
 from model.parameters import Tactor

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from model.identification import names as known
-from model.identification.compared import observed
 from model.identification.estimates import Estimate
-from model.identification.observations import Campaign
+from model.identification.observations import Campaign, observed
 from model.identification.problem import Problem
 from model.identification.setting import Loss, Setting
 

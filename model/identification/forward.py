@@ -2,9 +2,15 @@
 
 The response to a sine has exact slopes (`receptance`); what feeds it, and every closed formula, is differentiated
 centrally at 1e-6 of its scale, all parameters in one array operation.
+
+What a run's specimen is for given values of the parameters: its beam, its skin, the factors of its equation of motion.
+
+`v` holds every parameter by name: plain numbers, or arrays (S,) of as many sets.
+
+A point of the parameters and a step up and down of each: what the model says there, all in one array operation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,10 +20,8 @@ from model.amplifier import AmplifierMap
 from model.drive import series
 from model.galerkin import matrices
 from model.identification import names as known
-from model.identification.around import STEP, Around
-from model.identification.compared import replaced
-from model.identification.equation import Values, beam_of, factors_of, skin_of
 from model.identification.observations import (
+    Acts,
     Campaign,
     FrequencyResponse,
     MassResonance,
@@ -25,6 +29,7 @@ from model.identification.observations import (
     Observation,
     StaticLoading,
     VoltageSteps,
+    replaced,
 )
 from model.identification.receptance import Dense, Factors
 from model.membrane import sag
@@ -32,9 +37,108 @@ from model.parameters import Beam, Membrane
 from model.poles import modal_form, receptance
 from model.quantity import quantities
 from model.response import orders_for, peak_to_peak
+from model.skin import point_stiffness
 from model.statics import load_compliance, voltage_gain
 
 Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+
+def beam_of(v: Values, added_mass_kg: Any = None) -> Beam:
+    """The beam with its own added mass, or another."""
+    k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
+    eta = (v["m_add"] if added_mass_kg is None else added_mass_kg) / (2 * (v["L"] - v["L2"]))
+    return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])
+
+
+def skin_of(run: FrequencyResponse, v: Values) -> tuple[Any, Any]:
+    """k_s in N/m^2 and c_s in kg/(m s) under a run; 0 where the tactor was free."""
+    if run.elongation_m is None:
+        return 0.0, 0.0
+    delta = run.elongation_m / v["L_m"]
+    length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
+    k_s, c_s = v.get(known.at("k_s", run.elongation_m)), v.get(known.at("c_s", run.elongation_m))
+    if k_s is None:
+        k_s = point_stiffness(v["L_m"], v["b_m"], v["h_m"], v["E_m"], delta) / length
+    return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
+
+
+def factors_of(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
+    """What multiplies the Gram parts of Eq. (14), (S, 6) each in M, C and K."""
+    zero = np.zeros(sets)
+    L, L3 = beam.L, beam.L**3
+    k_s, c_s = skin
+
+    def table(*columns: Any) -> Array:
+        return np.stack([zero + c for c in columns], axis=-1)
+
+    return Factors(
+        table(L * beam.rho1, L * beam.rho2, L * (beam.rho2 + beam.eta), 0, 0, 0),
+        table(L * beam.c0, L * beam.c0, L * (beam.c0 + c_s), 0, 0, 0),
+        table(0, 0, L * k_s, beam.k1 / L3, beam.k2 / L3, beam.k2 / L3),
+    )
+
+
+Ends = tuple[tuple[float, float], tuple[float, float]]
+"""A geometry, L1 / L and L2 / L, to either side of one."""
+
+STEP = 1e-6
+"""Of a parameter's scale, or of a ratio of lengths; a central difference takes it up and down."""
+
+
+class Around:
+    """S = 2 P + 1 sets of all parameters: the point of the P free ones, then every step up, then every step down.
+
+    Args:
+        theta: the point, (P,).
+        scale: of each free parameter, (P,); a step is a share of it, or of the parameter where that is larger.
+        join: every parameter by name from the free ones, (P, S).
+    """
+
+    def __init__(self, theta: Array, scale: Array, join: Callable[[Array], Values]) -> None:
+        P = theta.size
+        self.sets = 2 * P + 1
+        self._h = STEP * np.maximum(np.abs(theta), scale)
+        table = np.tile(theta, (self.sets, 1))
+        table[1 : P + 1] += np.diag(self._h)
+        table[P + 1 :] -= np.diag(self._h)
+        self.values = join(table.T)
+        """Every parameter by name: plain where it is fixed, else (S,)."""
+
+    def slopes(self, y: Any) -> Any:
+        """Slopes to the free parameters of what was computed for every set: (S, ...) -> (P, ...)."""
+        P = self._h.size
+        y = np.broadcast_to(y, (self.sets, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.sets, y)
+        return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._h).reshape(-1, *(1,) * (y.ndim - 1))
+
+    def shared(self, run: Observation, acts_on: Acts) -> Array:
+        """Sum of a run's common errors of one kind, (S,)."""
+        errors = (self.values[e.name] for e in run.common if e.acts_on == acts_on)
+        return np.asarray(sum(errors, start=np.zeros(self.sets)))
+
+    def stack(self, factors: Sequence[Factors]) -> tuple[Factors, Factors]:
+        """Values (R, 6) and slopes (P, R, 6) of entries of (S, 6) each, one a row."""
+        tables = [np.stack([f[i] for f in factors], axis=1) for i in range(3)]
+        return Factors(*(t[0] for t in tables)), Factors(*(self.slopes(t) for t in tables))
+
+    @property
+    def geometry(self) -> tuple[float, float]:
+        """L1 / L and L2 / L at the point."""
+        l1, l2 = self._ratios()
+        return float(l1[0]), float(l2[0])
+
+    def moves(self) -> list[tuple[Ends, Any]]:
+        """Geometries to look at either side where L1 / L or L2 / L hangs on a free parameter, with its slopes (P,)."""
+        l1, l2 = self._ratios()
+        a, b = self.geometry
+        ends: tuple[Ends, Ends] = (((a + STEP, b), (a - STEP, b)), ((a, b + STEP), (a, b - STEP)))
+        return [(each, self.slopes(ratio)) for ratio, each in zip((l1, l2), ends, strict=True) if np.ptp(ratio)]
+
+    def _ratios(self) -> tuple[Array, Array]:
+        v = self.values
+        return np.broadcast_to(v["L1"] / v["L"], self.sets), np.broadcast_to(v["L2"] / v["L"], self.sets)
+
+
 Complex = NDArray[np.complex128]
 
 

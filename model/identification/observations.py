@@ -2,11 +2,15 @@
 
 Every record carries the `label` of its run, a mask `good` (None: all), the `common` errors of its instruments, and
 whether it is `simulated`. Points that are not good stay in the record and out of every fit.
+
+A campaign measured once more: every point with an error of its own, every shared error drawn once.
+
+Which values of a run a fit compares with the model's, and the same run with the model's in their place.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar, get_args
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -270,3 +274,69 @@ class Campaign:
     def simulated(self) -> bool:
         """Whether any run is."""
         return any(run.simulated for run in self.runs)
+
+
+def redrawn(campaign: Campaign, rng: np.random.Generator) -> tuple[Campaign, dict[str, float]]:
+    """The campaign with normal errors of the sizes it states added to its values, and the shared errors that were drawn."""
+    drawn = {e.name: float(e.standard_error * rng.standard_normal()) for e in campaign.common.values()}
+    return Campaign(tuple(_measured(run, drawn, rng) for run in campaign.runs)), drawn
+
+
+def _measured(run: Observation, drawn: dict[str, float], rng: np.random.Generator) -> Observation:
+    def of(acts_on: Acts) -> float:
+        return sum(drawn[e.name] for e in run.common if e.acts_on == acts_on)
+
+    gain = (1 + of("displacement")) * (1 + of("volts")) * (1 + of("load"))
+    match run:
+        case MassResonance():
+            f = run.frequency_hz
+            if offset := of("mass"):
+                # the mass that is there differs from the one written down
+                squares = np.polynomial.Polynomial.fit(run.mass_kg, f**-2.0, min(3, f.size - 1))
+                f = squares(run.mass_kg + offset) ** -0.5 * f / squares(run.mass_kg) ** -0.5
+            return replace(run, frequency_hz=f + run.errors_hz * rng.standard_normal(f.size))
+        case FrequencyResponse():
+            width = run.peak_to_peak_m
+            if width is not None and run.peak_to_peak_errors_m is not None:
+                width = width * gain + run.peak_to_peak_errors_m * rng.standard_normal(width.size)
+            F = run.fundamental_m
+            if F is not None and run.errors_m is not None:
+                F = F * gain
+                if np.iscomplexobj(F):
+                    F = F * np.exp(-2j * np.pi * run.frequency_hz * of("delay"))
+                    F = F + 1j * run.errors_m * rng.standard_normal(F.size)
+                F = F + run.errors_m * rng.standard_normal(F.size)
+            h = run.harmonics_m
+            error = run.errors_m if run.harmonic_errors_m is None else run.harmonic_errors_m
+            if h is not None and error is not None:
+                noise = rng.standard_normal(h.shape) + 1j * rng.standard_normal(h.shape)
+                h = np.abs(h * gain + error[:, None] * noise)
+            return replace(run, fundamental_m=F, peak_to_peak_m=width, harmonics_m=h)
+    w = run.deflection_m * gain
+    return replace(run, deflection_m=w + run.errors_m * rng.standard_normal(w.size))
+
+
+def observed(run: Observation) -> tuple[Any, Array]:
+    """What a fit compares, real or complex, and its standard error, both (F,): usable points only."""
+    values, errors = _columns(run)
+    return getattr(run, values)[run.use], getattr(run, errors)[run.use]
+
+
+def replaced(run: Observation, values: Any) -> Observation:
+    """The run with `values` (F,) in place of what was observed at its usable points."""
+    name, _ = _columns(run)
+    column = np.array(getattr(run, name), dtype=np.result_type(getattr(run, name), values))
+    column[run.use] = values
+    more: Any = {name: column}
+    return replace(run, **more)
+
+
+def _columns(run: Observation) -> tuple[str, str]:
+    match run:
+        case MassResonance():
+            return "frequency_hz", "errors_hz"
+        case FrequencyResponse(fundamental_m=None):
+            return "peak_to_peak_m", "peak_to_peak_errors_m"
+        case FrequencyResponse():
+            return "fundamental_m", "errors_m"
+    return "deflection_m", "errors_m"

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.identification import names as known
-from model.identification.compared import observed
 from model.identification.forward import Forward
-from model.identification.observations import Campaign
+from model.identification.observations import Campaign, observed
 from model.identification.setting import IdentificationError, Setting
 
 Array = NDArray[np.float64]

@@ -185,7 +185,7 @@ def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str]
 
 
 def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.device_commands.find", lambda hosts, server: ([], []))
+    monkeypatch.setattr("app.bench_parser.find", lambda hosts, server: ([], []))
     assert main(["bench", "new", str(tmp_path / "b.toml")]) == DONE
     assert not load_bench(str(tmp_path / "b.toml")).simulated
 

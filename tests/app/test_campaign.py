@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from app.campaign import Campaign
-from app.campaign_estimates import believed, identified
-from app.campaign_file import CampaignError, campaign_path
-from app.campaign_plan import PAPER, Item
+from app.campaign_plan import PAPER, CampaignError, Item, campaign_path
 from app.campaign_queue import Conductor, rehearse_campaign
+from app.campaign_sheet import believed, identified
 from app.campaign_standing import Next, Standing
 from app.main import main
 from app.session import Session

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.campaign_plan import PAPER, Item, known
-from app.campaign_runs import Made
-from app.campaign_standing import Next, Standing, stand
+from app.campaign_standing import Made, Next, Standing, stand
 from protocols.values import Estimate
 
 A, B, C = Item("a", "p"), Item("b", "q", needs=("a",)), Item("c", "r", needs=("b",))

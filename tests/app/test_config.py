@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 from app.config import BenchConfig, ConfigError, load_bench
 from app.units import UnitError, to_number
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from sim_hardware.truth import BenchTruth
 
 

@@ -63,9 +63,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     (tmp_path / "folder").mkdir()
     (tmp_path / "run.h5").write_bytes(measured)
     monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))
-    monkeypatch.setattr("app.device_commands.find", lambda *_: ([], []))
+    monkeypatch.setattr("app.bench_parser.find", lambda *_: ([], []))
     monkeypatch.setattr("app.screen.has_screen", lambda: False)
-    monkeypatch.setattr("app.workers.CONNECT_S", 0.1)
+    monkeypatch.setattr("app.study_commands.CONNECT_S", 0.1)
     quick = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
     make = commands.make_protocol
     monkeypatch.setattr(

@@ -13,18 +13,17 @@ import pytest
 from app.export import export
 from app.identifying import identify
 from app.main import main
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import amplifier_response
 from model.statics import load_compliance, voltage_gain
 from protocols.events import Status
-from protocols.fresh_run import Header
 from protocols.layout import columns
 from protocols.protocol import Protocol
 from protocols.quality import Quality
 from protocols.registry import PROTOCOLS
-from protocols.runfile import RunFile
+from protocols.runfile import Header, RunFile
 from protocols.runreader import Run
 from tests.app.bringing import FULL, GOOD, brought, points
 from tests.runs import finished_run

@@ -8,9 +8,9 @@ import pytest
 
 from app.build import HASTY_BLOCK_S, connect
 from app.campaign import Campaign
-from app.campaign_estimates import identified
 from app.campaign_plan import PAPER
 from app.campaign_queue import Conductor
+from app.campaign_sheet import identified
 from app.campaign_standing import Standing
 from app.config import load_bench
 from app.session import Session

@@ -21,9 +21,9 @@ from app.corrected import CorrectedRun, Correction
 from app.identifying import identify
 from app.main import main
 from app.observing import shapes_of
-from app.run_job import header
+from app.session import header
 from model.closed_form import exact_response
-from model.identification.chain_method import ChainMethod
+from model.identification.chain import ChainMethod
 from model.identification.setting import Setting
 from model.parameters import Tactor
 from model.response import amplifier_response

@@ -20,7 +20,7 @@ def loaded(code: str) -> set[str]:
     [
         ("import app.main; app.main._parser()", set()),
         (
-            "import app.model_commands, app.study_commands, app.units; app.units.to_number('4 V', 'V')",
+            "import app.model_parser, app.study_commands, app.units; app.units.to_number('4 V', 'V')",
             {"pydantic", "pint"},
         ),
         ("import app.commands, app.build, app.gui.application", {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"}),

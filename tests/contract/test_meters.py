@@ -15,8 +15,7 @@ from drivers.ports import Meter, Reading
 from drivers.serial_line import SerialLine
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.laser_meters import Ild1420, LkG
-from sim_hardware.serial_wire import PtyPort
+from sim_hardware.laser_meters import Ild1420, LkG, PtyPort
 from tests.support import simulated
 
 Made = tuple[Meter, VirtualBench, PtyPort]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.build import options
 from app.config import BenchConfig
-from app.sources import options
 from drivers.amplifier import HvAmplifier
 from drivers.bench import drive_volts
 from drivers.drive import LinearSweep, Sine, Steps

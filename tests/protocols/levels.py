@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Unit
 
-from app.run_job import header
+from app.session import header
 from drivers.drive import Drive, Hold
 from protocols.continuation import earlier
 from protocols.protocol import Protocol

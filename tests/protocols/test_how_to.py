@@ -8,7 +8,7 @@ import h5py
 import pytest
 
 from app.exits import DONE
-from app.gui.fields import check, fields_of
+from app.gui.form import check, fields_of
 from app.main import main
 from protocols import registry
 from protocols.protocol import Protocol

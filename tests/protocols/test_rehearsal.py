@@ -14,7 +14,7 @@ from drivers.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Sine, Steps
 from drivers.errors import DriveRefused
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Tactor
 from model.response import modal

@@ -8,8 +8,7 @@ import pytest
 
 from model.parameters import Tactor
 from model.response import modal
-from protocols.resonance import fit_resonance
-from protocols.sine_dwell import PAPER_FREQUENCIES_HZ
+from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
 
 AMPLITUDE_V = 2.5
 

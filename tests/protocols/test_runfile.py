@@ -20,12 +20,10 @@ from hypothesis.extra import numpy as hnp
 
 from drivers.drive import Sine
 from drivers.ports import Block, Scale
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from protocols.events import AtRest, Event, Noted, Status
-from protocols.fresh_run import Header
 from protocols.quality import Quality
-from protocols.run_results import append_estimates
-from protocols.runfile import RunFile
+from protocols.runfile import Header, RunFile, append_estimates
 from protocols.runreader import Run, RunError
 from protocols.sine_dwell import SineDwell, SinePoint
 from protocols.storing import StoreError
@@ -113,8 +111,8 @@ from dataclasses import dataclass
 from typing import Annotated
 from annotated_types import Unit
 from drivers.ports import Block, Scale
-from drivers.sensor import LaserSensor
-from protocols.fresh_run import Header
+from drivers.sensor_presets import LaserSensor
+from protocols.runfile import Header
 from protocols.runfile import RunFile
 @dataclass
 class Spot:

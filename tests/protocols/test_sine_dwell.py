@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from app.run_job import header
+from app.session import header
 from model.parameters import Tactor
 from model.response import amplifier_response
 from protocols.events import Noted, Recorded, SettleEnded

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from model.parameters import Tactor
 from model.statics import load_compliance
-from protocols.compliance import compliance, nonlinearity
 from protocols.events import Answered, Asked, Status
+from protocols.load_point import compliance, nonlinearity
 from protocols.quality import Quality
 from protocols.rehearsal import rehearse
 from protocols.runreader import Run

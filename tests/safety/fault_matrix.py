@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 from app.build import connect
 from app.config import BenchConfig
-from app.run_job import header
+from app.session import header
 from drivers.clock import WallClock
 from drivers.errors import BenchError
 from drivers.rest import REST_TOLERANCE_V

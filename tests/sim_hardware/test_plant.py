@@ -9,8 +9,7 @@ from model.time import step_response
 from sim_hardware.history import History
 from sim_hardware.plant import Plant
 from sim_hardware.segments import Level, Tone
-from sim_hardware.slew import slewed
-from sim_hardware.stepper import BLOCK
+from sim_hardware.stepper import BLOCK, slewed
 from sim_hardware.truth import AmplifierTruth, BenchTruth
 
 

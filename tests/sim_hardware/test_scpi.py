@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from sim_hardware.scpi import Command, Engine, header_regex
-from sim_hardware.scpi_values import ScpiError, boolean, choice, number, one, real
+from sim_hardware.scpi import Command, Engine, ScpiError, boolean, choice, header_regex, number, one, real
 
 
 class Lamp:

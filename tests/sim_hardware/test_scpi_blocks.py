@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.waveform import block
-from sim_hardware.scpi_blocks import lift_blocks, messages_in, put_back
+from sim_hardware.scpi import lift_blocks, messages_in, put_back
 
 NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'
 SCPI = f"DATA:DAC VOLATILE,{block(NASTY)};:SYST:ERR?"

@@ -11,8 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.campaign import Campaign
-from app.campaign_file import campaign_path
-from app.campaign_plan import PAPER, Item
+from app.campaign_plan import PAPER, Item, campaign_path
 from app.campaign_standing import Next, Standing
 from app.config import BenchConfig
 from app.gui.campaign_page import CampaignPage

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from app.gui.fields import check, fields_of, form_fields, text_of
+from app.gui.form import check, fields_of, form_fields, text_of
 from protocols.sine_dwell import SineDwell
 from protocols.static_loading import StaticLoading
 

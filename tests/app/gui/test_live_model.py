@@ -15,7 +15,7 @@ from app.believed import PAPER
 from app.calibrations import Calibrations, write
 from app.gui import measure_page
 from app.live_estimates import LiveEstimates
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.amplifier import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response import amplifier_response

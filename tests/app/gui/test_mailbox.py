@@ -1,6 +1,6 @@
 """A prompt is answered once, by its id, and an answer meant for another prompt is none."""
 
-from app.gui.mailbox import MailboxOperator
+from app.gui.link import MailboxOperator
 from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 
 

@@ -69,7 +69,7 @@ def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.
     stage.happen(OPENED)
     panel = stage.window.measure.panel
     panel.form.rows["record_s"].set("2")
-    monkeypatch.setattr("app.gui.preset_button.QInputDialog.getText", lambda *_: ("slow", True))
+    monkeypatch.setattr("app.presets.QInputDialog.getText", lambda *_: ("slow", True))
     actions(panel.presets)["Keep these as …"].trigger()
     panel.form.rows["record_s"].set("9")
     actions(panel.presets)["slow"].trigger()

@@ -10,7 +10,7 @@ from app.gui.feed import SPANS, LiveFeed
 from app.gui.plots import calm_range, few_ticks, keep_ticks_apart, quiet
 from app.gui.theme import LIGHT
 from app.gui.time_plot import TimePlot, lined_up
-from drivers.sensor import LaserSensor
+from drivers.sensor_presets import LaserSensor
 from model.amplifier import AmplifierMap
 from tests.app.gui.happenings import SCALES, sine_block
 

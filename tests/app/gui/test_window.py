@@ -357,7 +357,7 @@ class _Sensing:
     meters: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, stage: Stage) -> None:
-        from drivers.sensor import LaserSensor
+        from drivers.sensor_presets import LaserSensor
         from tests.app.gui.happenings import SCALES
 
         self.sensor = LaserSensor("laser", 1e-4)

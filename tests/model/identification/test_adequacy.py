@@ -10,9 +10,8 @@ from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.closed_form import exact_response
 from model.identification.adequacy import Adequacy, adequacy
 from model.identification.departures import departures
-from model.identification.draws import redrawn
 from model.identification.joint import joint_fit
-from model.identification.observations import Campaign, FrequencyResponse, MassResonance, StaticLoading
+from model.identification.observations import Campaign, FrequencyResponse, MassResonance, StaticLoading, redrawn
 from model.identification.setting import Setting
 from model.parameters import Tactor
 from model.response import frequency_response

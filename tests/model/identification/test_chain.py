@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.chain import chain
+from model.identification.chain import ChainError, ChainMethod, chain
 from model.identification.chain_errors import chain_errors, drawn_errors
-from model.identification.chain_method import ChainError, ChainMethod
-from model.identification.draws import redrawn
 from model.identification.observations import (
     Campaign,
     FrequencyResponse,
@@ -17,6 +15,7 @@ from model.identification.observations import (
     MembraneSag,
     StaticLoading,
     VoltageSteps,
+    redrawn,
 )
 from model.modes import natural_frequencies
 from model.parameters import Membrane, Tactor

@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
 from model.amplifier import AmplifierMap
-from model.identification.draws import redrawn
 from model.identification.forward import with_values
 from model.identification.joint import joint_fit
 from model.identification.observations import (
@@ -20,6 +19,7 @@ from model.identification.observations import (
     Observation,
     StaticLoading,
     VoltageSteps,
+    redrawn,
 )
 from model.identification.problem import Problem
 from model.identification.setting import FitCancelled, IdentificationError, Setting

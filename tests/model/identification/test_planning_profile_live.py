@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.draws import redrawn
 from model.identification.joint import joint_fit
 from model.identification.live import LiveFit
-from model.identification.observations import Campaign, FrequencyResponse, MembraneSag, StaticLoading
+from model.identification.observations import Campaign, FrequencyResponse, MembraneSag, StaticLoading, redrawn
 from model.identification.planning import Candidate, Expected, candidates, next_best
 from model.identification.profile import profile
 from model.identification.setting import FitCancelled, Setting
