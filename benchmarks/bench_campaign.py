@@ -19,13 +19,13 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is there
 
-from app.build import HASTY_BLOCK_S, connect
-from app.campaign import Campaign
-from app.campaign_plan import PAPER, known
-from app.campaign_queue import Conductor
-from app.campaign_sheet import identified
-from app.config import load_bench
-from app.session import Session
+from app.campaign.campaign import Campaign
+from app.campaign.plan import PAPER, known
+from app.campaign.queue import Conductor
+from app.campaign.summary import identified
+from app.config.bench_file import load_bench
+from app.session.connect import HASTY_BLOCK_S, connect
+from app.session.session import Session
 from protocols.registry import PROTOCOLS
 
 GOAL_S = 90.0

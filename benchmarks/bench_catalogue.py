@@ -10,8 +10,8 @@ from pathlib import Path
 
 from timing import seconds
 
-from app.catalogue import Catalogue
-from app.run_entry import Wanted, read_entry
+from app.archive.catalogue import Catalogue
+from app.archive.run_summary import Wanted, read_entry
 from tests.runs import finished_run
 
 MANY = 10_000

@@ -18,11 +18,11 @@ from PySide6.QtCore import QEventLoop, QTimer
 from timing import seconds
 
 from app.gui.application import application
-from app.gui.explore_page import PAINT_S, ExplorePage
-from app.gui.explore_plot import ExplorePlot
-from app.gui.theme import LIGHT
-from model.curve import curve
-from model.response import amplifier_response
+from app.gui.explore.page import PAINT_S, ExplorePage
+from app.gui.explore.plot import ExplorePlot
+from app.gui.widgets.theme import LIGHT
+from model.response.fast_response import curve
+from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen
 
 FRAME_MS = 16.0

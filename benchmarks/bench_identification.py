@@ -12,16 +12,16 @@ from campaigns import SHARED, Noise, World, perfect
 from scipy.optimize import least_squares
 from timing import seconds, tell
 
-from model.closed_form import exact_response
 from model.identification.adequacy import adequacy
-from model.identification.chain import ChainMethod, chain
-from model.identification.chain_errors import chain_errors
-from model.identification.joint import joint_fit
-from model.identification.live import LiveFit
+from model.identification.joint_fit import joint_fit
+from model.identification.live_fit import LiveFit
 from model.identification.observations import FrequencyResponse, redrawn
-from model.identification.profile import profile
+from model.identification.paper_chain import ChainMethod, chain
+from model.identification.paper_chain_errors import chain_errors
+from model.identification.profile_likelihood import profile
 from model.parameters import Membrane, Tactor
-from model.response import amplifier_response
+from model.response.closed_form import exact_response
+from model.response.frequency_response import amplifier_response
 from model.skin import skin
 
 

@@ -18,13 +18,13 @@ import psutil
 from bench_window import until
 from PySide6.QtCore import QSettings
 
-from app.build import connect
-from app.commands import make_protocol
-from app.config import load_bench
+from app.cli.main import GARBAGE
+from app.cli.run import make_protocol
+from app.config.bench_file import load_bench
 from app.gui.application import application
-from app.gui.link import Link
-from app.gui.window import MainWindow
-from app.main import GARBAGE
+from app.gui.main_window import MainWindow
+from app.live.session_link import Link
+from app.session.connect import connect
 
 RECORD_S = 28.0
 RATE_HZ = 5000.0

@@ -14,10 +14,10 @@ from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 from skfem.helpers import dd
 from timing import seconds, tell
 
-from model.closed_form import exact_response
 from model.parameters import Tactor
-from model.response import frequency_response, system
-from model.study import Study
+from model.response.closed_form import exact_response
+from model.response.frequency_response import frequency_response, system
+from model.studies.parameter_study import Study
 
 F = np.linspace(1, 500, 1000)
 T = Tactor()

@@ -20,17 +20,17 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from drivers.drive import LinearSweep
-from drivers.ports import Block, Scale
-from drivers.sensor_presets import LaserSensor
-from model.amplifier import AmplifierMap
+from drivers.interfaces import Block, Scale
+from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response import modal
-from protocols.events import Status
-from protocols.runfile import Header, RunFile
-from protocols.runreader import Run
+from model.response.frequency_response import modal
+from protocols.base.events import Status
+from protocols.measurements.sine_dwell import SinePoint
+from protocols.runfile.reader import Run
+from protocols.runfile.writer import Header, RunFile
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import sweep_response
-from protocols.sine_dwell import SinePoint
 from tests.model.sampled import march
 
 RATE = 5000.0

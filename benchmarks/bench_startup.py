@@ -39,7 +39,7 @@ class Table(pydantic.BaseModel):
 
 OURS = """
 import os, sys
-from app.main import main
+from app.cli.main import main
 class Painted:  # hears of the window's module as soon as somebody wants it, and asks for the first paint only then
     def find_spec(self, name, path, target=None):
         if name == "app.gui.application":

@@ -14,16 +14,16 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-from app.build import connect
-from app.config import load_bench
-from app.preview import MinMaxTrace
-from app.session import header
-from drivers.bench import DISPLACEMENT, DRIVE
-from protocols.events import BlockTaken, StreamStarted
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
+from app.config.bench_file import load_bench
+from app.live.minmax_trace import MinMaxTrace
+from app.session.connect import connect
+from app.session.session import header
+from drivers.bench.bench import DISPLACEMENT, DRIVE
+from protocols.base.events import BlockTaken, StreamStarted
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from protocols.runfile.writer import RunFile
+from protocols.runner.runner import Runner
 
 
 def main() -> None:

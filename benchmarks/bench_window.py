@@ -20,14 +20,14 @@ import numpy as np
 from PySide6.QtCore import QObject, QSettings
 from PySide6.QtWidgets import QApplication
 
-from app.build import connect
-from app.commands import make_protocol
-from app.config import load_bench
+from app.cli.main import GARBAGE
+from app.cli.run import make_protocol
+from app.config.bench_file import load_bench
 from app.gui.application import application
-from app.gui.link import Link
-from app.gui.window import MainWindow
-from app.main import GARBAGE
-from protocols.runreader import Run
+from app.gui.main_window import MainWindow
+from app.live.session_link import Link
+from app.session.connect import connect
+from protocols.runfile.reader import Run
 
 
 def main() -> None:

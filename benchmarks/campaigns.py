@@ -12,8 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from model.amplifier import AmplifierMap
-from model.closed_form import exact_response
+from model.amplifier_map import AmplifierMap
 from model.identification.observations import (
     Campaign,
     CommonError,
@@ -25,6 +24,7 @@ from model.identification.observations import (
 )
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
+from model.response.closed_form import exact_response
 from model.skin import Skin, skin
 
 G = 9.80665

@@ -19,11 +19,11 @@ sys.path.insert(0, str(HERE.parent))
 
 import h5py  # noqa: E402
 
-from app.gui.form import fields_of, text_of  # noqa: E402
-from app.main import _parser  # noqa: E402
-from protocols.layout import columns  # noqa: E402
-from protocols.protocol import Protocol  # noqa: E402
+from app.cli.main import _parser  # noqa: E402
+from app.gui.widgets.form import fields_of, text_of  # noqa: E402
+from protocols.base.protocol import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
+from protocols.runfile.schema import columns  # noqa: E402
 
 MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
 LISTED = "<!-- Written by docs/make_reference.py from the files beside it. -->\n\n"
@@ -80,8 +80,8 @@ def every_parser(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[s
 
 def run_file() -> str:
     """What stands in a run file, taken from one."""
-    from protocols.quality import Quality
-    from protocols.sine_dwell import SineDwell
+    from protocols.base.quality import Quality
+    from protocols.measurements.sine_dwell import SineDwell
     from tests.support import laboratory, run
 
     lines = [

@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from app.main import main as command  # noqa: E402
+from app.cli.main import main as command  # noqa: E402
 from app.report.content import gather  # noqa: E402
 from app.report.limits import example, read_limits  # noqa: E402
 from app.report.pdf import page_to_sign  # noqa: E402

@@ -17,18 +17,18 @@ from PIL import Image
 from PySide6.QtCore import QBuffer, QSettings
 from PySide6.QtWidgets import QApplication
 
-from app.build import Laboratory, connect
-from app.catalogue import Catalogue
-from app.commands import make_protocol
-from app.config import load_bench
+from app.archive.catalogue import Catalogue
+from app.cli.run import make_protocol
+from app.config.bench_file import load_bench
 from app.gui.application import application
-from app.gui.book import CAMPAIGN, EXPLORE, MEASURE, RUNS
-from app.gui.link import Link
-from app.gui.theme import DARK, LIGHT
-from app.gui.window import MainWindow
-from app.session import SessionEvent
-from protocols.events import Playing, PointMeasured
-from protocols.protocol import Protocol
+from app.gui.main_window import MainWindow
+from app.gui.tabs import CAMPAIGN, EXPLORE, MEASURE, RUNS
+from app.gui.widgets.theme import DARK, LIGHT
+from app.live.session_link import Link
+from app.session.connect import Laboratory, connect
+from app.session.session import SessionEvent
+from protocols.base.events import Playing, PointMeasured
+from protocols.base.protocol import Protocol
 
 SIZES = {"": (1280, 720), "-large": (2560, 1440)}
 MANY = 10_000

@@ -11,8 +11,8 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from model.parameter_spec import ParameterError, Quantity
 from model.parameters import Membrane
-from model.quantity import ParameterError, Quantity
 from model.skin import PRE_STRETCH, point_stiffness
 
 Array = NDArray[np.float64]

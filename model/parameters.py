@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import ArrayLike
 
-from model.quantity import ParameterError, quantities, validate
+from model.parameter_spec import ParameterError, quantities, validate
 
 Real = Any
 """A float, or an array of floats: the formulas of this module do not care."""

@@ -7,8 +7,8 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import ArrayLike, NDArray
 
+from model.parameter_spec import Quantity, validate
 from model.parameters import Membrane, Tactor
-from model.quantity import Quantity, validate
 
 Array = NDArray[np.float64]
 

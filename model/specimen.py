@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.parameter_spec import ParameterError, Quantity, quantities
 from model.parameters import Beam, Membrane, Tactor, beams
-from model.quantity import ParameterError, Quantity, quantities
 from model.skin import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
 
 Array = NDArray[np.float64]

@@ -11,21 +11,21 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
-from protocols.protocol import Protocol
+from protocols.base.protocol import Protocol
 
 GROUP = "tactor_bench.protocols"
 
 OWN = {
-    "static-loading": ("Static loading", "protocols.static_loading:StaticLoading"),
-    "mass-resonance": ("Mass resonance", "protocols.mass_resonance:MassResonance"),
-    "voltage-steps": ("Voltage steps", "protocols.voltage_steps:VoltageSteps"),
-    "hysteresis": ("Hysteresis", "protocols.hysteresis:Hysteresis"),
-    "sine-dwell": ("Sine dwell", "protocols.sine_dwell:SineDwell"),
-    "membrane-series": ("Membrane series", "protocols.membrane_series:MembraneSeries"),
-    "membrane-sag": ("Membrane sag", "protocols.membrane_sag:MembraneSag"),
-    "sweep": ("Sweep", "protocols.sweep:Sweep"),
-    "free-decay": ("Free decay", "protocols.free_decay:FreeDecay"),
-    "wiring-check": ("Wiring check", "protocols.wiring_check:WiringCheck"),
+    "static-loading": ("Static loading", "protocols.measurements.static_loading:StaticLoading"),
+    "mass-resonance": ("Mass resonance", "protocols.measurements.mass_resonance:MassResonance"),
+    "voltage-steps": ("Voltage steps", "protocols.measurements.voltage_steps:VoltageSteps"),
+    "hysteresis": ("Hysteresis", "protocols.measurements.hysteresis:Hysteresis"),
+    "sine-dwell": ("Sine dwell", "protocols.measurements.sine_dwell:SineDwell"),
+    "membrane-series": ("Membrane series", "protocols.measurements.membrane_series:MembraneSeries"),
+    "membrane-sag": ("Membrane sag", "protocols.measurements.membrane_sag:MembraneSag"),
+    "sweep": ("Sweep", "protocols.measurements.sweep:Sweep"),
+    "free-decay": ("Free decay", "protocols.measurements.free_decay:FreeDecay"),
+    "wiring-check": ("Wiring check", "protocols.measurements.wiring_check:WiringCheck"),
 }
 """Title and place of the program's own protocols by name. Each is imported when it is asked for: a window opens with one."""
 

@@ -8,15 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.amplifier import HvAmplifier
+from drivers.bench.amplifier import HvAmplifier
 from drivers.drive import Drive
 from drivers.errors import BenchError, DriveRefused
-from drivers.ports import Meter
-from drivers.sensor_presets import LaserSensor
+from drivers.interfaces import Meter
+from drivers.sensors.laser_sensor import LaserSensor
 from model.parameters import Tactor
-from protocols.layout import RESERVE_BYTES
-from protocols.protocol import Protocol
-from protocols.values import MOST_SCANS, Planned, too_long
+from protocols.base.protocol import Protocol
+from protocols.base.records import MOST_SCANS, Planned, too_long
+from protocols.runfile.schema import RESERVE_BYTES
 
 BYTES_A_SAMPLE = 2
 OVERHEAD_BYTES = 200_000
@@ -158,7 +158,7 @@ def _strongest(drives: Driven, amplifier: HvAmplifier) -> list[tuple[float, str]
 
 def _furthest(drives: Driven, amplifier: HvAmplifier, sensor: LaserSensor, tactor: Tactor) -> tuple[float, str]:
     """The moment at which the model's tactor is nearest to the end of the sensor's range."""
-    from protocols.prediction import predicted  # the model's numerics take a quarter of a second to import
+    from protocols.predicted_travel import predicted  # the model's numerics take a quarter of a second to import
 
     ends = sensor.displacement_m([sensor.valid_low_v, sensor.valid_high_v])
     low_m, high_m = float(min(ends)), float(max(ends))

@@ -6,24 +6,24 @@ from functools import partial
 import numpy as np
 
 from drivers.clock import Clock, WallClock
-from sim_hardware.analog_output import AnalogOutput
-from sim_hardware.card import Card
-from sim_hardware.digitizer import SimDigitizer
-from sim_hardware.direct import DirectLink
-from sim_hardware.faults import Faults
-from sim_hardware.generator import Generator, Make
-from sim_hardware.generators import box
-from sim_hardware.history import History
-from sim_hardware.history_report import HistoryReport, report_on
-from sim_hardware.plant import Plant
-from sim_hardware.port import Port
-from sim_hardware.scpi import Engine
-from sim_hardware.segments import Open, Segment
-from sim_hardware.sight import Sight
-from sim_hardware.situation import SPECIMEN, altered, check
-from sim_hardware.supply import Supply
-from sim_hardware.supply_dialects import engine_of
-from sim_hardware.truth import BenchTruth
+from sim_hardware.generators.generator import Generator, Make
+from sim_hardware.generators.registry import box
+from sim_hardware.nidaq.analog_output import AnalogOutput
+from sim_hardware.nidaq.card import Card
+from sim_hardware.nidaq.in_process_digitizer import SimDigitizer
+from sim_hardware.plant.faults import Faults
+from sim_hardware.plant.history_report import HistoryReport, report_on
+from sim_hardware.plant.laser_view import Sight
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.plant.plant import Plant
+from sim_hardware.plant.segments import Open, Segment
+from sim_hardware.plant.setup_state import SPECIMEN, altered, check
+from sim_hardware.plant.voltage_history import History
+from sim_hardware.supplies.dialects import engine_of
+from sim_hardware.supplies.supply import Supply
+from sim_hardware.wires.in_process_link import DirectLink
+from sim_hardware.wires.port import Port
+from sim_hardware.wires.scpi_engine import Engine
 
 
 class _Cable:
@@ -119,7 +119,7 @@ class VirtualBench:
         return self.clock.now()
 
     def hands(self, action: str, values: Mapping[str, float]) -> float:
-        """Do by hand what `sim_hardware.situation.HANDS` names; bench time when it is done. Weights take a moment.
+        """Do by hand what `sim_hardware.plant.setup_state.HANDS` names; bench time when it is done. Weights take a moment.
 
         Raises:
             ValueError: no such action, a number is missing or makes no sense, or the specimen is live.
@@ -150,7 +150,7 @@ class VirtualBench:
         self._listeners.append(listener)
 
     def inject(self, fault: str) -> None:
-        """Break something (`sim_hardware.faults.FAULTS`). Raises ValueError for an unknown name."""
+        """Break something (`sim_hardware.plant.faults.FAULTS`). Raises ValueError for an unknown name."""
         if self.faults.active(fault):
             return
         self.faults.inject(fault, self.clock.now())

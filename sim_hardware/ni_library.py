@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from sim_hardware.ni_errors import NiError
-from sim_hardware.ni_output_task import NiOutputTask
-from sim_hardware.ni_properties import of_device, of_system, of_task, of_terminal
-from sim_hardware.ni_task import NiDevice, NiTask
+from sim_hardware.nidaq.errors import NiError
+from sim_hardware.nidaq.input_task import NiDevice, NiTask
+from sim_hardware.nidaq.output_task import NiOutputTask
+from sim_hardware.nidaq.properties import of_device, of_system, of_task, of_terminal
 
 _WIDE = (0x1310, 0x1808, 0x192A, 0x192B)
 """Properties of 64 bits."""

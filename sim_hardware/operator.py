@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Protocol
 
-from protocols.steps import Prompt
-from sim_hardware.situation import HANDS
+from protocols.base.steps import Prompt
+from sim_hardware.plant.setup_state import HANDS
 
 SLOW = {"place-weight", "remove-weight"}
 """What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
@@ -23,7 +23,7 @@ class Bench(Protocol):
 
 
 class SimulatedOperator:
-    """Answers a run's prompts (protocols.operator.Operator) by doing what `prompt.action` says.
+    """Answers a run's prompts (protocols.base.operator.Operator) by doing what `prompt.action` says.
 
     Its words are the first of the choices. Where a weight is placed or lifted, the key is pressed only after a while,
     so that the laser can see it before. A question that no hand answers gets the first choice at once.

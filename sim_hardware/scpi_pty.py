@@ -6,9 +6,9 @@ import os
 import select
 import time
 
-from sim_hardware.port import Port
-from sim_hardware.pty_line import TICK_S, PtyLine
-from sim_hardware.scpi import messages_in
+from sim_hardware.wires.port import Port
+from sim_hardware.wires.pty import TICK_S, PtyLine
+from sim_hardware.wires.scpi_engine import messages_in
 
 
 class ScpiPty(PtyLine):

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 
 from drivers.closing import Closing
-from sim_hardware.port import Port
+from sim_hardware.wires.port import Port
 
 HOST = "127.0.0.1"
 

@@ -19,7 +19,7 @@ import pyvisa_py.sessions
 from usb.backend import IBackend, libusb1
 from usb.core import USBError, USBTimeoutError
 
-from sim_hardware.port import Port
+from sim_hardware.wires.port import Port
 
 VENDOR, PRODUCT, SERIAL = 0x2A8D, 0x1301, "MY00000001"
 """Of the one device on this bus."""

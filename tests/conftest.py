@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from sim_hardware.bench import VirtualBench
-from sim_hardware.history_report import HistoryReport
-from sim_hardware.process import BenchProcess
+from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.service.process import BenchProcess
 from tests.support import volts_are_safe
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter

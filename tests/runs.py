@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 
 from drivers.drive import Sine
-from drivers.ports import Block, Scale
-from drivers.sensor_presets import LaserSensor
-from protocols.events import Armed, Noted, Status
-from protocols.quality import Quality
-from protocols.runfile import Header, RunFile
-from protocols.sine_dwell import SineDwell, SinePoint
-from protocols.values import Estimate
+from drivers.interfaces import Block, Scale
+from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.events import Armed, Noted, Status
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate
+from protocols.measurements.sine_dwell import SineDwell, SinePoint
+from protocols.runfile.writer import Header, RunFile
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 NOBODY = 4_200_000
@@ -70,7 +70,7 @@ def finished_run(
 
 def crashed_run(folder: Path, specimen: str = "T3") -> Path:
     """What a program leaves that is killed after its first point."""
-    with mock.patch("protocols.runfile.os.getpid", return_value=NOBODY):
+    with mock.patch("protocols.runfile.writer.os.getpid", return_value=NOBODY):
         file = _begun(folder / ".writing", specimen, (100.0, 160.0), 5000.0)
     file.point(sine_point(100.0))
     folder.mkdir(exist_ok=True)

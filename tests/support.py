@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.build import Laboratory, connect
-from app.config import BenchConfig, load_bench
-from app.session import header
-from protocols.events import Event, PointMeasured, Status
-from protocols.protocol import Protocol
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from sim_hardware.contract.volts import volts_are_safe
-from sim_hardware.history_report import HistoryReport
+from app.config.bench_file import BenchConfig, load_bench
+from app.session.connect import Laboratory, connect
+from app.session.session import header
+from protocols.base.events import Event, PointMeasured, Status
+from protocols.base.protocol import Protocol
+from protocols.runfile.writer import RunFile
+from protocols.runner.runner import Runner
+from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.testing.safe_volts import volts_are_safe
 
 
 @dataclass

@@ -40,13 +40,13 @@ def test_the_house_as_it_stands_keeps_its_doors(copy: Path) -> None:
     [
         ("drivers/clock.py", "from protocols import events", "The one way"),
         ("model/skin.py", "import drivers", "The one way"),
-        ("protocols/steps.py", "import sim_hardware.plant", "The one way"),
-        ("drivers/sensor_presets.py", "from model import parameters", "Drivers know nothing"),
+        ("protocols/base/steps.py", "import sim_hardware.plant.plant", "The one way"),
+        ("drivers/sensors/laser_sensor.py", "from model import parameters", "Drivers know nothing"),
         ("model/skin.py", "import pydantic", "The model needs numpy"),
-        ("app/session.py", "import PySide6.QtCore", "Qt stays"),
-        ("app/session.py", "import h5py", "HDF5 stays"),
-        ("app/build.py", "import pyvisa", "Instrument libraries stay"),
-        ("drivers/scpi.py", "import nidaqmx", "Instrument libraries stay"),
+        ("app/session/session.py", "import PySide6.QtCore", "Qt stays"),
+        ("app/session/session.py", "import h5py", "HDF5 stays"),
+        ("app/session/connect.py", "import pyvisa", "Instrument libraries stay"),
+        ("drivers/transport/scpi.py", "import nidaqmx", "Instrument libraries stay"),
     ],
 )
 def test_a_planted_wrong_import_breaks_the_build(where: str, planted: str, broken: str, copy: Path) -> None:

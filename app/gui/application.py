@@ -13,13 +13,13 @@ from types import FrameType
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.config import BenchConfig
-from app.gui.link import Connect, Link, MakeSession
-from app.gui.window import MainWindow
-from app.session import Session
-from app.units import to_number
-from app.view import UNSAFE_EXIT
-from protocols.protocol import Protocol
+from app.common.units import to_number
+from app.config.bench_file import BenchConfig
+from app.gui.main_window import MainWindow
+from app.live.session_link import Connect, Link, MakeSession
+from app.session.session import Session
+from app.session.state import UNSAFE_EXIT
+from protocols.base.protocol import Protocol
 
 UNITS_MS = 500
 SEEN = "window/seen"

@@ -5,16 +5,17 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from app.report import origins, tables
-from app.report.blocks import Block, Outcome, Plot, Report, Section, Words
-from app.report.known import Known, known_of
+from app.common.formatting import counted
+from app.common.version import version
+from app.report import provenance as origins
+from app.report import tables
+from app.report.document import Block, Outcome, Plot, Report, Section, Words
+from app.report.figures_of_merit import Merit
 from app.report.limits import Limits, judge
-from app.report.merits import Merit
 from app.report.plots import TITLE, plots_of
+from app.report.runs import Taken, Told, take
 from app.report.specimen import Specimen
-from app.report.taken import Taken, Told, take
-from app.version import version
-from app.words import counted
+from app.report.summary import Known, known_of
 
 
 class ReportError(Exception):

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.report.blocks import Block, Grid, Plot, Report, Words
-from app.report.drawing import LEGEND, draw
-from app.whole_file import write_whole
+from app.common.atomic_write import write_whole
+from app.report.charts import LEGEND, draw
+from app.report.document import Block, Grid, Plot, Report, Words
 
 WIDTH = 7.0
 """Of a picture, inches."""

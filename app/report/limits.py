@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.config import LARGEST
-from app.config_tables import Table
-from app.report.blocks import Outcome
-from app.report.merits import MERITS, Merit, half_interval
-from app.report.numbers import plain, printed_unit, stated
-from app.validation import faults
-from app.words import shown_unit
+from app.common.formatting import shown_unit
+from app.config.bench_file import LARGEST
+from app.config.tables import Table
+from app.config.validation import faults
+from app.report.document import Outcome
+from app.report.figures_of_merit import MERITS, Merit, half_interval
+from app.report.rounding import plain, printed_unit, stated
 
 BESIDE = "limits.toml"
 """The name of a file of limits beside the runs."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.report.blocks import Block, Grid, Plot, Report, Words
-from app.report.drawing import LEGEND, draw
+from app.report.charts import LEGEND, draw
+from app.report.document import Block, Grid, Plot, Report, Words
 
 LINE = 1.32
 """Line height over letter size."""

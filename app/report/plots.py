@@ -12,13 +12,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.blocks import Dots, Line, Panel, Plot
+from app.report.document import Dots, Line, Panel, Plot
 from app.report.specimen import GRID_HZ, NORMAL, Specimen
-from model.identification.chain import resonances
 from model.identification.observations import Campaign, FrequencyResponse, MassResonance, StaticLoading, VoltageSteps
-from model.perception import THRESHOLD_M
-from model.statics import load_compliance, voltage_gain
-from model.uncertainty import Band
+from model.identification.paper_chain import resonances
+from model.response.perception import THRESHOLD_M
+from model.response.statics import load_compliance, voltage_gain
+from model.studies.uncertainty import Band
 
 Array = NDArray[np.float64]
 TITLE = "Fig. 9: frequency response"

@@ -6,19 +6,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.identifying import Identified, identify_campaign
-from app.report.taken import Taken
-from model.amplifier import AmplifierMap
-from model.identification.joint import joint_fit
-from model.identification.names import at, elongation_of, quantity
+from app.identification.identify import Identified, identify_campaign
+from app.report.runs import Taken
+from model.amplifier_map import AmplifierMap
+from model.identification.fit_options import Setting
+from model.identification.joint_fit import joint_fit
 from model.identification.observations import Campaign, FrequencyResponse
-from model.identification.setting import Setting
+from model.identification.parameters import at, elongation_of, quantity
+from model.parameter_spec import ParameterError, quantities
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError, quantities
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
 from model.skin import Skin, skin
 from model.specimen import variables
-from model.uncertainty import Band, Estimates, linear_band
+from model.studies.uncertainty import Band, Estimates, linear_band
 
 Array = NDArray[np.float64]
 Curve = Callable[[Tactor, Membrane], Array]

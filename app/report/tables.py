@@ -4,18 +4,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from app.campaign_plan import PAPER
-from app.report.blocks import Block, Grid, Outcome, Plot, Tone, Words
-from app.report.known import Known
+from app.campaign.plan import PAPER
+from app.common.formatting import counted, shown_unit
+from app.report.document import Block, Grid, Outcome, Plot, Tone, Words
+from app.report.figures_of_merit import MERITS, Felt
 from app.report.limits import Limits
-from app.report.merits import MERITS, Felt
-from app.report.numbers import MINUS, plain, printed_unit, probability, stated, with_error
 from app.report.plots import Agreement, agreements
+from app.report.rounding import MINUS, plain, printed_unit, probability, stated, with_error
+from app.report.runs import Taken
 from app.report.specimen import Specimen, meaning
-from app.report.taken import Taken
-from app.words import counted, shown_unit
+from app.report.summary import Known
 from model.parameters import Membrane, Tactor
-from model.perception import THRESHOLD_M
+from model.response.perception import THRESHOLD_M
 
 NONE = "–"
 MOST = 10

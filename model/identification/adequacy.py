@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
-from model.drive import series
-from model.identification.departures import Departure, departures
-from model.identification.fitted import DOUBTFUL, JointFit, Residuals, chance
-from model.identification.forward import Values, beam_of, factors_of, skin_of
+from model.identification.fit_result import DOUBTFUL, JointFit, Residuals, chance
+from model.identification.forward_model import Values, beam_of, factors_of, skin_of
+from model.identification.model_discrepancy import Departure, departures
 from model.identification.observations import FrequencyResponse
 from model.identification.receptance import Dense
+from model.response.drive_spectrum import series
 
 Array = NDArray[np.float64]
 

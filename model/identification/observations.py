@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.membrane import weight
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-from model.quantity import ParameterError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.galerkin import gram
+from model.beam.galerkin import gram
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.samples import check_positive, check_samples
+from protocols.signals.checks import check_positive, check_samples
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.signals.samples import check_positive
+from protocols.signals.checks import check_positive
 
 Array = NDArray[np.float64]
 

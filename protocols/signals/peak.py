@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.lines import OVERLAP_CORRELATION, bins_of, blocks_for, padded
+from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.samples import check_positive, check_samples
+from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, bins_of, blocks_for, padded
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.lines import POOLED_LINES, blocks_for, pooled
+from protocols.signals.checks import check_both, check_positive
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.samples import check_both, check_positive
+from protocols.signals.spectral_blocks import POOLED_LINES, blocks_for, pooled
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

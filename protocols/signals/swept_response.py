@@ -12,9 +12,17 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.lines import OVERLAP_CORRELATION, POOLED_LINES, Blocks, bins_of, blocks_for, padded, pooled
+from protocols.signals.checks import check_both
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.samples import check_both
+from protocols.signals.spectral_blocks import (
+    OVERLAP_CORRELATION,
+    POOLED_LINES,
+    Blocks,
+    bins_of,
+    blocks_for,
+    padded,
+    pooled,
+)
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.main import main
-from protocols.runreader import Run
+from app.cli.main import main
+from protocols.runfile.reader import Run
 
 FULL = ["--set", "peak_to_peak_v=5 V"]
 GOOD = "frequency [Hz],pp [um]\n100,760\n150,1154\n"

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from model.identification.estimates import Calibration, Estimate
-from model.identification.setting import Setting
+from model.identification.calibration import Calibration, Estimate
+from model.identification.fit_options import Setting
 
 
 def calibration(version: int, found: Mapping[str, tuple[float, float]]) -> Calibration:

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from app.exits import DONE
-from app.main import main
+from app.cli.main import main
+from app.common.errors import DONE
 
 
 @pytest.fixture

@@ -7,23 +7,23 @@ from typing import Any
 
 import pytest
 
-from app.build import connect
-from app.config import load_bench
-from app.exits import DONE, FAILED, UNSAFE, USAGE
-from app.fault_plan import FaultPlan
-from app.finding import find
-from app.main import main
-from app.showing import broken_on_purpose
+from app.archive.description import broken_on_purpose
+from app.cli.main import main
+from app.common.errors import DONE, FAILED, UNSAFE, USAGE
+from app.config.bench_file import load_bench
+from app.config.discovery import find
+from app.session.connect import connect
+from app.session.fault_injection import FaultPlan
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError
-from drivers.visa import resources
-from protocols.events import Noted, Status
-from protocols.quality import Quality
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
+from drivers.transport.visa import resources
+from protocols.base.events import Noted, Status
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
 from sim_hardware.bench import VirtualBench
-from sim_hardware.faults import FAULTS
-from sim_hardware.served import ServedBench
+from sim_hardware.plant.faults import FAULTS
+from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.usbtmc import PRODUCT, SERIAL, VENDOR, UsbTmcBus
 from tests.support import laboratory, run, simulated
 
@@ -133,7 +133,7 @@ def served() -> Iterator[ServedBench]:
 
 @pytest.fixture
 def addresses(served: ServedBench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))  # its search of the LAN takes a second
+    monkeypatch.setattr("drivers.transport.visa.resources", lambda: ([], []))  # its search of the LAN takes a second
     return ["--host", f"127.0.0.1:{served.scpi.port}", "--server", f"127.0.0.1:{served.card.port}"]
 
 
@@ -185,7 +185,7 @@ def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str]
 
 
 def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.bench_parser.find", lambda hosts, server: ([], []))
+    monkeypatch.setattr("app.cli.bench.find", lambda hosts, server: ([], []))
     assert main(["bench", "new", str(tmp_path / "b.toml")]) == DONE
     assert not load_bench(str(tmp_path / "b.toml")).simulated
 

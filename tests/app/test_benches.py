@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.build import connect
-from app.config import BenchConfig, ConfigError, load_bench
+from app.config.bench_file import BenchConfig, ConfigError, load_bench
+from app.session.connect import connect
 from drivers.drive import Hold, Sine
 from drivers.errors import DriveRefused
-from drivers.sensor_presets import PRESETS
-from protocols.events import Status
-from protocols.sine_dwell import SineDwell
+from drivers.sensors.laser_sensor import PRESETS
+from protocols.base.events import Status
+from protocols.measurements.sine_dwell import SineDwell
 from tests.support import run, simulated, volts_are_safe
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "docs" / "benches").glob("*.toml"))

@@ -10,19 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from app.campaign import Campaign
-from app.campaign_plan import PAPER, CampaignError, Item, campaign_path
-from app.campaign_queue import Conductor, rehearse_campaign
-from app.campaign_sheet import believed, identified
-from app.campaign_standing import Next, Standing
-from app.main import main
-from app.session import Session
+from app.campaign.campaign import Campaign
+from app.campaign.plan import PAPER, CampaignError, Item, campaign_path
+from app.campaign.queue import Conductor, rehearse_campaign
+from app.campaign.status import Next, Standing
+from app.campaign.summary import believed, identified
+from app.cli.main import main
+from app.session.session import Session
 from model.parameters import Tactor
-from protocols.events import Asked, Event, Noted, RunStarted
+from protocols.base.events import Asked, Event, Noted, RunStarted
+from protocols.base.steps import Prompt
 from protocols.registry import PROTOCOLS
-from protocols.runreader import Run
-from protocols.steps import Prompt
-from sim_hardware.contract.volts import volts_are_safe
+from protocols.runfile.reader import Run
+from sim_hardware.testing.safe_volts import volts_are_safe
 from tests.support import laboratory
 
 QUICK = (
@@ -88,11 +88,11 @@ def test_from_nothing_to_the_end(measured) -> None:
 
 def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(measured, monkeypatch) -> None:
     campaign, _ = measured
-    monkeypatch.setattr("app.campaign.CARRIED", {"settle_limit_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED", {"settle_limit_s": "latency"})
     dwell = campaign.items[2]
     with pytest.raises(CampaignError, match=r"dwell: settle_limit_s: .* greater than or equal to 0.5"):
         campaign.protocol(dwell)  # the wiring check's 0.4 ms did arrive
-    monkeypatch.setattr("app.campaign.CARRIED", {"decay_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED", {"decay_s": "latency"})
     found = {e.name: e.value for e in campaign.line("wiring").estimates}
     assert campaign.protocol(dwell).decay_s == found["latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
@@ -150,7 +150,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
     steps = replace(QUICK[1], settings={**QUICK[1].settings, "repeats": 8}, needs=())
     Campaign.new(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))
     asked = ["--specimen", "T1", "--out", str(tmp_path)]
-    command = [sys.executable, "-m", "app.main", "campaign", "run", "--all", "--json", "--speed", "max", *asked]
+    command = [sys.executable, "-m", "app.cli.main", "campaign", "run", "--all", "--json", "--speed", "max", *asked]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as program:
         points = 0
         for line in program.stdout:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from app.campaign_plan import PAPER, Item, known
-from app.campaign_standing import Made, Next, Standing, stand
-from protocols.values import Estimate
+from app.campaign.plan import PAPER, Item, known
+from app.campaign.status import Made, Next, Standing, stand
+from protocols.base.records import Estimate
 
 A, B, C = Item("a", "p"), Item("b", "q", needs=("a",)), Item("c", "r", needs=("b",))
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.catalogue import Catalogue, Scanned, index_path
-from app.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
-from app.run_entry import Entry, State, Wanted, read_since
+from app.archive.catalogue import Catalogue, Scanned, index_path
+from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
+from app.archive.run_summary import Entry, State, Wanted, read_since
 from tests.runs import crashed_run, finished_run, newer_run
 
 
@@ -40,7 +40,7 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
 
 
 def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.catalogue.read_entry", lambda *_: pytest.fail("it was read"))
+    monkeypatch.setattr("app.archive.catalogue.read_entry", lambda *_: pytest.fail("it was read"))
     assert catalogue.scan() == Scanned()
 
 
@@ -142,7 +142,7 @@ def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
 ) -> None:
     path = crashed_run(folder, "T3")
     with monkeypatch.context() as alive:
-        alive.setattr("protocols.runreader._alive", lambda _: True)
+        alive.setattr("protocols.runfile.reader._alive", lambda _: True)
         catalogue.scan()
         assert named(catalogue)["T3"].state == "running"
     before = path.stat().st_mtime_ns

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from app.exits import DONE, FAILED, USAGE
-from app.main import main
-from protocols.runreader import Run
+from app.cli.main import main
+from app.common.errors import DONE, FAILED, USAGE
+from protocols.runfile.reader import Run
 
 SHORT = ["--set", "frequencies_hz=100, 160", "--set", "record_s=100 ms", "--set", "min_cycles=10"]
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from app.config import BenchConfig, ConfigError, load_bench
-from app.units import UnitError, to_number
-from drivers.sensor_presets import LaserSensor
-from sim_hardware.truth import BenchTruth
+from app.common.units import UnitError, to_number
+from app.config.bench_file import BenchConfig, ConfigError, load_bench
+from drivers.sensors.laser_sensor import LaserSensor
+from sim_hardware.plant.parameters import BenchTruth
 
 
 def load(folder: Path, text: str) -> BenchConfig:

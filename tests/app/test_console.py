@@ -16,18 +16,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.console import ConsoleObserver, JsonObserver
-from app.console_operator import KEYS, ConsoleOperator
-from app.headless import headless
-from app.picture import figure_of
-from app.session import BenchOpened, Refused
+from app.cli.console import ConsoleObserver, JsonObserver
+from app.cli.headless import headless
+from app.cli.prompts import KEYS, ConsoleOperator
+from app.plotting.run_figure import figure_of
+from app.session.session import BenchOpened, Refused
 from model.parameters import Tactor
-from protocols.events import Answered, Armed, Noted, PointMeasured, RunStarted
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Prompt
-from protocols.wiring_check import WiringCheck, WiringPoint
+from protocols.base.events import Answered, Armed, Noted, PointMeasured, RunStarted
+from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.base.steps import Prompt
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.wiring_check import WiringCheck, WiringPoint
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
@@ -215,7 +215,7 @@ def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], 
     there = "stdout" if gone == "stderr" else "stderr"
     ours: Any = {gone: write, there: subprocess.PIPE}
     settings = ["--set", "frequencies_hz=200", "--set", "record_s=0.05", "--set", "min_cycles=5"]
-    command = [sys.executable, "-m", "app.main", "run", "sine-dwell", "--speed", "max", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "app.cli.main", "run", "sine-dwell", "--speed", "max", "--out", str(tmp_path)]
     done = subprocess.run([*command, *settings, *more], timeout=60, text=True, **ours)
     os.close(write)
     assert "Traceback" not in (done.stderr or "")
@@ -225,7 +225,7 @@ def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], 
 
 def test_a_full_disk_under_the_answer_is_a_sentence() -> None:
     with Path("/dev/full").open("w") as full:
-        command = [sys.executable, "-m", "app.main", "faults"]
+        command = [sys.executable, "-m", "app.cli.main", "faults"]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
     assert done.returncode == 1
     assert "No space left on device" in done.stderr

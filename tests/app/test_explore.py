@@ -12,21 +12,21 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.explore import TITLES, Setting, difference, preset, study_of
-from app.explore_answer import Answerer, Question
-from app.explore_fit import fit_runs
-from app.history import History
-from app.latest import Latest
-from app.main import main
-from app.model_inputs import read_settings
-from app.reopening import Measured, read_measured
-from app.sliders import GROUPS, SLIDERS
-from model.identification.setting import FitCancelled
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from app.archive.replay import Measured, read_measured
+from app.cli.main import main
+from app.cli.model_options import read_settings
+from app.common.undo import History
+from app.explore.engine import Answerer, Question
+from app.explore.fit import fit_runs
+from app.explore.sliders import GROUPS, SLIDERS
+from app.explore.state import TITLES, Setting, difference, preset, study_of
+from app.live.latest_only import Latest
+from model.identification.fit_options import FitCancelled
+from model.parameter_spec import ParameterError
+from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen, changed, variables
-from model.study import PRESETS
-from protocols.runreader import RunError
+from model.studies.parameter_study import PRESETS
+from protocols.runfile.reader import RunError
 from tests.runs import crashed_run, finished_run
 
 
@@ -213,6 +213,6 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
 
 
 def test_the_window_loads_without_the_linear_algebra() -> None:
-    code = "import app.gui.window, sys; print('scipy.linalg' in sys.modules)"
+    code = "import app.gui.main_window, sys; print('scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.export import ExportError, export
-from app.main import main
-from protocols.runreader import Run
+from app.archive.export import ExportError, export
+from app.cli.main import main
+from protocols.runfile.reader import Run
 from tests.runs import crashed_run, finished_run
 
 
@@ -83,7 +83,7 @@ def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: P
 
 
 def test_too_long_a_run_is_refused_with_what_to_do(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.export.LARGEST_WHOLE", 100)
+    monkeypatch.setattr("app.archive.export.LARGEST_WHOLE", 100)
     with Run(path) as run, pytest.raises(ExportError, match="take csv, or leave the raw data out"):
         export(run, tmp_path, "mat")
 

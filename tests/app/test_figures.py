@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from app.drawing import draw, pretty
-from app.exits import DONE, USAGE
-from app.main import main
-from model.figures import Curve, Figure, figure5, figure9
+from app.cli.main import main
+from app.common.errors import DONE, USAGE
+from app.plotting.charts import draw, pretty
 from model.parameters import Membrane, Tactor
+from model.studies.paper_figures import Curve, Figure, figure5, figure9
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app import commands
-from app.exits import USAGE
-from app.main import _parser, main
-from protocols.sine_dwell import SineDwell
+from app.cli import run as commands
+from app.cli.main import _parser, main
+from app.common.errors import USAGE
+from protocols.measurements.sine_dwell import SineDwell
 from tests.support import laboratory, run
 
 TEXTS = ("", "nan", "-1e400", "☃ [red]x", "x" * 300)
@@ -62,10 +62,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "run.h5").write_bytes(measured)
-    monkeypatch.setattr("drivers.visa.resources", lambda: ([], []))
-    monkeypatch.setattr("app.bench_parser.find", lambda *_: ([], []))
-    monkeypatch.setattr("app.screen.has_screen", lambda: False)
-    monkeypatch.setattr("app.study_commands.CONNECT_S", 0.1)
+    monkeypatch.setattr("drivers.transport.visa.resources", lambda: ([], []))
+    monkeypatch.setattr("app.cli.bench.find", lambda *_: ([], []))
+    monkeypatch.setattr("app.gui.screen.has_screen", lambda: False)
+    monkeypatch.setattr("app.cli.study.CONNECT_S", 0.1)
     quick = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
     make = commands.make_protocol
     monkeypatch.setattr(

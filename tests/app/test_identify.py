@@ -9,16 +9,16 @@ from typing import Any
 import h5py
 import pytest
 
-from app import calibrations
-from app.calibrations import CalibrationError
-from app.identifying import identify
-from app.main import main
-from app.observing import ObservingError, campaign_of
+from app.cli.main import main
+from app.identification import calibrations
+from app.identification.calibrations import CalibrationError
+from app.identification.identify import identify
+from app.identification.observations import ObservingError, campaign_of
 from model.identification.observations import FrequencyResponse
 from model.parameters import Tactor
-from protocols.quality import Quality
-from protocols.sine_dwell import SineDwell
-from protocols.voltage_steps import VoltageSteps
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.voltage_steps import VoltageSteps
 from tests.runs import finished_run
 from tests.support import laboratory, run, simulated
 

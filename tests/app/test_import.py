@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from app.main import main
-from app.observing import observations
-from app.sheet import split_head
+from app.archive.importing.table import split_head
+from app.cli.main import main
+from app.identification.observations import observations
 from model.identification.observations import FrequencyResponse, MassResonance, StaticLoading, VoltageSteps
-from protocols.runreader import Run
+from protocols.runfile.reader import Run
 from tests.app.bringing import FULL, GOOD, brought, points
 
 TABLES = {

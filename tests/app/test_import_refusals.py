@@ -89,5 +89,7 @@ def test_a_mat_file_that_is_damaged_is_a_sentence(
     (tmp_path / "t.mat").write_bytes(whole[:132] + b"\xff\xff\xff\x7f" + whole[136:])  # two gigabytes, it says
     assert "is cut off or damaged" in refused(tmp_path / "t.mat", capsys, *FULL)
     (tmp_path / "t.mat").write_bytes(whole)
-    monkeypatch.setattr("app.sheet_mat.READER", "import os; os.abort()")  # as scipy's does of some damaged bytes
+    monkeypatch.setattr(
+        "app.archive.importing.mat_table.READER", "import os; os.abort()"
+    )  # as scipy's does of some damaged bytes
     assert "no MAT file that can be read (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)

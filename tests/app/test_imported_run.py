@@ -10,21 +10,21 @@ import h5py
 import numpy as np
 import pytest
 
-from app.export import export
-from app.identifying import identify
-from app.main import main
-from drivers.sensor_presets import LaserSensor
-from model.amplifier import AmplifierMap
+from app.archive.export import export
+from app.cli.main import main
+from app.identification.identify import identify
+from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response import amplifier_response
-from model.statics import load_compliance, voltage_gain
-from protocols.events import Status
-from protocols.layout import columns
-from protocols.protocol import Protocol
-from protocols.quality import Quality
+from model.response.frequency_response import amplifier_response
+from model.response.statics import load_compliance, voltage_gain
+from protocols.base.events import Status
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
 from protocols.registry import PROTOCOLS
-from protocols.runfile import Header, RunFile
-from protocols.runreader import Run
+from protocols.runfile.reader import Run
+from protocols.runfile.schema import columns
+from protocols.runfile.writer import Header, RunFile
 from tests.app.bringing import FULL, GOOD, brought, points
 from tests.runs import finished_run
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.progress import Stopped, Tell
-from app.sheet_file import read_sheet
+from app.archive.importing.reader import read_sheet
+from app.common.progress import Stopped, Tell
 from tests.app.bringing import brought, refused
 
 
@@ -33,7 +33,7 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
 
     path = long_series(tmp_path / "long.csv")
     with monkeypatch.context() as patched:
-        patched.setattr("app.import_command.bar", listening)
+        patched.setattr("app.cli.import_.bar", listening)
         brought(path, "--as", "raw")
     assert told == sorted(told)
     assert len(told) > 10

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.exits import DONE, USAGE
-from app.main import main
+from app.cli.main import main
+from app.common.errors import DONE, USAGE
 from model.specimen import variables
 
 DWELL = [25, 50, 75, 80, 100, 125, 150, 160, 175, 200, 225, 250]

@@ -6,11 +6,11 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.identifying import identify
-from app.observing import ObservingError
-from model.identification.setting import Setting
-from protocols.membrane_sag import MembraneSag
-from protocols.runreader import Run
+from app.identification.identify import identify
+from app.identification.observations import ObservingError
+from model.identification.fit_options import Setting
+from protocols.measurements.membrane_sag import MembraneSag
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.calibrations import Calibrations, calibrations_path, write
-from app.overlay import Curve, Overlay, Question, question_of
+from app.identification.calibrations import Calibrations, calibrations_path, write
+from app.live.overlay import Curve, Overlay, Question, question_of
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
 from model.skin import skin
-from protocols.membrane_series import MembraneSeries
+from protocols.measurements.membrane_series import MembraneSeries
 from tests.app.calibrating import calibration
 
 

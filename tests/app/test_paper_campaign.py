@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from app.build import HASTY_BLOCK_S, connect
-from app.campaign import Campaign
-from app.campaign_plan import PAPER
-from app.campaign_queue import Conductor
-from app.campaign_sheet import identified
-from app.campaign_standing import Standing
-from app.config import load_bench
-from app.session import Session
-from sim_hardware.contract.volts import volts_are_safe
+from app.campaign.campaign import Campaign
+from app.campaign.plan import PAPER
+from app.campaign.queue import Conductor
+from app.campaign.status import Standing
+from app.campaign.summary import identified
+from app.config.bench_file import load_bench
+from app.session.connect import HASTY_BLOCK_S, connect
+from app.session.session import Session
+from sim_hardware.testing.safe_volts import volts_are_safe
 
 SHORT = {
     "wiring": {"record_s": 0.5, "wait_s": 0.2},

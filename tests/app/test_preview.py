@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.preview import MinMaxTrace
+from app.live.minmax_trace import MinMaxTrace
 
 
 def test_nothing_taken_gives_an_empty_curve() -> None:

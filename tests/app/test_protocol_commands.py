@@ -7,16 +7,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.exits import DONE, USAGE
-from app.main import main
+from app.cli.main import main
+from app.common.errors import DONE, USAGE
 from protocols import registry
-from protocols.quality import Quality
-from protocols.runreader import Run
+from protocols.base.quality import Quality
+from protocols.runfile.reader import Run
 
 SHORT = ["--set", "record_s=100 ms", "--set", "min_cycles=10"]
 
 MINE = """
-from protocols.sine_dwell import SineDwell
+from protocols.measurements.sine_dwell import SineDwell
 
 
 class Mine(SineDwell):

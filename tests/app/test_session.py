@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from app.build import connect
-from app.session import BenchFailed, BenchOpened, Refused, Session, State
+from app.session.connect import connect
+from app.session.session import BenchFailed, BenchOpened, Refused, Session, State
 from drivers.errors import InstrumentError
-from protocols.continuation import Earlier
-from protocols.events import Answered, PointMeasured, RunEnded, Status
-from protocols.sine_dwell import SineDwell
-from protocols.static_loading import StaticLoading
-from sim_hardware.situation import opening
+from protocols.base.events import Answered, PointMeasured, RunEnded, Status
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.static_loading import StaticLoading
+from protocols.resume import Earlier
+from sim_hardware.plant.setup_state import opening
 from tests.support import Trigger, run, simulated, volts_are_safe
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
@@ -149,7 +149,7 @@ def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_pa
 def test_stop_while_the_earlier_run_is_read_begins_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     events: list = []
     one, _ = session(events)
-    monkeypatch.setattr("protocols.continuation.earlier", lambda *_: one.stop() or Earlier(tmp_path, SHORT, "T1", None))
+    monkeypatch.setattr("protocols.resume.earlier", lambda *_: one.stop() or Earlier(tmp_path, SHORT, "T1", None))
     one.start()
     one.measure_again(tmp_path / "run.h5", (0,), tmp_path)
     assert one.finished.wait(20)

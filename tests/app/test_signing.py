@@ -15,28 +15,28 @@ import numpy as np
 import pytest
 
 import model
-from app import calibrations
-from app.config import ConfigError
-from app.corrected import CorrectedRun, Correction
-from app.identifying import identify
-from app.main import main
-from app.observing import shapes_of
-from app.session import header
-from model.closed_form import exact_response
-from model.identification.chain import ChainMethod
-from model.identification.setting import Setting
+from app.cli.main import main
+from app.config.bench_file import ConfigError
+from app.identification import calibrations
+from app.identification.identify import identify
+from app.identification.observations import shapes_of
+from app.identification.recalibration import CorrectedRun, Correction
+from app.session.session import header
+from model.identification.fit_options import Setting
+from model.identification.paper_chain import ChainMethod
 from model.parameters import Tactor
-from model.response import amplifier_response
-from protocols.continuation import earlier
-from protocols.events import EntryBegan, Paused, Recorded
-from protocols.membrane_sag import MembraneSag
-from protocols.protocol import Protocol
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from protocols.runreader import Run, RunError
-from protocols.sine_dwell import SineDwell
-from protocols.static_loading import StaticLoading
-from protocols.voltage_steps import VoltageSteps
+from model.response.closed_form import exact_response
+from model.response.frequency_response import amplifier_response
+from protocols.base.events import EntryBegan, Paused, Recorded
+from protocols.base.protocol import Protocol
+from protocols.measurements.membrane_sag import MembraneSag
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements.voltage_steps import VoltageSteps
+from protocols.resume import earlier
+from protocols.runfile.reader import Run, RunError
+from protocols.runfile.writer import RunFile
+from protocols.runner.runner import Runner
 from tests.support import Trigger, laboratory, run, simulated
 
 DWELL = SineDwell(frequencies_hz=(50, 100, 145, 160, 175, 250), record_s=0.1, peak_to_peak_v=4.0)

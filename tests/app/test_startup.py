@@ -18,12 +18,15 @@ def loaded(code: str) -> set[str]:
 @pytest.mark.parametrize(
     ("code", "needs"),
     [
-        ("import app.main; app.main._parser()", set()),
+        ("import app.cli.main; app.cli.main._parser()", set()),
         (
-            "import app.model_parser, app.study_commands, app.units; app.units.to_number('4 V', 'V')",
+            "import app.cli.model, app.cli.study, app.common.units; app.common.units.to_number('4 V', 'V')",
             {"pydantic", "pint"},
         ),
-        ("import app.commands, app.build, app.gui.application", {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"}),
+        (
+            "import app.cli.run, app.session.connect, app.gui.application",
+            {"h5py", "scipy", "pint", "rich", "pyvisa", "nidaqmx"},
+        ),
     ],
 )
 def test_nothing_heavy_is_imported_before_it_is_needed(code: str, needs: set[str]) -> None:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.exits import DONE, FAILED, USAGE
-from app.main import main
-from model.study import PRESETS, Study
-from protocols.studyfile import read_study
+from app.cli.main import main
+from app.common.errors import DONE, FAILED, USAGE
+from model.studies.parameter_study import PRESETS, Study
+from protocols.runfile.study_file import read_study
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
 SMALL = ["study", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--frequencies", "100:200:3"]
@@ -154,7 +154,7 @@ def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
 def test_a_full_disk_is_a_failure_not_a_misuse(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("protocols.studyfile.RESERVE_BYTES", 10**18)
+    monkeypatch.setattr("protocols.runfile.study_file.RESERVE_BYTES", 10**18)
     assert main([*SMALL, "--out", str(tmp_path / "x.h5")]) == FAILED
     assert "free some space" in capsys.readouterr().err
 

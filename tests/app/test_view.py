@@ -4,9 +4,9 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.reducer import reduce
-from app.session import BenchFailed, BenchOpened, Refused
-from app.view import (
+from app.session.reducer import reduce
+from app.session.session import BenchFailed, BenchOpened, Refused
+from app.session.state import (
     Acknowledged,
     BenchState,
     ConnectAsked,
@@ -20,8 +20,8 @@ from app.view import (
     opening,
 )
 from drivers.drive import Hold, LinearSweep, Sine
-from model.amplifier import AmplifierMap
-from protocols.events import (
+from model.amplifier_map import AmplifierMap
+from protocols.base.events import (
     Answered,
     Armed,
     Asked,
@@ -37,9 +37,9 @@ from protocols.events import (
     Status,
     StreamStarted,
 )
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.quality import Quality
-from protocols.sine_dwell import SinePoint
+from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import SinePoint
 
 WHEN = datetime(2026, 11, 21, 9, 15, tzinfo=UTC)
 ROLES = {"generator": "Keysight 33511B #1", "amplifier": "AMT2012", "card": "NI USB-6341 #2", "sensor": "laser"}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.words import curve_line, duration, ended, size, uncertain
-from protocols.values import Column, Curve
+from app.common.formatting import curve_line, duration, ended, size, uncertain
+from protocols.base.records import Column, Curve
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,13 @@ import pytest
 
 from drivers.clock import WallClock
 from drivers.errors import BenchError
-from drivers.nidaq import NiDigitizer
+from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.contract.digitizers import (  # noqa: F401 - pytest collects them here, with this module's cards
+from sim_hardware.ni_library import NiLibrary
+from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.service.served_bench import ServedBench
+from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest collects them here, with this module's cards
     Made,
     test_a_block_stays_as_it_was_when_the_next_one_comes,
     test_a_closed_stream_gives_nothing,
@@ -23,9 +26,6 @@ from sim_hardware.contract.digitizers import (  # noqa: F401 - pytest collects t
     test_two_streams_at_once_are_refused,
     test_when_each_channel_is_converted_is_known,
 )
-from sim_hardware.ni_library import NiLibrary
-from sim_hardware.ni_task import NiDevice
-from sim_hardware.served import ServedBench
 from tests.support import installed, simulated
 
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 import pytest
 
 from drivers.errors import BenchError, InstrumentError, LinkError
-from drivers.keyence_lkg import KeyenceLkg
-from drivers.optoncdt import OptoNcdt
-from drivers.ports import Meter, Reading
-from drivers.serial_line import SerialLine
+from drivers.interfaces import Meter, Reading
+from drivers.sensors.keyence_lkg import KeyenceLkg
+from drivers.sensors.optoncdt import OptoNcdt
+from drivers.transport.serial_port import SerialLine
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.laser_meters import Ild1420, LkG, PtyPort
+from sim_hardware.sensors.laser_sensors import Ild1420, LkG, PtyPort
 from tests.support import simulated
 
 Made = tuple[Meter, VirtualBench, PtyPort]

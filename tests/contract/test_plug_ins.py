@@ -10,20 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from app.build import connect
-from app.config import ConfigError, load_bench
-from app.drivers import DIGITIZERS, SOURCES, names, open_generator, plug_ins
+from app.config.bench_file import ConfigError, load_bench
+from app.config.driver_registry import DIGITIZERS, SOURCES, names, open_generator, plug_ins
+from app.session.connect import connect
 from drivers.errors import BenchError, InstrumentError
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.truth import BenchTruth, GeneratorTruth
+from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth
 from tests.support import simulated
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs" / "how-to-write-a-driver.md"
 
 NOVEL = """
-from drivers.keysight_33200 import Keysight33200
+from drivers.generators.keysight_33200 import Keysight33200
 
 class Novel(Keysight33200):
     MODELS = ("33220",)
@@ -78,7 +78,7 @@ def guide_files(folder: Path) -> None:
 
 def contract(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "sim_hardware.contract", *arguments]
+    command = [sys.executable, "-m", "sim_hardware.testing", *arguments]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=90)
 
 

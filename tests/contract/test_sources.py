@@ -6,17 +6,19 @@ from functools import cache, partial
 
 import pytest
 
-from drivers.burst_generator import BurstGenerator
 from drivers.clock import WallClock
-from drivers.keysight_33200 import Keysight33200
-from drivers.keysight_33500 import Keysight33500
-from drivers.rigol_dg import RigolDg
-from drivers.siglent_sdg import SiglentSdg
-from drivers.tektronix_afg import TektronixAfg
-from drivers.visa import VisaLink
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.keysight_33200 import Keysight33200
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.siglent_sdg import SiglentSdg
+from drivers.generators.tektronix_afg import TektronixAfg
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here, with this module's sources
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.service.served_bench import ServedBench
+from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here, with this module's sources
     Made,
     live,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
@@ -32,8 +34,6 @@ from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from sim_hardware.served import ServedBench
-from sim_hardware.truth import BenchTruth
 from tests.support import simulated
 
 BOXES: dict[str, type[BurstGenerator]] = {

@@ -8,10 +8,13 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import BenchError, InstrumentError
-from drivers.nidaq_output import NiOutput
+from drivers.nidaq.analog_output import NiOutput
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, with this module's sources
+from sim_hardware.ni_library import NiLibrary
+from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.service.served_bench import ServedBench
+from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
     Made,
     live,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
@@ -26,9 +29,6 @@ from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from sim_hardware.ni_library import NiLibrary
-from sim_hardware.ni_task import NiDevice
-from sim_hardware.served import ServedBench
 from tests.support import installed, simulated, volts_are_safe
 
 SPEED = 5.0

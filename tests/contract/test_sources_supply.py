@@ -7,20 +7,20 @@ from functools import partial
 import pytest
 
 from drivers.clock import WallClock
-from drivers.dc_supply import DcSupply
 from drivers.drive import Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from drivers.visa import VisaLink
+from drivers.supplies.dc_supply import DcSupply
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, with this module's sources
+from sim_hardware.service.served_bench import ServedBench
+from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
     Made,
     live,
     test_a_fresh_box_is_not_at_rest_and_is_brought_there,
     test_letting_go_leaves_the_output_at_rest,
     test_preparing_twice_is_harmless_even_live,
 )
-from sim_hardware.served import ServedBench
 from tests.support import simulated, volts_are_safe
 
 MODELS = ("E36312A", "E3631A", "DP832", "SPD3303X")

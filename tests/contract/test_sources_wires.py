@@ -9,13 +9,15 @@ from contextlib import contextmanager
 import pytest
 
 from drivers.clock import WallClock
-from drivers.dc_supply import DcSupply
 from drivers.errors import LinkError
-from drivers.keysight_33500 import Keysight33500
-from drivers.scpi import Scpi
-from drivers.visa import VisaLink
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.supplies.dc_supply import DcSupply
+from drivers.transport.scpi import Scpi
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
-from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them here again, on this module's wires
+from sim_hardware.hislip import HislipServer
+from sim_hardware.scpi_pty import ScpiPty
+from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, on this module's wires
     Made,
     live,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
@@ -28,8 +30,6 @@ from sim_hardware.contract.sources import (  # noqa: F401 - pytest collects them
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from sim_hardware.hislip import HislipServer
-from sim_hardware.scpi_pty import ScpiPty
 from sim_hardware.threaded_server import ThreadedServer
 from sim_hardware.usbtmc import UsbTmcBus
 from sim_hardware.vxi11 import Vxi11Server
@@ -76,7 +76,7 @@ def made(request: pytest.FixtureRequest) -> Iterator[Made]:
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
     kind: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sim_hardware.port.LATE_S", 1.5 * TIMEOUT_S)  # while the line is being resynchronised
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.5 * TIMEOUT_S)  # while the line is being resynchronised
     with wired(kind) as (bench, link):
         scpi = Scpi(link, "generator")
         bench.inject("scpi-late")
@@ -101,7 +101,7 @@ def test_half_an_answer_is_forgotten(kind: type) -> None:
 
 def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """pyvisa-py takes it for the acknowledgement of its device clear, and stumbles; the session is then opened anew."""
-    monkeypatch.setattr("sim_hardware.port.LATE_S", 1.2 * TIMEOUT_S)
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * TIMEOUT_S)
     with wired(HislipServer) as (bench, link):
         bench.inject("scpi-late")
         link.write("VOLT:OFFS?")
@@ -130,7 +130,7 @@ def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) 
 
 def test_noise_on_a_serial_line_does_not_last_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong baud rate gives bytes without end."""
-    monkeypatch.setattr("drivers.visa.LONGEST_NOISE_S", 0.2)
+    monkeypatch.setattr("drivers.transport.visa.LONGEST_NOISE_S", 0.2)
 
     class Chatters:
         def __init__(self) -> None:

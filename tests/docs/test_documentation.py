@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from app.main import main
+from app.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])

@@ -1,7 +1,7 @@
 """A generator with a second wire to it: somebody's hand at the front panel, or another program."""
 
-from drivers.burst_generator import BurstGenerator
-from drivers.scpi import Link
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.transport.scpi import Link
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from tests.contract.test_sources import BOXES, truth

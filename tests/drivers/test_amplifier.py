@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import BenchError, DriveRefused, InstrumentError, LinkError
-from drivers.ports import Identity
-from model.amplifier import AmplifierMap
+from drivers.interfaces import Identity
+from model.amplifier_map import AmplifierMap
 
 
 class ScriptedSource:

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from app.build import Laboratory
-from drivers.bench import Armed, Bench
+from app.session.connect import Laboratory
+from drivers.bench.bench import Armed, Bench
 from drivers.drive import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
-from drivers.ports import Block
+from drivers.interfaces import Block
 from sim_hardware.bench import VirtualBench
-from sim_hardware.contract.volts import volts_are_safe
+from sim_hardware.testing.safe_volts import volts_are_safe
 from tests.support import laboratory
 
 RATE_HZ = 2000.0

@@ -5,16 +5,16 @@ from contextlib import contextmanager
 
 import pytest
 
-from app.drivers import open_generator
-from drivers.burst_generator import BurstGenerator
+from app.config.driver_registry import open_generator
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
-from drivers.scpi import Link
-from drivers.visa import VisaLink
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.transport.scpi import Link
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.served import ServedBench
+from sim_hardware.service.served_bench import ServedBench
 from tests.contract.test_sources import BOXES, truth
 from tests.drivers.front_panel import made, press
 from tests.support import simulated, volts_are_safe
@@ -140,7 +140,7 @@ def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing(
 
 
 def test_a_supply_with_others_errors_in_its_queue_is_prepared_and_brought_to_rest() -> None:
-    from drivers.dc_supply import DcSupply
+    from drivers.supplies.dc_supply import DcSupply
 
     bench = VirtualBench(simulated(source="supply").truth, VirtualClock())
     panel = bench.link()

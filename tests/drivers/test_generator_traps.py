@@ -4,15 +4,15 @@ from collections.abc import Callable
 
 import pytest
 
-from app.build import connect
-from app.drivers import open_generator
-from drivers.burst_generator import BurstGenerator
+from app.config.driver_registry import open_generator
+from app.session.connect import connect
 from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import BenchError, InstrumentError
-from drivers.keysight_33200 import Keysight33200
-from drivers.rigol_dg import RigolDg
-from drivers.siglent_sdg import SiglentSdg
-from drivers.tektronix_afg import TektronixAfg
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.keysight_33200 import Keysight33200
+from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.siglent_sdg import SiglentSdg
+from drivers.generators.tektronix_afg import TektronixAfg
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from tests.contract.test_sources import BOXES, truth

@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.errors import InstrumentError
-from drivers.keysight_33500 import Keysight33500
-from drivers.scpi import Link
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.transport.scpi import Link
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from tests.support import simulated, volts_are_safe

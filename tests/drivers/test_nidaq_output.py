@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.build import options
-from app.config import BenchConfig
-from drivers.amplifier import HvAmplifier
-from drivers.bench import drive_volts
+from app.config.bench_file import BenchConfig
+from app.session.connect import options
+from drivers.bench.amplifier import HvAmplifier
+from drivers.bench.bench import drive_volts
 from drivers.drive import LinearSweep, Sine, Steps
 from drivers.errors import InstrumentError
-from drivers.nidaq import NiDigitizer
-from drivers.nidaq_output import FIFO_SAMPLES, NiOutput
-from sim_hardware.analog_output import VOLTS_PER_COUNT
+from drivers.nidaq.analog_input import NiDigitizer
+from drivers.nidaq.analog_output import FIFO_SAMPLES, NiOutput
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.ni_library import NiLibrary
-from sim_hardware.ni_task import NiDevice
-from sim_hardware.segments import Level
-from sim_hardware.truth import BenchTruth
+from sim_hardware.nidaq.analog_output import VOLTS_PER_COUNT
+from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.plant.segments import Level
 from tests.support import installed, volts_are_safe
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from drivers.rest import (
+from drivers.bench.rest import (
     FRESH_S,
     MORE_NOISE,
     MORE_NOISE_V,

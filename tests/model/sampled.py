@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.amplifier import AmplifierMap
-from model.poles import Modal
-from model.sensitivity import many_responses
-from model.study import Study
-from model.uncertainty import Band, Curve, Estimates
+from model.amplifier_map import AmplifierMap
+from model.beam.poles import Modal
+from model.studies.parameter_study import Study
+from model.studies.sensitivity import many_responses
+from model.studies.uncertainty import Band, Curve, Estimates
 
 Array = NDArray[np.float64]
 

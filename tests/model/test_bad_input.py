@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from annotated_types import Interval, Unit
 
-from model.amplifier import AmplifierMap
-from model.closed_form import exact_response
-from model.convergence import convergence
-from model.drive import series
-from model.latency import sine_latency, step_latency
+from model.amplifier_map import AmplifierMap
 from model.membrane import sag
+from model.parameter_spec import ParameterError, quantities, validate
 from model.parameters import Membrane, Tactor, beams
-from model.perception import Threshold, usable_bands
-from model.quantity import ParameterError, quantities, validate
-from model.response import amplifier_response, frequency_response, modal, poles
-from model.sensitivity import sobol
+from model.response.closed_form import exact_response
+from model.response.drive_spectrum import series
+from model.response.frequency_response import amplifier_response, frequency_response, modal, poles
+from model.response.latency import sine_latency, step_latency
+from model.response.perception import Threshold, usable_bands
+from model.response.statics import deflection
+from model.response.sweep_response import sweep_response
+from model.response.time_response import step_response
 from model.skin import Skin, skin
 from model.specimen import Specimen
-from model.statics import deflection
-from model.study import Study
-from model.sweep import sweep_response
-from model.time import step_response
-from model.uncertainty import Estimates, linear_band
+from model.studies.convergence import convergence
+from model.studies.parameter_study import Study
+from model.studies.sensitivity import sobol
+from model.studies.uncertainty import Estimates, linear_band
 from tests.model.sampled import model_curve
 
 T, M = Tactor(), Membrane()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from model.curve import curve, motion
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from model.response.fast_response import curve, motion
+from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen
 
 FREQUENCY = np.linspace(1.0, 500.0, 120)

@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.figures import Figure, figures
 from model.parameters import Membrane, Tactor
-from model.perception import ABDOMEN, Threshold, margin, usable_bands
-from model.response import amplifier_response, frequency_response
+from model.response.frequency_response import amplifier_response, frequency_response
+from model.response.perception import ABDOMEN, Threshold, margin, usable_bands
 from model.skin import skin
+from model.studies.paper_figures import Figure, figures
 
 F = np.arange(1.0, 251.0)
 

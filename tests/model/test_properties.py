@@ -5,14 +5,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from numpy.polynomial.legendre import leggauss
 
-from model.closed_form import exact_response
-from model.galerkin import gram
-from model.modes import natural_frequencies
+from model.beam.galerkin import gram
+from model.beam.poles import modal_form, receptance
 from model.parameters import Tactor
-from model.poles import modal_form, receptance
-from model.response import frequency_response, modal, system
+from model.response.closed_form import exact_response
+from model.response.frequency_response import frequency_response, modal, system
+from model.response.modes import natural_frequencies
+from model.response.statics import deflection, load_compliance, voltage_gain
 from model.skin import Skin
-from model.statics import deflection, load_compliance, voltage_gain
 from tests.model.specimens import pairs, tactors
 
 # a busy machine is no failure of physics

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from model.amplifier import AmplifierMap
-from model.closed_form import exact_response
-from model.drive import series
-from model.latency import step_latency
+from model.amplifier_map import AmplifierMap
 from model.membrane import sag, weight
-from model.modes import damping_ratios, natural_frequencies
 from model.parameters import Membrane, Tactor
-from model.response import amplifier_response, frequency_response, poles
+from model.response.closed_form import exact_response
+from model.response.drive_spectrum import series
+from model.response.frequency_response import amplifier_response, frequency_response, poles
+from model.response.latency import step_latency
+from model.response.modes import damping_ratios, natural_frequencies
+from model.response.statics import load_compliance, voltage_gain
 from model.skin import FREE, Skin, point_stiffness, skin
-from model.statics import load_compliance, voltage_gain
 
 TABLE = np.array(
     [

@@ -3,13 +3,21 @@
 import numpy as np
 import pytest
 
-from model.amplifier import AmplifierMap
-from model.closed_form import exact_response
-from model.drive import series
-from model.modes import damping_ratios, mode_shapes, natural_frequencies
+from model.amplifier_map import AmplifierMap
+from model.beam.poles import modal_form, receptance
 from model.parameters import Membrane, Tactor
-from model.poles import modal_form, receptance
-from model.response import amplifier_response, frequency_response, modal, peak_to_peak, periodic_response, poles, system
+from model.response.closed_form import exact_response
+from model.response.drive_spectrum import series
+from model.response.frequency_response import (
+    amplifier_response,
+    frequency_response,
+    modal,
+    peak_to_peak,
+    periodic_response,
+    poles,
+    system,
+)
+from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.skin import Skin, skin
 from tests.model.sampled import march, sampled_series
 

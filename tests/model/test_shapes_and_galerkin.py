@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from model.convergence import convergence
-from model.galerkin import gram
-from model.modes import natural_frequencies
+from model.beam.galerkin import gram
+from model.beam.shape_functions import load_shape, modes, moment_shape, shapes, wavenumbers
 from model.parameters import Membrane, Tactor
-from model.response import frequency_response
-from model.shapes import load_shape, modes, moment_shape, shapes, wavenumbers
+from model.response.frequency_response import frequency_response
+from model.response.modes import natural_frequencies
 from model.skin import Skin, skin
+from model.studies.convergence import convergence
 
 XI = np.linspace(0, 1, 41)
 ELONGATIONS_M = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
@@ -70,13 +70,13 @@ def test_supplementary_shapes_solve_their_static_problems() -> None:
 
 
 def test_gram_integrals_do_not_depend_on_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
-    import model.galerkin
+    from model.beam import galerkin
 
     coarse = {n: gram(0.3601, 0.6802, n) for n in (3, 7, 20)}
     nodes, weights = np.polynomial.legendre.leggauss(300)
-    monkeypatch.setattr(model.galerkin, "_gauss", lambda m: ((nodes + 1) / 2, weights / 2))
+    monkeypatch.setattr(galerkin, "_gauss", lambda m: ((nodes + 1) / 2, weights / 2))
     for n, g in coarse.items():
-        fine = model.galerkin._integrate(np.asarray(0.3601), np.asarray(0.6802), n)
+        fine = galerkin._integrate(np.asarray(0.3601), np.asarray(0.6802), n)
         assert g.parts == pytest.approx(fine.parts, abs=1e-8 * abs(fine.parts).max())
 
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from model.parameters import Membrane, Tactor
-from model.response import amplifier_response, frequency_response
-from model.sensitivity import sobol
+from model.response.frequency_response import amplifier_response, frequency_response
 from model.skin import skin
 from model.specimen import Specimen
-from model.study import PRESETS, Study
+from model.studies.parameter_study import PRESETS, Study
+from model.studies.sensitivity import sobol
 
 F = (10.0, 90.0, 150.0, 400.0)
 GRID = Study(

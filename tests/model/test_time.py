@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from model.amplifier import AmplifierMap
-from model.latency import sine_latency, step_latency
+from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
-from model.response import frequency_response, modal
+from model.response.frequency_response import frequency_response, modal
+from model.response.latency import sine_latency, step_latency
+from model.response.statics import voltage_gain
+from model.response.sweep_response import chirp_response, sweep_response
+from model.response.time_response import step_response
 from model.skin import Skin, skin
-from model.statics import voltage_gain
-from model.sweep import chirp_response, sweep_response
-from model.time import step_response
 from tests.model.sampled import march
 
 ON = skin(Membrane(), 0.01)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
+from model.response.statics import voltage_gain
 from model.specimen import Specimen
-from model.statics import voltage_gain
-from model.study import Study
-from model.uncertainty import Estimates, linear_band
+from model.studies.parameter_study import Study
+from model.studies.uncertainty import Estimates, linear_band
 from tests.model.sampled import model_curve, sampled_band
 
 STUDY = Study({}, tuple(np.linspace(20, 250, 47)))

@@ -8,16 +8,16 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Unit
 
-from app.session import header
+from app.session.session import header
 from drivers.drive import Drive, Hold
-from protocols.continuation import earlier
-from protocols.protocol import Protocol
-from protocols.quality import Quality
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from protocols.steps import Play, Prompt, Record, Redo, Step
-from protocols.values import Estimate, Planned, Recording
-from sim_hardware.contract.volts import volts_are_safe
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Play, Prompt, Record, Redo, Step
+from protocols.resume import earlier
+from protocols.runfile.writer import RunFile
+from protocols.runner.runner import Runner
+from sim_hardware.testing.safe_volts import volts_are_safe
 from tests.support import Ran
 
 

@@ -8,10 +8,10 @@ from annotated_types import Unit
 from pydantic import Field
 
 from drivers.drive import Sine
-from protocols.protocol import Protocol
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Settle, Step
-from protocols.values import Estimate, Planned, Recording
+from protocols.base.protocol import Protocol
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Settle, Step
+from protocols.measurements.sine_dwell import SineDwell
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
 

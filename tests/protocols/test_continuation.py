@@ -7,10 +7,10 @@ import h5py
 import pytest
 
 from protocols import registry
-from protocols.continuation import earlier
-from protocols.events import EntryBegan, Noted, PointMeasured, Status
-from protocols.quality import Quality
-from protocols.runreader import Run, RunError
+from protocols.base.events import EntryBegan, Noted, PointMeasured, Status
+from protocols.base.quality import Quality
+from protocols.resume import earlier
+from protocols.runfile.reader import Run, RunError
 from tests.protocols.levels import LEVELS, Handy, Levels, resumed
 from tests.support import Trigger, laboratory, run, simulated
 

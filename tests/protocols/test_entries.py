@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import pytest
 
 from protocols import registry
-from protocols.events import Answered, Asked, BlockSeen, EntryBegan, Paused, PointMeasured, Resumed, Status
-from protocols.quality import Quality
+from protocols.base.events import Answered, Asked, BlockSeen, EntryBegan, Paused, PointMeasured, Resumed, Status
+from protocols.base.quality import Quality
+from protocols.base.records import Planned, Recording
+from protocols.base.steps import Ask, Await, Prompt, Record, Redo, Step
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.steps import Ask, Await, Prompt, Record, Redo, Step
-from protocols.values import Planned, Recording
+from protocols.runfile.reader import Run
 from tests.protocols.levels import LEVELS, Handy, Level, Levels, high_voltage
 from tests.support import Trigger, laboratory, run
 
@@ -208,7 +208,7 @@ def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
     monkeypatch.setattr(registry, "PROTOCOLS", dict(registry.PROTOCOLS))
     good = tmp_path / "mine.py"
     good.write_text(
-        "from protocols.sine_dwell import SineDwell\n\nclass Mine(SineDwell):\n    name = 'mine'\n    title = 'Mine'\n"
+        "from protocols.measurements.sine_dwell import SineDwell\n\nclass Mine(SineDwell):\n    name = 'mine'\n    title = 'Mine'\n"
     )
     assert registry.load_file(good).name == "mine"
     assert "mine" in registry.PROTOCOLS
@@ -216,10 +216,10 @@ def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
         ("1 / 0\n", "does not run: ZeroDivisionError"),
         ("x = 1\n", "it defines none"),
         (
-            "from protocols.sine_dwell import SineDwell\n\nclass Mine(SineDwell):\n    title = 'x'\n",
+            "from protocols.measurements.sine_dwell import SineDwell\n\nclass Mine(SineDwell):\n    title = 'x'\n",
             "sine-dwell' already",
         ),
-        ("from protocols.protocol import Protocol\n\nclass Half(Protocol):\n    name = 'half'\n", "lacks title"),
+        ("from protocols.base.protocol import Protocol\n\nclass Half(Protocol):\n    name = 'half'\n", "lacks title"),
     ):
         bad = tmp_path / "bad.py"
         bad.write_text(text)

@@ -3,8 +3,8 @@
 from dataclasses import fields
 from typing import get_args
 
-from app.session import SessionEvent
-from protocols.events import EVENTS, Event
+from app.session.session import SessionEvent
+from protocols.base.events import EVENTS, Event
 
 IN_FILES = {
     "RunStarted",

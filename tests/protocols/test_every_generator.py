@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from protocols.events import Status
-from protocols.sine_dwell import SineDwell
+from protocols.base.events import Status
+from protocols.measurements.sine_dwell import SineDwell
 from tests.support import laboratory, run, simulated
 
 

@@ -9,16 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.events import (
-    BlockSeen,
-    PointMeasured,
-    Recorded,
-    SettleEnded,
-    Status,
-)
-from protocols.runreader import Run
-from protocols.steps import Ask, Note, Prompt, Read, Record
-from protocols.values import Recording
+from protocols.base.events import BlockSeen, PointMeasured, Recorded, SettleEnded, Status
+from protocols.base.records import Recording
+from protocols.base.steps import Ask, Note, Prompt, Read, Record
+from protocols.runfile.reader import Run
 from tests.protocols.scripted import SETTLE, SHORT, Scripted, Spot
 from tests.support import Trigger, laboratory, run
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from protocols.free_decay import FreeDecay
-from protocols.quality import Quality
-from protocols.runreader import Run
+from protocols.base.quality import Quality
+from protocols.measurements.free_decay import FreeDecay
+from protocols.runfile.reader import Run
 from tests.protocols.test_sweeps import first_pole
 from tests.support import laboratory, run, simulated
 

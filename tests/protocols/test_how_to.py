@@ -7,11 +7,11 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.exits import DONE
-from app.gui.form import check, fields_of
-from app.main import main
+from app.cli.main import main
+from app.common.errors import DONE
+from app.gui.widgets.form import check, fields_of
 from protocols import registry
-from protocols.protocol import Protocol
+from protocols.base.protocol import Protocol
 from protocols.rehearsal import rehearse
 from tests.support import laboratory, run
 

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.words import curve_line
-from model.amplifier import AmplifierMap
+from app.common.formatting import curve_line
+from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response import amplifier_response
-from model.statics import voltage_gain
-from protocols.events import CurveReady, PointMeasured, Status
-from protocols.hysteresis import Hysteresis
-from protocols.quality import Quality
+from model.response.frequency_response import amplifier_response
+from model.response.statics import voltage_gain
+from protocols.base.events import CurveReady, PointMeasured, Status
+from protocols.base.quality import Quality
+from protocols.measurements.hysteresis import Hysteresis
+from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.voltage_steps import VoltageSteps
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run, simulated
 
 LOOPS = Hysteresis(frequencies_hz=(1.0, 2.0, 5.0), cycles=3)

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from model.membrane import linear_modulus, modulus, sag
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-from model.quantity import ParameterError
-from protocols.events import Asked, Status
-from protocols.membrane_sag import MembraneSag, SagPoint
-from protocols.quality import Quality
-from protocols.runreader import Run
-from protocols.steps import Prompt
+from protocols.base.events import Asked, Status
+from protocols.base.quality import Quality
+from protocols.base.steps import Prompt
+from protocols.measurements.membrane_sag import MembraneSag, SagPoint
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run, simulated
 
 SHORT = MembraneSag(repeats=2, sample_rate_hz=1000)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
 from model.skin import Membrane, skin
-from protocols.events import Asked, Noted
-from protocols.membrane_series import MembraneSeries
-from protocols.quality import Quality
-from protocols.runreader import Run
+from protocols.base.events import Asked, Noted
+from protocols.base.quality import Quality
+from protocols.measurements.membrane_series import MembraneSeries
+from protocols.runfile.reader import Run
 from sim_hardware.operator import SimulatedOperator
 from tests.support import laboratory, run
 

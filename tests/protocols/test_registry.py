@@ -14,5 +14,5 @@ def test_name_and_title_are_the_protocols_own(name: str) -> None:
 
 
 def test_the_list_imports_no_protocol() -> None:
-    code = "import sys, protocols.registry; print([m for m in sys.modules if m == 'protocols.hysteresis'])"
+    code = "import sys, protocols.registry; print([m for m in sys.modules if m == 'protocols.measurements.hysteresis'])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"

@@ -9,21 +9,21 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from app.config import BenchConfig
-from drivers.amplifier import DriveLimits, HvAmplifier
+from app.config.bench_file import BenchConfig
+from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Sine, Steps
 from drivers.errors import DriveRefused
-from drivers.sensor_presets import LaserSensor
-from model.amplifier import AmplifierMap
+from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response import modal
-from protocols.events import Status
-from protocols.prediction import predicted
+from model.response.frequency_response import modal
+from protocols.base.events import Status
+from protocols.base.records import Planned
+from protocols.base.steps import Prompt, Step
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.predicted_travel import predicted
 from protocols.rehearsal import CannotRun, rehearse
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Prompt, Step
-from protocols.values import Planned
 from tests.model.sampled import march
 from tests.support import laboratory, run, simulated
 

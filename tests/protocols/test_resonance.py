@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response import modal
-from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
+from model.response.frequency_response import modal
+from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
 
 AMPLITUDE_V = 2.5
 

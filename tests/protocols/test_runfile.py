@@ -19,15 +19,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from drivers.drive import Sine
-from drivers.ports import Block, Scale
-from drivers.sensor_presets import LaserSensor
-from protocols.events import AtRest, Event, Noted, Status
-from protocols.quality import Quality
-from protocols.runfile import Header, RunFile, append_estimates
-from protocols.runreader import Run, RunError
-from protocols.sine_dwell import SineDwell, SinePoint
-from protocols.storing import StoreError
-from protocols.values import Estimate
+from drivers.interfaces import Block, Scale
+from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.events import AtRest, Event, Noted, Status
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate
+from protocols.measurements.sine_dwell import SineDwell, SinePoint
+from protocols.runfile.errors import StoreError
+from protocols.runfile.reader import Run, RunError
+from protocols.runfile.writer import Header, RunFile, append_estimates
 from tests.support import laboratory, run
 
 
@@ -95,7 +95,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
         for k in range(2):
             file.block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
             file.point(Spot(k, k))
-            code = "import sys; from pathlib import Path; from protocols.runreader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.samples, len(r.points()['height']))"
+            code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.samples, len(r.points()['height']))"
             seen = subprocess.run(
                 [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
             )
@@ -110,10 +110,10 @@ from pathlib import Path
 from dataclasses import dataclass
 from typing import Annotated
 from annotated_types import Unit
-from drivers.ports import Block, Scale
-from drivers.sensor_presets import LaserSensor
-from protocols.runfile import Header
-from protocols.runfile import RunFile
+from drivers.interfaces import Block, Scale
+from drivers.sensors.laser_sensor import LaserSensor
+from protocols.runfile.writer import Header
+from protocols.runfile.writer import RunFile
 @dataclass
 class Spot:
     frequency: Annotated[float, Unit("Hz"), "f"]
@@ -156,7 +156,7 @@ LIMITED = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-from app.main import entry
+from app.cli.main import entry
 sys.argv = ["tactor-bench", "run", "sine-dwell", "--speed", "max", "--json", "--out", sys.argv[1]]
 entry()
 """

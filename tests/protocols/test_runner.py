@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.drive import Sine
-from protocols.events import (
+from protocols.base.events import (
     Answered,
     Armed,
     Asked,
@@ -24,9 +24,9 @@ from protocols.events import (
     Status,
     StreamStarted,
 )
-from protocols.runfile import RunFile
-from protocols.runreader import Run
-from protocols.steps import Settle, Step
+from protocols.base.steps import Settle, Step
+from protocols.runfile.reader import Run
+from protocols.runfile.writer import RunFile
 from tests.protocols.scripted import SETTLE, SHORT, Scripted
 from tests.support import Trigger, laboratory, run, simulated
 
@@ -181,7 +181,7 @@ def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:
 
 IMPORTED = """
 import sys, tempfile, pathlib
-from protocols.sweep import Sweep
+from protocols.measurements.sweep import Sweep
 from tests.support import laboratory, run
 
 def watch(event):

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from app.session import header
+from app.session.session import header
 from model.parameters import Tactor
-from model.response import amplifier_response
-from protocols.events import Noted, Recorded, SettleEnded
-from protocols.quality import Quality
+from model.response.frequency_response import amplifier_response
+from protocols.base.events import Noted, Recorded, SettleEnded
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, halved
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, halved
+from protocols.runfile.reader import Run
 from tests.support import Trigger, laboratory, run, simulated
 
 

@@ -14,15 +14,15 @@ import pytest
 from pydantic import ValidationError
 
 from model.parameters import Tactor
-from model.statics import load_compliance
-from protocols.events import Answered, Asked, Status
-from protocols.load_point import compliance, nonlinearity
-from protocols.quality import Quality
+from model.response.statics import load_compliance
+from protocols.base.events import Answered, Asked, Status
+from protocols.base.quality import Quality
+from protocols.base.steps import Prompt
+from protocols.measurements.load_point import compliance, nonlinearity
+from protocols.measurements.static_loading import StaticLoading
+from protocols.measurements.weights import uncertainty_kg
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.static_loading import StaticLoading
-from protocols.steps import Prompt
-from protocols.weights import uncertainty_kg
+from protocols.runfile.reader import Run
 from tests import support
 from tests.support import Ran, run
 

@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from model.study import Axis
-from protocols import studyfile
-from protocols.storing import StoreError
-from protocols.studyfile import Parameter, StudyFile, StudyHeader, boxes, read_study
+from model.studies.parameter_study import Axis
+from protocols.runfile import study_file as studyfile
+from protocols.runfile.errors import StoreError
+from protocols.runfile.study_file import Parameter, StudyFile, StudyHeader, boxes, read_study
 
 HEADER = StudyHeader(
     "2 x fundamental of the centre over delta, frequency",

@@ -14,14 +14,14 @@ from pydantic import ValidationError
 from drivers.drive import PeriodicSweep
 from drivers.errors import DriveRefused
 from model.parameters import Tactor
-from model.response import modal
-from protocols.continuation import earlier
-from protocols.events import Asked, CurveReady, Noted, PointMeasured
-from protocols.mass_resonance import MassResonance
-from protocols.quality import Quality
+from model.response.frequency_response import modal
+from protocols.base.events import Asked, CurveReady, Noted, PointMeasured
+from protocols.base.quality import Quality
+from protocols.measurements.mass_resonance import MassResonance
+from protocols.measurements.sweep import Sweep
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.sweep import Sweep
+from protocols.resume import earlier
+from protocols.runfile.reader import Run
 from tests.protocols.levels import resumed
 from tests.support import Trigger, laboratory, run, simulated
 

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.config import BenchConfig
+from app.config.bench_file import BenchConfig
 from drivers.drive import Hold
-from model.amplifier import AmplifierMap
+from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.statics import voltage_gain
-from protocols.events import Status
-from protocols.quality import Quality
+from model.response.statics import voltage_gain
+from protocols.base.events import Status
+from protocols.base.quality import Quality
+from protocols.base.records import Recording
+from protocols.measurements.voltage_steps import PAPER_LEVELS_V, VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.values import Recording
-from protocols.voltage_steps import PAPER_LEVELS_V, VoltageSteps
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run, simulated
 
 BRIEF = VoltageSteps(levels_v=(0.5, 2.5, 4.0), repeats=3, rest_s=0.3, read_s=0.5, hold_s=1.0)

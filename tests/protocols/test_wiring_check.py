@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from protocols.events import Status
+from protocols.base.events import Status
+from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
-from protocols.runreader import Run
-from protocols.wiring_check import WiringCheck
+from protocols.runfile.reader import Run
 from tests.support import laboratory, run, simulated
 
 CHECK = WiringCheck(record_s=0.5, wait_s=0.2)

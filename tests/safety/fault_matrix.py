@@ -19,22 +19,32 @@ from annotated_types import Interval, Unit
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from app.build import connect
-from app.config import BenchConfig
-from app.session import header
+from app.config.bench_file import BenchConfig
+from app.session.connect import connect
+from app.session.session import header
+from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError
-from drivers.rest import REST_TOLERANCE_V
-from protocols.events import Armed, AtRest, BlockTaken, Event, GoingToRest, Playing, Recorded, Status, StreamStarted
-from protocols.protocol import Protocol
+from protocols.base.events import (
+    Armed,
+    AtRest,
+    BlockTaken,
+    Event,
+    GoingToRest,
+    Playing,
+    Recorded,
+    Status,
+    StreamStarted,
+)
+from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
-from protocols.runfile import RunFile
-from protocols.runner import Runner
-from protocols.runreader import Run
+from protocols.runfile.reader import Run
+from protocols.runfile.writer import RunFile
+from protocols.runner.runner import Runner
 from sim_hardware.bench import VirtualBench
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.served import ServedBench
+from sim_hardware.service.served_bench import ServedBench
 from tests.support import simulated
 
 MOMENTS = ("arming", "ramp", "settling", "recording", "stopping")

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from drivers.clock import WallClock
 from sim_hardware.bench import VirtualBench
-from sim_hardware.history_report import HistoryReport
-from sim_hardware.served import ServedBench
+from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.service.served_bench import ServedBench
 from tests.support import simulated, volts_are_safe
 
 
@@ -88,7 +88,7 @@ def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[
             f"[sensor]\ndelay_s = 1e-4\n"
             f"[watchdog]\n{watchdog}\n"
         )
-        command = [sys.executable, "-c", "from app.main import entry; entry()"]
+        command = [sys.executable, "-c", "from app.cli.main import entry; entry()"]
         options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
         chosen = [part for setting in settings for part in ("--set", setting)]
         process = subprocess.Popen(

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from protocols.events import Status
+from protocols.base.events import Status
 from protocols.registry import PROTOCOLS
-from sim_hardware.contract.volts import STEP_V
-from sim_hardware.faults import FAULTS
+from sim_hardware.plant.faults import FAULTS
+from sim_hardware.testing.safe_volts import STEP_V
 from tests.safety.fault_matrix import ON_WIRES_ONLY, TAKES_THE_DRIVE, cell, moments_of
 
 pytestmark = pytest.mark.breaks_the_drive

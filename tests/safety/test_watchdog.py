@@ -11,21 +11,21 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.exits import FAILED
-from drivers.amplifier import DriveLimits, HvAmplifier
+from app.common.errors import FAILED
+from drivers.bench.amplifier import DriveLimits, HvAmplifier
+from drivers.bench.watchdog_interface import BeatingClock, NoWatchdog
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
-from drivers.keysight_33500 import Keysight33500
-from drivers.visa import VisaLink
-from drivers.watch import BeatingClock, NoWatchdog
-from drivers.watchdog import WatchdogProcess
-from drivers.watchdog_charge import Charge
-from drivers.watchdog_log import LOG_NAME
-from model.amplifier import AmplifierMap
-from protocols.events import AtRest, Status
-from protocols.sine_dwell import SineDwell
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.transport.visa import VisaLink
+from drivers.watchdog.client import WatchdogProcess
+from drivers.watchdog.config import Charge
+from drivers.watchdog.log import LOG_NAME
+from model.amplifier_map import AmplifierMap
+from protocols.base.events import AtRest, Status
+from protocols.measurements.sine_dwell import SineDwell
 from sim_hardware.bench import VirtualBench
-from sim_hardware.served import ServedBench
+from sim_hardware.service.served_bench import ServedBench
 from tests.safety.program import program, safe
 from tests.support import laboratory, run, volts_are_safe
 
@@ -120,7 +120,7 @@ class Live:
         return self.bench.report().ends_at_rest
 
 
-CHARGE = Charge("drivers.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
+CHARGE = Charge("drivers.generators.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
 
 
 @contextmanager
@@ -183,7 +183,7 @@ def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypa
         watchdog = psutil.Process(bench.watchdog.pid)
         bench.watchdog.check()
         with monkeypatch.context() as impatient:
-            impatient.setattr("drivers.watchdog.DEAF_S", -1.0)
+            impatient.setattr("drivers.watchdog.client.DEAF_S", -1.0)
             with pytest.raises(BenchError, match="the watchdog has said nothing for -1 s"):
                 bench.watchdog.check()
         watchdog.kill()

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from app.build import connect
-from app.session import Session
-from drivers.watch import SWITCHED_OFF, NoWatchdog
-from drivers.watchdog import WatchdogProcess
-from drivers.watchdog_charge import Charge
-from drivers.watchdog_log import LOG_NAME, untold
-from protocols.events import Noted
-from protocols.sine_dwell import SineDwell
+from app.session.connect import connect
+from app.session.session import Session
+from drivers.bench.watchdog_interface import SWITCHED_OFF, NoWatchdog
+from drivers.watchdog.client import WatchdogProcess
+from drivers.watchdog.config import Charge
+from drivers.watchdog.log import LOG_NAME, untold
+from protocols.base.events import Noted
+from protocols.measurements.sine_dwell import SineDwell
 from tests.support import laboratory, simulated
 
 
@@ -50,7 +50,7 @@ def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_s
 )
 def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
     """Two readers on one serial line would each get half of the answers."""
-    from app.build import _shared
+    from app.session.connect import _shared
 
     assert _shared(resource) == shared
 
@@ -65,7 +65,7 @@ def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
         charges.append(charge)
         return WatchdogProcess(charge)
 
-    monkeypatch.setattr("drivers.watchdog.WatchdogProcess", watches)
+    monkeypatch.setattr("drivers.watchdog.client.WatchdogProcess", watches)
     with connect(simulated(), speed):
         pass
     assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]

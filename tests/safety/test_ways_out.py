@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from app.exits import DONE, FAILED, UNSAFE
-from protocols.events import Status
-from protocols.runreader import Run
+from app.common.errors import DONE, FAILED, UNSAFE
+from protocols.base.events import Status
+from protocols.runfile.reader import Run
 from tests.safety.program import program, safe
 
 patient = partial(program, watchdog="silence_s = 5")

@@ -4,8 +4,8 @@ import pytest
 
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.direct import DirectLink
-from sim_hardware.truth import BenchTruth
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.wires.in_process_link import DirectLink
 
 
 @pytest.fixture

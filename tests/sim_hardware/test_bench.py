@@ -5,15 +5,15 @@ import pytest
 
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
-from drivers.keysight_33500 import Keysight33500
-from drivers.scpi import Link
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.steps import Prompt
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.transport.scpi import Link
+from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
+from protocols.base.steps import Prompt
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.faults import FAULTS
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.truth import AmplifierTruth, BenchTruth
+from sim_hardware.plant.faults import FAULTS
+from sim_hardware.plant.parameters import AmplifierTruth, BenchTruth
 
 
 @pytest.fixture

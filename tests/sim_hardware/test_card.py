@@ -7,9 +7,9 @@ import pytest
 
 from drivers.errors import AcquisitionError
 from sim_hardware.bench import VirtualBench
-from sim_hardware.card import RateRefusedError, actual_rate, convert_time
 from sim_hardware.clock import VirtualClock
-from sim_hardware.truth import BenchTruth, CardTruth, SensorTruth
+from sim_hardware.nidaq.card import RateRefusedError, actual_rate, convert_time
+from sim_hardware.plant.parameters import BenchTruth, CardTruth, SensorTruth
 
 PLAY = (
     "OUTP:LOAD INF;:VOLT 5;:VOLT:OFFS 2.5;:BURS:NCYC 100;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON",

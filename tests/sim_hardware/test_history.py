@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim_hardware.clock import VirtualClock
-from sim_hardware.history import History
-from sim_hardware.history_report import report_on
-from sim_hardware.segments import Chirp, Glitch, Level, Open, Slope, Tone
+from sim_hardware.plant.history_report import report_on
+from sim_hardware.plant.segments import Chirp, Glitch, Level, Open, Slope, Tone
+from sim_hardware.plant.voltage_history import History
 
 RATE = 100e3
 

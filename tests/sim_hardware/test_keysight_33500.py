@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from drivers.drive import Sine
-from drivers.keysight_33500 import Keysight33500
+from drivers.generators.keysight_33500 import Keysight33500
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.direct import DirectLink
-from sim_hardware.truth import BenchTruth, GeneratorTruth
+from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth
+from sim_hardware.wires.in_process_link import DirectLink
 
 CAREFUL = (
     "OUTP:LOAD INF",

@@ -15,11 +15,11 @@ from nidaqmx.system import System
 
 from drivers.clock import WallClock
 from drivers.errors import AcquisitionError, InstrumentError
-from drivers.nidaq import NiDigitizer
+from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import VirtualBench
-from sim_hardware.ni_server import NiServer
-from sim_hardware.ni_task import NiDevice
-from sim_hardware.truth import BenchTruth, CardTruth, SensorTruth
+from sim_hardware.nidaq.grpc_server import NiServer
+from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.plant.parameters import BenchTruth, CardTruth, SensorTruth
 
 SPEED = 10.0
 

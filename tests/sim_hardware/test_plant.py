@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from model.response import amplifier_response
-from model.statics import voltage_gain
-from model.time import step_response
-from sim_hardware.history import History
-from sim_hardware.plant import Plant
-from sim_hardware.segments import Level, Tone
-from sim_hardware.stepper import BLOCK, slewed
-from sim_hardware.truth import AmplifierTruth, BenchTruth
+from model.response.frequency_response import amplifier_response
+from model.response.statics import voltage_gain
+from model.response.time_response import step_response
+from sim_hardware.plant.parameters import AmplifierTruth, BenchTruth
+from sim_hardware.plant.plant import Plant
+from sim_hardware.plant.segments import Level, Tone
+from sim_hardware.plant.stepper import BLOCK, slewed
+from sim_hardware.plant.voltage_history import History
 
 
 def plant_with(*pieces, truth: BenchTruth | None = None) -> Plant:

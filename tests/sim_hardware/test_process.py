@@ -14,15 +14,15 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import BenchError
-from drivers.keysight_33500 import Keysight33500
-from drivers.nidaq import NiDigitizer
-from drivers.visa import VisaLink
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.nidaq.analog_input import NiDigitizer
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
-from sim_hardware.faults import FAULTS
-from sim_hardware.history_report import HistoryReport
-from sim_hardware.process import BenchProcess
-from sim_hardware.served import ServedBench
-from sim_hardware.truth import BenchTruth
+from sim_hardware.plant.faults import FAULTS
+from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.service.process import BenchProcess
+from sim_hardware.service.served_bench import ServedBench
 
 ROOT = Path(__file__).parents[2]
 
@@ -100,7 +100,7 @@ def test_a_closed_service_does_not_come_back_with_the_next_fault():
 
 def test_it_dies_with_a_parent_that_was_killed():
     script = (
-        "from sim_hardware.process import BenchProcess\nimport time\n"
+        "from sim_hardware.service.process import BenchProcess\nimport time\n"
         "bench = BenchProcess()\nprint(bench.pid, flush=True)\ntime.sleep(60)\n"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -115,7 +115,7 @@ def test_it_dies_with_a_parent_that_was_killed():
 def test_a_wrong_configuration_is_refused_in_words():
     request = '{"truth": {"sensor": {"gain": 1}}}\n'
     answer = subprocess.run(
-        [sys.executable, "-m", "sim_hardware.serve"],
+        [sys.executable, "-m", "sim_hardware.service"],
         input=request,
         capture_output=True,
         text=True,

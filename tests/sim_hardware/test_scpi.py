@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from sim_hardware.scpi import Command, Engine, ScpiError, boolean, choice, header_regex, number, one, real
+from sim_hardware.wires.scpi_engine import Command, Engine, ScpiError, boolean, choice, header_regex, number, one, real
 
 
 class Lamp:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.waveform import block
-from sim_hardware.scpi import lift_blocks, messages_in, put_back
+from drivers.generators.arbitrary_waveform import block
+from sim_hardware.wires.scpi_engine import lift_blocks, messages_in, put_back
 
 NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'
 SCPI = f"DATA:DAC VOLATILE,{block(NASTY)};:SYST:ERR?"

@@ -8,22 +8,22 @@ import pytest
 
 from drivers.errors import BenchError
 from model.membrane import sag
-from model.modes import natural_frequencies
 from model.parameters import Membrane, Tactor
-from model.response import amplifier_response, frequency_response, poles
+from model.response.frequency_response import amplifier_response, frequency_response, poles
+from model.response.modes import natural_frequencies
+from model.response.statics import load_compliance, voltage_gain
 from model.skin import skin
-from model.statics import load_compliance, voltage_gain
-from protocols.steps import Prompt
+from protocols.base.steps import Prompt
 from sim_hardware.bench import VirtualBench
-from sim_hardware.beyond import BeyondTruth
 from sim_hardware.clock import VirtualClock
-from sim_hardware.history import History
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.plant import Plant
-from sim_hardware.process import BenchProcess
-from sim_hardware.segments import Level, Tone
-from sim_hardware.situation import GRAVITY, SENSOR, SPECIMEN
-from sim_hardware.truth import AmplifierTruth, BenchTruth, HandsTruth
+from sim_hardware.plant.nonidealities import BeyondTruth
+from sim_hardware.plant.parameters import AmplifierTruth, BenchTruth, HandsTruth
+from sim_hardware.plant.plant import Plant
+from sim_hardware.plant.segments import Level, Tone
+from sim_hardware.plant.setup_state import GRAVITY, SENSOR, SPECIMEN
+from sim_hardware.plant.voltage_history import History
+from sim_hardware.service.process import BenchProcess
 
 TACTOR = Tactor()
 COMPLIANCE = load_compliance(TACTOR)

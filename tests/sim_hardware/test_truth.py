@@ -5,7 +5,7 @@ import json
 import pytest
 
 from model.skin import Skin
-from sim_hardware.truth import BenchTruth, CardTruth, GeneratorTruth
+from sim_hardware.plant.parameters import BenchTruth, CardTruth, GeneratorTruth
 
 
 def test_truth_survives_json():

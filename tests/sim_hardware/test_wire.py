@@ -9,11 +9,11 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
-from drivers.keysight_33500 import Keysight33500
-from drivers.visa import VisaLink
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
-from sim_hardware.truth import BenchTruth
-from sim_hardware.wire import ScpiServer
+from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.wires.tcp_server import ScpiServer
 
 
 @pytest.fixture

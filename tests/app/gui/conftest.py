@@ -13,11 +13,11 @@ from PySide6.QtCore import QCoreApplication, QEvent, QSettings
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.config import BenchConfig, load_bench
+from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import application
-from app.gui.link import Link
-from app.gui.window import MainWindow
-from protocols.sine_dwell import SineDwell
+from app.gui.main_window import MainWindow
+from app.live.session_link import Link
+from protocols.measurements.sine_dwell import SineDwell
 from tests.app.gui.stage import ListeningSession, OpenStage, Stage, end
 
 

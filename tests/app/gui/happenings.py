@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from app.session import BenchOpened
+from app.session.session import BenchOpened
 from drivers.drive import Sine
-from drivers.ports import Block, Scale
-from protocols.events import Armed, AtRest, GoingToRest, Playing, PointMeasured, RunEnded, RunStarted, Status
-from protocols.quality import Quality
-from protocols.sine_dwell import SinePoint
+from drivers.interfaces import Block, Scale
+from protocols.base.events import Armed, AtRest, GoingToRest, Playing, PointMeasured, RunEnded, RunStarted, Status
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import SinePoint
 
 OPENED = BenchOpened(
     "simulated bench",

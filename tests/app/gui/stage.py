@@ -10,13 +10,13 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, Qt
 from PySide6.QtTest import QTest
 
-from app.build import Laboratory, connect
-from app.config import BenchConfig
-from app.gui.link import Link
-from app.gui.window import MainWindow
-from app.session import SessionEvent
-from protocols.events import PointMeasured
-from protocols.protocol import Protocol
+from app.config.bench_file import BenchConfig
+from app.gui.main_window import MainWindow
+from app.live.session_link import Link
+from app.session.connect import Laboratory, connect
+from app.session.session import SessionEvent
+from protocols.base.events import PointMeasured
+from protocols.base.protocol import Protocol
 
 PATIENCE_S = 20.0
 

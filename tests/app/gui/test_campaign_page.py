@@ -10,17 +10,17 @@ from PySide6.QtGui import QDragMoveEvent, QDropEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.campaign import Campaign
-from app.campaign_plan import PAPER, Item, campaign_path
-from app.campaign_standing import Next, Standing
-from app.config import BenchConfig
-from app.gui.campaign_page import CampaignPage
-from app.gui.window import MainWindow
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Prompt
-from protocols.wiring_check import WiringCheck
-from sim_hardware.contract.volts import volts_are_safe
+from app.campaign.campaign import Campaign
+from app.campaign.plan import PAPER, Item, campaign_path
+from app.campaign.status import Next, Standing
+from app.config.bench_file import BenchConfig
+from app.gui.campaign.page import CampaignPage
+from app.gui.main_window import MainWindow
+from protocols.base.steps import Prompt
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.wiring_check import WiringCheck
+from protocols.runfile.reader import Run
+from sim_hardware.testing.safe_volts import volts_are_safe
 from tests.app.gui.happenings import LIVE, OPENED, STOPPED
 from tests.app.gui.stage import Bench, OpenStage, Stage, press, until, whole_window
 

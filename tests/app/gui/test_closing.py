@@ -9,13 +9,13 @@ import pytest
 from PySide6.QtCore import QSettings, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.build import connect
-from app.config import BenchConfig
+from app.config.bench_file import BenchConfig
 from app.gui.application import open_window
-from app.gui.notices import GUARD_S
-from app.gui.window import MainWindow
-from app.view import BenchState
-from protocols.sine_dwell import SineDwell
+from app.gui.bench.notices import GUARD_S
+from app.gui.main_window import MainWindow
+from app.session.connect import connect
+from app.session.state import BenchState
+from protocols.measurements.sine_dwell import SineDwell
 from tests.app.gui.happenings import LIVE, LOST, OPENED, STOPPED
 from tests.app.gui.stage import Stage, until
 

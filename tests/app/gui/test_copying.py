@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
-from app.gui.copying import Copying
+from app.gui.plots.copy import Copying
 from tests.app.gui.happenings import LIVE, OPENED, point
 from tests.app.gui.stage import OpenStage, Stage, until
 

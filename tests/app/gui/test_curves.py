@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from app.gui.curves_plot import MOST_DRAWN, thinned
+from app.gui.plots.curves_plot import MOST_DRAWN, thinned
 from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
-from model.response import amplifier_response
-from protocols.events import Armed, CurveReady, Playing, RunStarted
-from protocols.values import Column, Curve
+from model.response.frequency_response import amplifier_response
+from protocols.base.events import Armed, CurveReady, Playing, RunStarted
+from protocols.base.records import Column, Curve
 from tests.app.gui.happenings import OPENED
 from tests.app.gui.stage import Stage, until
 

@@ -11,12 +11,12 @@ from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
 
-from app.explore_fit import Fitted
-from app.gui.explore_page import ExplorePage
-from app.gui.theme import DARK
-from app.model_inputs import read_settings
-from model.identification.setting import FitCancelled
-from model.response import amplifier_response
+from app.cli.model_options import read_settings
+from app.explore.fit import Fitted
+from app.gui.explore.page import ExplorePage
+from app.gui.widgets.theme import DARK
+from model.identification.fit_options import FitCancelled
+from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen, changed
 from tests.app.gui.stage import OpenStage, Stage, until
 from tests.runs import finished_run
@@ -165,7 +165,7 @@ def test_copied_parameters_are_on_the_clipboard(page: ExplorePage) -> None:
 
 
 def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
-    from protocols.studyfile import read_study
+    from protocols.runfile.study_file import read_study
 
     type_into(page, "delta", "1")
     page.save_study(tmp_path / "study.h5")

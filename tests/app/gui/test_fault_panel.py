@@ -8,14 +8,14 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.build import connect
-from app.config import BenchConfig
-from app.gui.link import Link
-from app.gui.window import MainWindow
-from app.showing import broken_on_purpose, run_text
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
-from sim_hardware.faults import FAULTS
+from app.archive.description import broken_on_purpose, run_text
+from app.config.bench_file import BenchConfig
+from app.gui.main_window import MainWindow
+from app.live.session_link import Link
+from app.session.connect import connect
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.runfile.reader import Run
+from sim_hardware.plant.faults import FAULTS
 from tests.app.gui.happenings import OPENED
 from tests.app.gui.stage import OpenStage, Stage, end, press, until
 

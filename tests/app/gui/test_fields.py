@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from app.gui.form import check, fields_of, form_fields, text_of
-from protocols.sine_dwell import SineDwell
-from protocols.static_loading import StaticLoading
+from app.gui.widgets.form import check, fields_of, form_fields, text_of
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.static_loading import StaticLoading
 
 TEXTS = {name: text_of(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
 

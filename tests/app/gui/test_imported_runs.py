@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 
-from app.explore import Setting
-from app.explore_fit import fit_runs
-from app.main import main
-from app.reopening import read_measured
+from app.archive.replay import read_measured
+from app.cli.main import main
+from app.explore.fit import fit_runs
+from app.explore.state import Setting
 from tests.app.gui.stage import OpenStage, grab, until
 from tests.runs import finished_run
 

@@ -8,13 +8,13 @@ from PySide6.QtGui import QShortcut
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.config import BenchConfig, ConfigError
-from app.gui.book import CAMPAIGN, MEASURE
-from app.gui.file_dialog import Mode, ask_for_files
-from app.gui.keys import EVERYWHERE, lines_of
-from protocols.events import Asked, RunEnded, Status
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Prompt
+from app.config.bench_file import BenchConfig, ConfigError
+from app.gui.tabs import CAMPAIGN, MEASURE
+from app.gui.widgets.file_dialog import Mode, ask_for_files
+from app.gui.widgets.shortcuts import EVERYWHERE, lines_of
+from protocols.base.events import Asked, RunEnded, Status
+from protocols.base.steps import Prompt
+from protocols.measurements.sine_dwell import SineDwell
 from tests.app.gui.happenings import AT_REST, LIVE, OPENED
 from tests.app.gui.stage import ListeningSession, OpenStage, Stage, until
 
@@ -137,7 +137,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from app.gui import application
-    from app.gui.window import MainWindow
+    from app.gui.main_window import MainWindow
 
     seen: list[tuple[str, bool]] = []
     led: list[str] = []
@@ -184,7 +184,7 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from app.gui import application
-    from app.gui.window import MainWindow
+    from app.gui.main_window import MainWindow
 
     real = config.model_copy(update={"name": "the real bench", "simulation": None})
     assert not real.simulated

@@ -11,19 +11,19 @@ from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
 
-from app.believed import PAPER
-from app.calibrations import Calibrations, write
-from app.gui import measure_page
-from app.live_estimates import LiveEstimates
-from drivers.sensor_presets import LaserSensor
-from model.amplifier import AmplifierMap
+from app.gui.measure import page as measure_page
+from app.identification.active_model import PAPER
+from app.identification.calibrations import Calibrations, write
+from app.live.estimates import LiveEstimates
+from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
 from model.skin import skin
-from protocols.events import PointMeasured, RunEnded, Status
-from protocols.membrane_series import MembranePoint, MembraneSeries
-from protocols.quality import Quality
-from protocols.sine_dwell import SineDwell, SinePoint
+from protocols.base.events import PointMeasured, RunEnded, Status
+from protocols.base.quality import Quality
+from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
+from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from tests.app.calibrating import calibration
 from tests.app.gui.happenings import AT_REST, LIVE, OPENED
 from tests.app.gui.stage import Stage, until

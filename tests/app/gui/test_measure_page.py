@@ -9,10 +9,10 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from app.presets import PresetError, Presets, presets_path
-from app.session import Refused
+from app.gui.measure.presets import PresetError, Presets, presets_path
+from app.session.session import Refused
 from drivers.drive import Sine
-from protocols.events import (
+from protocols.base.events import (
     Answered,
     Armed,
     Asked,
@@ -25,11 +25,11 @@ from protocols.events import (
     RunStarted,
     Status,
 )
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.quality import Quality
-from protocols.sine_dwell import SineDwell
-from protocols.steps import Prompt
-from protocols.wiring_check import WiringCheck
+from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.base.quality import Quality
+from protocols.base.steps import Prompt
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.wiring_check import WiringCheck
 from tests.app.gui.happenings import AT_REST, LIVE, OPENED, STARTED, point
 from tests.app.gui.stage import Stage, until
 from tests.app.gui.test_other_protocols import POINT
@@ -69,7 +69,7 @@ def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.
     stage.happen(OPENED)
     panel = stage.window.measure.panel
     panel.form.rows["record_s"].set("2")
-    monkeypatch.setattr("app.presets.QInputDialog.getText", lambda *_: ("slow", True))
+    monkeypatch.setattr("app.gui.measure.presets.QInputDialog.getText", lambda *_: ("slow", True))
     actions(panel.presets)["Keep these as …"].trigger()
     panel.form.rows["record_s"].set("9")
     actions(panel.presets)["slow"].trigger()

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from drivers.watchdog_log import LOG_NAME
-from protocols.events import PointMeasured, RunStarted
-from protocols.wiring_check import WiringPoint
+from drivers.watchdog.log import LOG_NAME
+from protocols.base.events import PointMeasured, RunStarted
+from protocols.measurements.wiring_check import WiringPoint
 from tests.app.gui.stage import until
 
 POINT = WiringPoint(

@@ -6,12 +6,12 @@ import pytest
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication
 
-from app.gui.feed import SPANS, LiveFeed
-from app.gui.plots import calm_range, few_ticks, keep_ticks_apart, quiet
-from app.gui.theme import LIGHT
-from app.gui.time_plot import TimePlot, lined_up
-from drivers.sensor_presets import LaserSensor
-from model.amplifier import AmplifierMap
+from app.gui.plots.base import calm_range, few_ticks, keep_ticks_apart, quiet
+from app.gui.plots.time_plot import TimePlot, lined_up
+from app.gui.widgets.theme import LIGHT
+from app.live.feed import SPANS, LiveFeed
+from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from tests.app.gui.happenings import SCALES, sine_block
 
 

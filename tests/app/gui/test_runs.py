@@ -9,12 +9,12 @@ from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
 
-from app.catalogue import Catalogue
-from app.gui.runs_page import RunsPage
-from app.notes import Notes, notes_path, read_notes
-from app.view import BenchState
-from protocols.runreader import Run
-from protocols.sweep import Sweep
+from app.archive.catalogue import Catalogue
+from app.archive.notes import Notes, notes_path, read_notes
+from app.gui.runs.page import RunsPage
+from app.session.state import BenchState
+from protocols.measurements.sweep import Sweep
+from protocols.runfile.reader import Run
 from tests.app.gui.happenings import LIVE, OPENED
 from tests.app.gui.stage import OpenStage, Stage, until
 from tests.runs import crashed_run, finished_run, newer_run
@@ -132,7 +132,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
 def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.reopening.COLUMNS", 100)
+    monkeypatch.setattr("app.archive.replay.COLUMNS", 100)
     choose(page, "T7")
     page.open()
     until(lambda: page.currentWidget() is page.opened, "for the run")
@@ -235,7 +235,7 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
 def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_stopped(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.run_deeds.PIECE", 4096)
+    monkeypatch.setattr("app.archive.transfer.PIECE", 4096)
     whole, half = (finished_run(tmp_path / "stick", name) for name in ("T8a", "T9a"))
     going, go_on, begun = page.side.going, threading.Event(), threading.Event()
     tell = going.tell

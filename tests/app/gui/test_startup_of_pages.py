@@ -3,9 +3,9 @@
 from PySide6.QtCore import QEvent, QObject, QSettings, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 
-from app.gui.book import EXPLORE, MEASURE, RUNS
-from protocols.free_decay import FreeDecay
-from protocols.sine_dwell import SineDwell
+from app.gui.tabs import EXPLORE, MEASURE, RUNS
+from protocols.measurements.free_decay import FreeDecay
+from protocols.measurements.sine_dwell import SineDwell
 from tests.app.gui.stage import OpenStage, until
 
 

@@ -8,14 +8,14 @@ import pytest
 from PySide6.QtCore import QSettings, Qt
 from PySide6.QtWidgets import QApplication
 
-from app.config import BenchConfig
-from app.gui.window import MainWindow
-from drivers.bench import BY_HAND
-from protocols.continuation import Earlier, earlier
-from protocols.events import Status
-from protocols.quality import Quality
-from protocols.runreader import Run
-from protocols.sine_dwell import SineDwell
+from app.config.bench_file import BenchConfig
+from app.gui.main_window import MainWindow
+from drivers.bench.bench import BY_HAND
+from protocols.base.events import Status
+from protocols.base.quality import Quality
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.resume import Earlier, earlier
+from protocols.runfile.reader import Run
 from tests.app.gui.stage import Bench, press, until, whole_window
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
@@ -73,7 +73,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
         assert may_read.wait(20)
         return earlier(path, entries)
 
-    monkeypatch.setattr("protocols.continuation.earlier", slowly)
+    monkeypatch.setattr("protocols.resume.earlier", slowly)
     window.helm.measure_again((1,), tmp_path)
     until(asked.is_set, "for the session to read")
     press(window, Qt.Key.Key_F5)

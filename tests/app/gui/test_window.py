@@ -10,16 +10,16 @@ from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
-from app.gui.notices import GUARD_S
-from app.gui.theme import DARK, LIGHT
-from app.session import BenchFailed, Refused
-from app.view import BenchState
-from protocols.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
-from protocols.free_decay import FreeDecay
-from protocols.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.quality import Quality
-from protocols.sine_dwell import SineDwell
-from protocols.values import Estimate
+from app.gui.bench.notices import GUARD_S
+from app.gui.widgets.theme import DARK, LIGHT
+from app.session.session import BenchFailed, Refused
+from app.session.state import BenchState
+from protocols.base.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
+from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate
+from protocols.measurements.free_decay import FreeDecay
+from protocols.measurements.sine_dwell import SineDwell
 from tests.app.gui.happenings import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.app.gui.stage import OpenStage, Stage, grab, until
 from tests.protocols.test_rehearsal import guard
@@ -357,7 +357,7 @@ class _Sensing:
     meters: ClassVar[dict[str, Any]] = {}
 
     def __init__(self, stage: Stage) -> None:
-        from drivers.sensor_presets import LaserSensor
+        from drivers.sensors.laser_sensor import LaserSensor
         from tests.app.gui.happenings import SCALES
 
         self.sensor = LaserSensor("laser", 1e-4)

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from app.report.blocks import Report
 from app.report.content import gather
+from app.report.document import Report
+from app.report.runs import Taken
 from app.report.specimen import Specimen
-from app.report.taken import Taken
 from tests.app.report.specimen import DWELL, STEPS, TRUTH
 from tests.support import laboratory, run, simulated
 

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-from app.report.blocks import Report
+from app.report.document import Report
 from model.parameters import Tactor
-from protocols.sine_dwell import SineDwell
-from protocols.voltage_steps import VoltageSteps
+from protocols.measurements.sine_dwell import SineDwell
+from protocols.measurements.voltage_steps import VoltageSteps
 
 TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
 DWELL = SineDwell(frequencies_hz=(100, 140, 150, 160, 220), record_s=0.05, min_cycles=5)

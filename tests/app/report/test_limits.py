@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from app.main import main
-from app.report import command
-from app.report.blocks import Words
+from app.cli import report as command
+from app.cli.main import main
+from app.report.document import Words
+from app.report.figures_of_merit import MERITS, Merit
 from app.report.limits import Limit, Limits, LimitsError, judge, read_limits
-from app.report.merits import MERITS, Merit
-from app.report.numbers import plain, probability, stated
+from app.report.rounding import plain, probability, stated
 from tests.app.report.specimen import blocks_of
 
 

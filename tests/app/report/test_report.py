@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_pdf import PdfPages
 
-from app.main import main
-from app.report import command
-from app.report.blocks import Grid, Plot, Report, Words
+from app.cli import report as command
+from app.cli.main import main
 from app.report.content import ReportError, gather, marks
-from app.report.merits import felt, quick
+from app.report.document import Grid, Plot, Report, Words
+from app.report.figures_of_merit import felt, quick
+from app.report.runs import Taken, take
 from app.report.specimen import Specimen
-from app.report.taken import Taken, take
-from model.amplifier import AmplifierMap
-from model.closed_form import exact_response
+from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
-from protocols.quality import Quality
-from protocols.wiring_check import WiringCheck
+from model.response.closed_form import exact_response
+from protocols.base.quality import Quality
+from protocols.measurements.wiring_check import WiringCheck
 from tests.app.report.specimen import TRUTH, blocks_of
 from tests.support import laboratory, run
 

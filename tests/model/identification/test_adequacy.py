@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.closed_form import exact_response
 from model.identification.adequacy import Adequacy, adequacy
-from model.identification.departures import departures
-from model.identification.joint import joint_fit
+from model.identification.fit_options import Setting
+from model.identification.joint_fit import joint_fit
+from model.identification.model_discrepancy import departures
 from model.identification.observations import Campaign, FrequencyResponse, MassResonance, StaticLoading, redrawn
-from model.identification.setting import Setting
 from model.parameters import Tactor
-from model.response import frequency_response
+from model.response.closed_form import exact_response
+from model.response.frequency_response import frequency_response
 
 
 def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) -> Adequacy:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.estimates import Calibration, changes
-from model.identification.fitted import JointFit
-from model.identification.joint import joint_fit
+from model.identification.calibration import Calibration, changes
+from model.identification.fit_result import JointFit
+from model.identification.joint_fit import joint_fit
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
 from model.specimen import Specimen
-from model.study import Study
-from model.uncertainty import linear_band
+from model.studies.parameter_study import Study
+from model.studies.uncertainty import linear_band
 from tests.model.sampled import model_curve
 
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.chain import ChainError, ChainMethod, chain
-from model.identification.chain_errors import chain_errors, drawn_errors
 from model.identification.observations import (
     Campaign,
     FrequencyResponse,
@@ -17,10 +15,12 @@ from model.identification.observations import (
     VoltageSteps,
     redrawn,
 )
-from model.modes import natural_frequencies
+from model.identification.paper_chain import ChainError, ChainMethod, chain
+from model.identification.paper_chain_errors import chain_errors, drawn_errors
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
+from model.response.modes import natural_frequencies
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), ())

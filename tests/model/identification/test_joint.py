@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
-from model.amplifier import AmplifierMap
-from model.identification.forward import with_values
-from model.identification.joint import joint_fit
+from model.amplifier_map import AmplifierMap
+from model.identification.fit_options import FitCancelled, IdentificationError, Setting
+from model.identification.forward_model import with_values
+from model.identification.joint_fit import joint_fit
 from model.identification.observations import (
     Campaign,
     CommonError,
@@ -21,13 +22,12 @@ from model.identification.observations import (
     VoltageSteps,
     redrawn,
 )
-from model.identification.problem import Problem
-from model.identification.setting import FitCancelled, IdentificationError, Setting
+from model.identification.residuals import Problem
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
+from model.response.statics import load_compliance, voltage_gain
 from model.skin import skin
-from model.statics import load_compliance, voltage_gain
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), SHARED)

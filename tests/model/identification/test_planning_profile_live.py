@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.joint import joint_fit
-from model.identification.live import LiveFit
+from model.identification.experiment_design import Candidate, Expected, candidates, next_best
+from model.identification.fit_options import FitCancelled, Setting
+from model.identification.joint_fit import joint_fit
+from model.identification.live_fit import LiveFit
 from model.identification.observations import Campaign, FrequencyResponse, MembraneSag, StaticLoading, redrawn
-from model.identification.planning import Candidate, Expected, candidates, next_best
-from model.identification.profile import profile
-from model.identification.setting import FitCancelled, Setting
+from model.identification.profile_likelihood import profile
+from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.quantity import ParameterError
-from model.response import amplifier_response
+from model.response.frequency_response import amplifier_response
+from model.response.statics import load_compliance
 from model.skin import skin
-from model.statics import load_compliance
 
 PERFECT = perfect(World(), Noise(), SHARED)
 FEW = Campaign(tuple(r for r in PERFECT.runs if r.label in ("mfc", "steps", "free")))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from protocols.signals.landing import Landing, LandingDetector, LandingState
-from protocols.signals.samples import coverage_factor
+from protocols.signals.checks import coverage_factor
+from protocols.signals.step_detection import Landing, LandingDetector, LandingState
 
 RATE = 2000.0
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from protocols.signals.checks import coverage_factor
 from protocols.signals.creep import fit_creep
-from protocols.signals.level import level, step_value
-from protocols.signals.samples import coverage_factor
+from protocols.signals.levels import level, step_value
 
 RATE = 5000.0
 

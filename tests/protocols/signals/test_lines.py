@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from protocols.signals.lines import bins_of, blocks_for, padded
+from protocols.signals.spectral_blocks import bins_of, blocks_for, padded
 
 
 @pytest.mark.parametrize("size", [1000, 4096, 29_999, 99_997])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response import poles
-from model.time import step_response
+from model.response.frequency_response import poles
+from model.response.time_response import step_response
+from protocols.signals.checks import coverage_factor
 from protocols.signals.decay import fit_decay
 from protocols.signals.loop import fold, measure_loops
 from protocols.signals.multisine import Multisine
-from protocols.signals.samples import coverage_factor
 
 RATE = 5000.0
 

@@ -7,16 +7,16 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from drivers.drive import LinearSweep
+from model.beam.poles import Modal
 from model.parameters import Tactor
-from model.poles import Modal
-from model.response import frequency_response, poles
-from model.sweep import sweep_response as exact_sweep
-from protocols.signals.mode import fit_mode
+from model.response.frequency_response import frequency_response, poles
+from model.response.sweep_response import sweep_response as exact_sweep
+from protocols.signals.checks import coverage_factor
+from protocols.signals.modal_fit import fit_mode
 from protocols.signals.multisine import Multisine
 from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
 from protocols.signals.periodic_response import periodic_response
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.samples import coverage_factor
 from protocols.signals.swept_response import SHARP_VARIANCE, sweep_response
 from tests.model.sampled import march
 

@@ -1,0 +1,1 @@
+"""Run files on disk: catalogue, summaries, notes, replay, export and import."""

@@ -1,0 +1,237 @@
+"""An index of a folder's run files: thousands listed at once, thrown away and rebuilt at will, for the files hold it all.
+
+It lies in the user's cache, never beside the runs: a folder of runs may be read-only or on a network drive, where SQLite
+must not be. What a person adds (tags, a note) stands in a small file beside the run, see `app.archive.notes`.
+"""
+
+import hashlib
+import os
+import sqlite3
+import tempfile
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
+from app.archive.run_summary import Entry, State, bare_entry, read_entry, with_notes
+
+SCHEMA = 3
+"""Raise it when `Entry` changes: an index of another schema is thrown away."""
+
+BATCH = 100
+"""Files read between two commits; others see them then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scanned:
+    """What a look at the folder brought."""
+
+    added: int = 0
+    changed: int = 0
+    removed: int = 0
+    skipped: tuple[str, ...] = ()
+    """A sentence for each folder that could not be read. Files that cannot be are in the list, and say so."""
+    whole: bool = True
+    """False where it was stopped before the end."""
+
+    @property
+    def news(self) -> bool:
+        return bool(self.added or self.changed or self.removed)
+
+
+class _Seen(NamedTuple):
+    """What tells that a file has changed."""
+
+    modified_ns: int
+    size: int
+    notes_ns: int
+
+
+@dataclass
+class _Walk:
+    """What lies in a folder and below."""
+
+    runs: dict[str, os.stat_result] = field(default_factory=dict)
+    notes: dict[str, int] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)
+
+    def notes_of(self, run: str) -> str:
+        """Where the notes of a run are: beside it, or where it lay before somebody moved the run alone."""
+        beside = run.removesuffix(".h5") + NOTES_SUFFIX
+        if beside in self.notes:
+            return beside
+        name = beside.rpartition("/")[2]
+        for other in self.notes:
+            if other.rpartition("/")[2] == name and other.removesuffix(NOTES_SUFFIX) + ".h5" not in self.runs:
+                return other
+        return ""
+
+
+class Catalogue:
+    """The runs in `folder` and below. Methods may be called from any thread; `scan` and `annotate` write.
+
+    Args:
+        index: the SQLite file; default is one in the user's cache, named by the folder.
+    """
+
+    def __init__(self, folder: Path, index: Path | None = None) -> None:
+        self.folder = folder
+        self.index = index or index_path(folder)
+
+    def entries(self) -> list[Entry]:
+        """Every run known, newest first."""
+        with self._connected() as db:
+            rows = db.execute(f"SELECT {', '.join(Entry._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
+            return list(map(Entry._make, rows))
+
+    def scan(
+        self,
+        told: Callable[[int, int], None] = lambda _done, _all: None,
+        stopped: Callable[[], bool] = lambda: False,
+        leave: Collection[Path] = (),
+    ) -> Scanned:
+        """Look what was added, changed, moved or deleted, and read that.
+
+        `told` hears how many of how many files are read, `stopped` is asked between them. Files in `leave` are being
+        written by this very program: they are listed, but not opened.
+        """
+        left = {str(path.resolve()) for path in leave}
+        walk = _walk(self.folder)
+        added = changed = done = 0
+        with self._connected() as db:
+            known = {
+                path: (_Seen(*seen), state)
+                for path, state, *seen in db.execute("SELECT path, state, modified_ns, size, notes_ns FROM runs")
+            }
+            gone = known.keys() - walk.runs.keys()
+            db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
+            due = []
+            for path, stat in walk.runs.items():
+                notes = walk.notes_of(path)
+                seen = _Seen(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
+                # A file that says `running` does not change when its writer dies.
+                if path not in known or known[path][0] != seen or known[path][1] == State.RUNNING:
+                    due.append((path, notes, seen))
+            # Newest first: names begin with the time, and that is what a person looks for.
+            for path, notes, seen in sorted(due, key=lambda item: item[0].rpartition("/")[2], reverse=True):
+                if stopped():
+                    return Scanned(added, changed, len(gone), tuple(walk.skipped), whole=False)
+                entry = self._read(path, notes, seen, left)
+                if entry is None:
+                    db.execute("DELETE FROM runs WHERE path = ?", (path,))
+                else:
+                    _put(db, entry)
+                    added += path not in known
+                    changed += path in known and known[path] != (seen, entry.state)
+                done += 1
+                told(done, len(due))
+                if done % BATCH == 0:
+                    db.commit()
+        return Scanned(added, changed, len(gone), tuple(walk.skipped))
+
+    def put(self, entries: Sequence[Entry]) -> None:
+        """Enter entries as they are; the next scan corrects what the files do not bear out."""
+        with self._connected() as db:
+            for entry in entries:
+                _put(db, entry)
+
+    def _read(self, path: str, notes: str, seen: _Seen, left: Collection[str]) -> Entry | None:
+        file = self.folder / path
+        if str(file.resolve()) in left:
+            entry: Entry | None = bare_entry(path, State.RUNNING, "being written by this program")
+        else:
+            entry = read_entry(file, path)
+        if entry is None:
+            return None
+        entry = entry._replace(modified_ns=seen.modified_ns, size=seen.size, notes_ns=seen.notes_ns)
+        if not notes:
+            return entry
+        try:
+            return with_notes(entry, read_notes(self.folder / notes))
+        except NotesError as error:
+            return with_notes(entry, Notes(note=str(error)))
+
+    @contextmanager
+    def _connected(self) -> Iterator[sqlite3.Connection]:
+        db = self._open()
+        try:
+            with db:
+                yield db
+        finally:
+            db.close()
+
+    def _open(self) -> sqlite3.Connection:
+        self.index.parent.mkdir(parents=True, exist_ok=True)
+        for _ in range(2):
+            db = sqlite3.connect(self.index, timeout=10.0)
+            try:
+                if self._ready(db):
+                    return db
+            except sqlite3.OperationalError:
+                db.close()
+                raise
+            except sqlite3.DatabaseError:  # no database, or a damaged one: the files will tell again
+                pass
+            db.close()
+            for suffix in ("", "-wal", "-shm"):
+                self.index.with_name(self.index.name + suffix).unlink(missing_ok=True)
+        raise sqlite3.DatabaseError(f"the index {self.index} cannot be made")
+
+    @staticmethod
+    def _ready(db: sqlite3.Connection) -> bool:
+        """Whether the index is of today's schema; an empty one is made so."""
+        (version,) = db.execute("PRAGMA user_version").fetchone()
+        if version == SCHEMA:
+            return True
+        if version != 0 or db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            return False
+        db.execute("PRAGMA journal_mode = WAL")
+        db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(Entry._fields[1:])}) WITHOUT ROWID")
+        db.execute(f"PRAGMA user_version = {SCHEMA}")
+        db.commit()
+        return True
+
+
+def index_path(folder: Path) -> Path:
+    """Where the index of a folder is kept: in the user's cache, or with temporary files where there can be none."""
+    from platformdirs import user_cache_path
+
+    name = f"runs-{hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]}.sqlite"
+    place = user_cache_path("tactor-bench", appauthor=False)
+    with suppress(OSError):
+        place.mkdir(parents=True, exist_ok=True)
+        if os.access(place, os.W_OK):
+            return place / name
+    return Path(tempfile.gettempdir()) / f"tactor-bench-{name}"
+
+
+def _put(db: sqlite3.Connection, entry: Entry) -> None:
+    db.execute(f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * len(entry))})", entry)  # noqa: S608
+
+
+def _walk(folder: Path) -> _Walk:
+    """Run files and notes in a folder and below, by their path within it; hidden folders are left out."""
+    walk = _Walk()
+    pending = [""]
+    while pending:
+        inside = pending.pop()
+        try:
+            with os.scandir(folder / inside) as items:
+                for item in items:
+                    if item.name.startswith("."):
+                        continue
+                    path = f"{inside}{item.name}"
+                    if item.is_dir(follow_symlinks=False):
+                        pending.append(f"{path}/")
+                    elif item.name.endswith(".h5"):
+                        walk.runs[path] = item.stat()
+                    elif item.name.endswith(NOTES_SUFFIX):
+                        walk.notes[path] = item.stat().st_mtime_ns
+        except FileNotFoundError:
+            if inside:  # deleted while we looked; the folder itself may not be there yet
+                continue
+        except OSError as error:
+            walk.skipped.append(f"{folder / inside} cannot be read: {error.strerror or error}")
+    return walk

@@ -1,0 +1,1 @@
+"""Import of measured tables and time series as run files."""

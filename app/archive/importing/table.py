@@ -1,0 +1,110 @@
+"""A table from somebody's file: columns with a name and a unit, and every cell knows its place."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from app.common.inputs import shortened
+
+NOTHING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
+"""Cells in which there is no number."""
+
+HEAD = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))")
+SUFFIXES = {
+    unit.casefold(): unit
+    for unit in (
+        "Hz",
+        "kHz",
+        "nm",
+        "um",
+        "µm",
+        "mm",
+        "cm",
+        "m",
+        "V",
+        "kV",
+        "N",
+        "g",
+        "kg",
+        "s",
+        "ms",
+        "us",
+        "deg",
+        "rad",
+    )
+} | {"mv": "mV", "mn": "mN", "mg": "mg", "percent": "%"}
+"""Units that may end a name: `amplitude_um`."""
+
+
+class SheetError(Exception):
+    """A file gives no table. The sentence says which file, where, what stands there, and what would do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """One column: its head as it stands in the file, the name and unit in it, and what stands below."""
+
+    head: str
+    name: str
+    unit: str | None
+    cells: Sequence[str | float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """A table. `places` tell where each row stands; `about` what else the file says of itself."""
+
+    path: Path
+    sha256: str
+    columns: tuple[Cells, ...]
+    places: Sequence[str]
+    decimal_comma: bool = False
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    def number(self, column: Cells, row: int) -> float:
+        """The number in a cell, NaN where it says that there is none.
+
+        Raises:
+            SheetError: it is neither.
+        """
+        cell = column.cells[row]
+        if not isinstance(cell, str):
+            return float(cell)
+        text = cell.strip()
+        if text.casefold() in NOTHING:
+            return float("nan")
+        if self.decimal_comma:
+            text = text.replace(",", ".")
+        try:
+            if "_" in text:
+                raise ValueError
+            return float(text)
+        except ValueError:
+            hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
+            raise SheetError(
+                f"{self.at(row, column)}: '{shortened(cell)}' is no number; {hint}, or mend the line"
+            ) from None
+
+    def at(self, row: int, column: Cells) -> str:
+        """File, line and column in words."""
+        return f"{self.path}, {self.places[row]}, column '{column.head}'"
+
+
+def split_head(head: str) -> tuple[str, str | None]:
+    """Name and unit of a head: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
+    head = head.strip()
+    if found := HEAD.fullmatch(head):
+        unit = next(part for part in found.group("a", "b", "c", "d") if part is not None).strip()
+        if found["name"].strip() and unit and (found["d"] is None or unit.casefold() in SUFFIXES):
+            return found["name"].strip(), unit
+    name, _, suffix = head.rpartition("_")
+    if name and suffix.casefold() in SUFFIXES:
+        return name, SUFFIXES[suffix.casefold()]
+    return head, None
+
+
+def is_unit(text: str) -> bool:
+    """Whether these letters are a unit that may stand in a head."""
+    return text.casefold() in SUFFIXES

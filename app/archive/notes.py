@@ -1,0 +1,71 @@
+"""What a person adds to a run: tags and a note, in a small JSON file beside it.
+
+Beside and not inside: a run file is closed when it ends, and of all that was tried on HDF5 files the adding of attributes
+is what damaged some when the program was killed in the middle (docs/decisions/0030-archive.md).
+"""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.common.atomic_write import write_whole
+
+NOTES_SUFFIX = ".notes.json"
+
+
+class NotesError(Exception):
+    """Notes cannot be read or written. The sentence says which, why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Tags, each a word or a few without a comma, and free text."""
+
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+
+def notes_path(run: Path) -> Path:
+    """Where the notes of a run stand."""
+    return run.with_suffix(NOTES_SUFFIX)
+
+
+def read_tags(text: str) -> tuple[str, ...]:
+    """`good, second try` as tags, each once, in order."""
+    return tuple(dict.fromkeys(" ".join(tag.split()) for tag in text.split(",") if tag.strip()))
+
+
+def read_notes(path: Path) -> Notes:
+    """The notes in a file; none where there is no file.
+
+    Raises:
+        NotesError: the file is there and cannot be understood.
+    """
+    try:
+        record = json.loads(path.read_text("utf-8"))
+        return Notes(tuple(str(tag) for tag in record.get("tags", ())), str(record.get("note", "")))
+    except FileNotFoundError:
+        return Notes()
+    except (OSError, ValueError, AttributeError, TypeError) as error:
+        raise NotesError(
+            f"the notes {path} cannot be read ({error}); mend the file or take it away, the run itself is untouched"
+        ) from None
+
+
+def write_notes(run: Path, notes: Notes) -> None:
+    """Keep the notes of a run; no notes at all take the file away. What stood there is replaced whole or not at all.
+
+    Raises:
+        NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.
+    """
+    path = notes_path(run)
+    read_notes(path)
+    try:
+        if notes == Notes():
+            path.unlink(missing_ok=True)
+            return
+        text = json.dumps({"tags": list(notes.tags), "note": notes.note}, indent=2, ensure_ascii=False) + "\n"
+        write_whole(path, text)
+    except OSError as error:
+        raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None

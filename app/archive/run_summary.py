@@ -1,0 +1,215 @@
+"""One run in a list: what a person looks for it by, read from its file; and which of many are wanted."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from app.archive.notes import Notes
+from app.common.formatting import quantity
+from protocols.base.events import Status
+from protocols.runfile.reader import NewerRunError, NoRunError, Run, RunError
+
+SILENT_S = 600.0
+"""A file that says `running` and was not written for so long is told apart."""
+
+
+class State(StrEnum):
+    """How a run stands. The first five are what the file says."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    FAILED = "failed"
+    UNSAFE = "unsafe"
+    RUNNING = "running"
+    CRASHED = "crashed"
+    """It says running, and the program that wrote it is gone."""
+    IMPORTED = "imported"
+    """Nothing was run: its points come from somebody's table."""
+    NEWER = "newer version"
+    DAMAGED = "damaged"
+
+    @property
+    def readable(self) -> bool:
+        """Whether the run can be opened."""
+        return self not in (State.NEWER, State.DAMAGED)
+
+
+class Entry(NamedTuple):
+    """One run as the list has it; a plain tuple, because there are ten thousand."""
+
+    path: str
+    """Within the folder, with slashes."""
+    state: str
+    reason: str
+    protocol: str
+    specimen: str
+    start_time: str
+    """ISO, UTC, so that text sorts as time does."""
+    simulated: int
+    points: int
+    seconds: float
+    found: str
+    """What was identified, in words."""
+    tags: str
+    note: str
+    modified_ns: int
+    size: int
+    notes_ns: int
+    words: str
+    """Everything a search looks at, casefolded."""
+
+    @property
+    def name(self) -> str:
+        return PurePosixPath(self.path).name
+
+    @property
+    def begun(self) -> datetime | None:
+        """When it began, in local time."""
+        try:
+            return datetime.fromisoformat(self.start_time).astimezone()
+        except ValueError:
+            return None
+
+    @property
+    def readable(self) -> bool:
+        return State(self.state).readable
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which runs are wanted; an empty text wants all. Every word of `words` must occur somewhere."""
+
+    words: str = ""
+    specimen: str = ""
+    protocol: str = ""
+    state: str = ""
+    since: str = ""
+    """ISO, UTC."""
+
+    def among(self, entries: Iterable[Entry]) -> list[Entry]:
+        """The wanted ones, in their order."""
+        words = self.words.casefold().split()
+        return [
+            e
+            for e in entries
+            if (not self.specimen or e.specimen == self.specimen)
+            and (not self.protocol or e.protocol == self.protocol)
+            and (not self.state or e.state == self.state)
+            and (not self.since or e.start_time >= self.since)
+            and all(word in e.words for word in words)
+        ]
+
+
+def read_since(text: str, now: datetime | None = None) -> str:
+    """`2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` as ISO time in UTC.
+
+    Raises:
+        ValueError: none of these.
+    """
+    now = (now or datetime.now()).astimezone()
+    text = text.strip().casefold()
+    number, unit = text[:-1].strip(), text[-1:]
+    if text == "today":
+        begin = now.replace(hour=0, minute=0, second=0, microsecond=0)
+    elif unit in ("h", "d") and number.isdigit():
+        begin = now - timedelta(hours=int(number) * (24 if unit == "d" else 1))
+    else:
+        try:
+            begin = datetime.fromisoformat(f"{text}-01" if len(text) == 7 else text)
+        except ValueError:
+            raise ValueError(f"'{text}' is no date") from None
+        begin = begin.astimezone() if begin.tzinfo is None else begin
+    return begin.astimezone(UTC).isoformat(timespec="milliseconds")
+
+
+def read_entry(file: Path, path: str) -> Entry | None:
+    """The entry of a file, `path` within the folder; None where it is an HDF5 file of another kind.
+
+    A file that cannot be read has an entry too, with the reason.
+    """
+    try:
+        with Run(file) as run:
+            state = State(run.state)
+            found = "; ".join(f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates())
+            reason = run.reason
+            if state is State.RUNNING and not reason:
+                reason = _running_words(file)
+            elif state is State.CRASHED and not reason:
+                reason = "the program that wrote it is gone; everything up to its end is in the file"
+            return _worded(
+                Entry(
+                    path=path,
+                    state=state,
+                    reason=reason,
+                    protocol=run.protocol,
+                    specimen=run.specimen,
+                    start_time=run.start_time,
+                    simulated=int(run.simulated),
+                    points=run.point_count,
+                    seconds=run.trace.duration_s,
+                    found=found,
+                    tags="",
+                    note="",
+                    modified_ns=0,
+                    size=0,
+                    notes_ns=0,
+                    words="",
+                )
+            )
+    except NoRunError as error:
+        # A run that lost its end may not even say what it is; its name does.
+        entry = bare_entry(path, State.DAMAGED, f"{error}; or it is damaged: copy it again")
+        return entry if entry.start_time else None
+    except NewerRunError as error:
+        return bare_entry(path, State.NEWER, str(error))
+    except (RunError, OSError, KeyError, ValueError, RuntimeError) as error:
+        if not file.exists():
+            return None
+        why = str(error) if isinstance(error, RunError) else f"{file} is damaged inside: {error}"
+        return bare_entry(path, State.DAMAGED, why)
+
+
+def bare_entry(path: str, state: State, reason: str) -> Entry:
+    """An entry from the file's name alone: `20261121T091502Z_T7_sine-dwell.h5`."""
+    stamp, _, rest = PurePosixPath(path).stem.partition("_")
+    specimen, _, protocol = rest.rpartition("_")
+    try:
+        begun = datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).isoformat(timespec="milliseconds")
+    except ValueError:
+        begun = specimen = protocol = ""
+    return _worded(Entry(path, state, reason, protocol, specimen, begun, 0, 0, 0.0, "", "", "", 0, 0, 0, ""))
+
+
+def with_notes(entry: Entry, notes: Notes) -> Entry:
+    """The entry with what a person added."""
+    return _worded(entry._replace(tags=", ".join(notes.tags), note=notes.note))
+
+
+def _worded(entry: Entry) -> Entry:
+    begun = entry.begun
+    texts = (
+        entry.path,
+        entry.state,
+        entry.reason,
+        entry.protocol,
+        entry.specimen,
+        f"{begun:%Y-%m-%d %H:%M}" if begun else "",
+        "simulated" if entry.simulated else "",
+        entry.found,
+        entry.tags,
+        entry.note,
+    )
+    return entry._replace(words="\n".join(texts).casefold())
+
+
+def _running_words(file: Path) -> str:
+    written = datetime.fromtimestamp(file.stat().st_mtime).astimezone()
+    if (datetime.now().astimezone() - written).total_seconds() < SILENT_S:
+        return "still being written"
+    return f"says it is running, but was last written {written:%Y-%m-%d %H:%M}"
+
+
+assert {s.value for s in Status} <= {s.value for s in State}

@@ -1,0 +1,1 @@
+"""Campaigns: plan, item status, queue and summary of a specimen."""

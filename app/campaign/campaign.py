@@ -1,0 +1,255 @@
+"""A campaign: the measurements of one specimen in their order, how each stands, and what comes next. No Qt, no terminal.
+
+How a measurement stands is computed from the run files whenever it is asked; a run that somebody made by hand counts like
+any other. Kept in one file beside the runs are only the plan and what each run was based on. So nothing can disagree with
+the files, and a program that was killed leaves nothing behind that has to be mended.
+"""
+
+import json
+import threading
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import ValidationError
+
+from app.campaign.plan import CARRIED, PAPER, CampaignError, Item, Plan, campaign_path, known, read_record, write_record
+from app.campaign.status import GOOD, Listed, Made, Next, Shelf, basis_of, stand
+from model.amplifier_map import AmplifierMap
+from protocols.base.events import Status
+from protocols.base.protocol import Protocol
+from protocols.base.records import Estimate
+from protocols.registry import PROTOCOLS
+
+
+class Campaign:
+    """One specimen's campaign in a folder of runs. Every change is on disk, whole, before the method returns."""
+
+    def __init__(self, path: Path, record: Mapping[str, Any]) -> None:
+        self.path = path
+        self.specimen = str(record["specimen"])
+        self.simulated = bool(record["simulated"])
+        self.created = str(record["created"])
+        self._plan = Plan(tuple(Item.from_record(item) for item in record["items"]))
+        self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
+        self._shelf = Shelf(path.parent)
+        self._writing: tuple[str, Path] | None = None
+        """Item ("" for a run that is none of ours) and file that this program is writing: no second hand may open it."""
+        self._lock = threading.RLock()
+
+    @classmethod
+    def new(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[Item] = PAPER) -> Self:
+        """Begin a campaign with those items whose protocol is known.
+
+        Raises:
+            CampaignError: the specimen has one there already, or the folder cannot be written.
+        """
+        path = campaign_path(folder, specimen)
+        if path.exists():
+            raise CampaignError(f"there is a campaign of {specimen} already: {path}; go on with it, or take it away")
+        created = datetime.now(UTC).isoformat(timespec="milliseconds")
+        kept = [item.as_record() for item in known(items, PROTOCOLS)]
+        record = {"specimen": specimen, "simulated": simulated, "created": created, "items": kept, "based_on": {}}
+        campaign = cls(path, record)
+        campaign._save()
+        return campaign
+
+    @classmethod
+    def open(cls, folder: Path, specimen: str) -> Self:
+        """The specimen's campaign.
+
+        Raises:
+            CampaignError: there is none, or its file cannot be understood.
+        """
+        return cls.at(campaign_path(folder, specimen), specimen)
+
+    @classmethod
+    def at(cls, path: Path, specimen: str = "") -> Self:
+        """The campaign of a file.
+
+        Raises:
+            CampaignError: there is none, or its file cannot be understood.
+        """
+        try:
+            return cls(path, read_record(path))
+        except FileNotFoundError:
+            of = f"of {specimen} in {path.parent}" if specimen else f"at {path}"
+            raise CampaignError(
+                f"there is no campaign {of}; begin one: tactor-bench campaign new --specimen {specimen or 'NAME'}"
+            ) from None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise CampaignError(
+                f"the campaign {path} cannot be understood ({type(error).__name__}: {error}); mend the file, or take it "
+                "away and begin anew. The runs themselves are untouched"
+            ) from None
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        """What it consists of, in order."""
+        return self._plan.items
+
+    # -- how it stands -------------------------------------------------------------------------------------------------
+
+    def listed(self) -> tuple[Listed, ...]:
+        """Every item in order, as the run files have it now."""
+        with self._lock:
+            name, file = self._writing or ("", None)
+            made = self._shelf.runs(self.created, leave=file)
+            runs = {item.name: self._of(item, made) for item in self.items}
+            if file is not None and name:
+                item = self._plan.item(name)
+                runs[name].append(Made(file, self.specimen, item.protocol, {}, Status.RUNNING))
+            titles = {name: PROTOCOLS.title(name) for name in PROTOCOLS}
+            return stand(self.items, titles, runs, self._based_on)
+
+    def next(self, hands_free: bool = False) -> Listed | None:
+        """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
+        for line in self.listed():
+            if line.next in (Next.RUN, Next.AGAIN, Next.RESUME) and not (hands_free and self.needs_hands(line.item)):
+                return line
+        return None
+
+    def line(self, name: str) -> Listed:
+        """One item as it stands. Raises CampaignError for an unknown name."""
+        self._plan.item(name)
+        return next(line for line in self.listed() if line.item.name == name)
+
+    def protocol(self, item: Item) -> Protocol:
+        """The item's protocol with its settings, and with what is carried on from the items it rests on.
+
+        Raises:
+            CampaignError: the protocol is not known here any more, or refuses the settings.
+        """
+        carried = self.carried(item)
+        return self._made_of(item, {name: carried[of].value for name, of in CARRIED.items() if of in carried})
+
+    def _made_of(self, item: Item, carried: Mapping[str, float]) -> Protocol:
+        kind = PROTOCOLS.get(item.protocol)
+        if kind is None:
+            raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
+        fits = {name: value for name, value in carried.items() if name in kind.model_fields}
+        try:
+            return kind(**{**fits, **item.settings})
+        except ValidationError as error:
+            fault = error.errors()[0]
+            raise CampaignError(
+                f"{item.name}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}; correct it in {self.path}"
+            ) from None
+
+    def needs_hands(self, item: Item) -> bool:
+        """Whether a person must do more than switch high voltage."""
+        plan = self._made_of(item, {}).plan(AmplifierMap().rest_v)
+        return bool(item.prepare) or any(entry.setup is not None or entry.prompts for entry in plan)
+
+    def carried(self, item: Item) -> dict[str, Estimate]:
+        """The accepted estimates of everything the item rests on, by name; of two the later item's counts."""
+        lines = {line.item.name: line for line in self.listed()}
+        wanted = self._plan.below(item)
+        found: dict[str, Estimate] = {}
+        for name, line in lines.items():
+            if name in wanted:
+                found.update({estimate.name: estimate for estimate in line.estimates})
+        return found
+
+    def counting(self) -> list[Path]:
+        """The runs that count, in the order of their items."""
+        return [line.run for line in self.listed() if line.standing in GOOD and line.run is not None]
+
+    # -- what a person changes -----------------------------------------------------------------------------------------
+
+    def began(self, name: str, run: Path) -> None:
+        """A run of an item has been begun by this program: keep what it is based on."""
+        with self._lock:
+            item, self._writing = self._plan.item(name), (name, run)
+            lines = {line.item.name: line for line in self.listed()}
+            self._based_on[run.name] = {n: basis_of(lines[n]) for n in item.needs if lines[n].run is not None}
+            self._save()
+
+    def leave(self, run: Path) -> None:
+        """A run is being written here that is none of this campaign's items: its file is left alone."""
+        with self._lock:
+            self._writing = ("", run)
+
+    def ended(self) -> None:
+        """The run that this program has begun is over, and its file closed."""
+        with self._lock:
+            self._writing = None
+
+    def skip(self, name: str, why: str = "left out on purpose") -> None:
+        """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
+        self._change(name, skipped=why)
+
+    def repeat(self, name: str) -> None:
+        """Measure an item again: runs until now do not count."""
+        self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
+
+    def accept(self, name: str) -> None:
+        """A person has looked at what the run of an item found, and takes it."""
+        line = self.line(name)
+        if line.run is None or line.standing not in GOOD:
+            raise CampaignError(f"{name} has no run that could be accepted: it is {line.standing}")
+        self._change(name, accepted=(*line.item.accepted, line.run.name))
+
+    def reject(self, name: str) -> None:
+        """Do not accept the run of an item; the one before it counts, or the item is missing."""
+        line = self.line(name)
+        if line.run is None:
+            raise CampaignError(f"{name} has no run that could be rejected")
+        self._change(name, rejected=(*line.item.rejected, line.run.name))
+
+    def move(self, name: str, before: str = "") -> None:
+        """Put an item before another one, or at the end. Raises CampaignError where it may not stand there."""
+        with self._lock:
+            self._plan.move(name, before)
+            self._save()
+
+    @property
+    def can_undo(self) -> bool:
+        return self._plan.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        return self._plan.can_redo
+
+    def undo(self) -> bool:
+        """Take the last change of the plan back; whether there was one. Runs are never touched."""
+        with self._lock:
+            return self._plan.undo() and self._save()
+
+    def redo(self) -> bool:
+        """Make the change again that was taken back; whether there was one."""
+        with self._lock:
+            return self._plan.redo() and self._save()
+
+    # -- inside --------------------------------------------------------------------------------------------------------
+
+    def _of(self, item: Item, runs: Sequence[Made]) -> list[Made]:
+        """The runs of an item, oldest first."""
+        settings = json.loads(json.dumps(self._made_of(item, {}).model_dump(mode="json", include=set(item.settings))))
+        return [
+            run
+            for run in runs
+            if run.protocol == item.protocol
+            and run.specimen == self.specimen
+            and run.simulated == self.simulated
+            and run.start_time >= item.since
+            and run.name not in item.rejected
+            and all(run.parameters.get(name) == value for name, value in settings.items())
+        ]
+
+    def _change(self, name: str, **values: Any) -> None:
+        with self._lock:
+            self._plan.change(name, **values)
+            self._save()
+
+    def _save(self) -> Literal[True]:
+        record = {
+            "specimen": self.specimen,
+            "simulated": self.simulated,
+            "created": self.created,
+            "items": [item.as_record() for item in self.items],
+            "based_on": self._based_on,
+        }
+        write_record(self.path, record)
+        return True

@@ -1,0 +1,184 @@
+"""What a campaign consists of: measurements in an order, what each needs before it, and the paper's own as the default.
+
+The file a campaign is kept in: one JSON file beside the runs, replaced whole, named for the specimen.
+"""
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from app.common.atomic_write import write_whole
+from app.common.undo import History
+from protocols.base.steps import Prompt
+from protocols.runfile.schema import safe_name
+
+SUFFIX = ".campaign.json"
+VERSION = 1
+
+
+class CampaignError(Exception):
+    """A campaign cannot be opened, changed or kept. The sentence says which, why and what to do."""
+
+
+def campaign_path(folder: Path, specimen: str) -> Path:
+    """Where a specimen's campaign stands: beside its runs."""
+    return folder / f"{safe_name(specimen)}{SUFFIX}"
+
+
+def campaigns_in(folder: Path) -> list[Path]:
+    """The campaigns of a folder, the one changed last first."""
+    try:
+        found = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
+    except OSError:
+        return []
+    return [path for _, path in sorted(found, reverse=True)]
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """What a campaign's file says.
+
+    Raises:
+        CampaignError: it is none, or of a newer version.
+        OSError, ValueError, KeyError, TypeError: it cannot be read or understood.
+    """
+    record = json.loads(path.read_text("utf-8"))
+    if record["kind"] != "campaign" or record["version"] > VERSION:
+        raise CampaignError(f"{path} is of a newer version of this program; install that")
+    return dict(record)
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Replace a campaign's file.
+
+    Raises:
+        CampaignError: it cannot be written.
+    """
+    whole = {"kind": "campaign", "version": VERSION, **record}
+    text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text)
+    except OSError as error:
+        raise CampaignError(f"the campaign {path} cannot be written: {error.strerror}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One measurement of a campaign.
+
+    Attributes:
+        name: what the campaign calls it.
+        protocol: which protocol it is a run of.
+        settings: parameters that differ from the protocol's defaults; runs with others are not runs of it.
+        needs: names of the items that must be done before.
+        prepare: what must be set up before it, and that the protocol itself does not ask for.
+        skipped: why it is left out; empty where it is not.
+        since: earlier runs (ISO, UTC) do not count.
+        rejected: names of run files that do not count.
+        accepted: names of run files whose results a person has looked at and taken.
+    """
+
+    name: str
+    protocol: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    needs: tuple[str, ...] = ()
+    prepare: tuple[Prompt, ...] = ()
+    skipped: str = ""
+    since: str = ""
+    rejected: tuple[str, ...] = ()
+    accepted: tuple[str, ...] = ()
+
+    def as_record(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {**asdict(self), "settings": dict(self.settings)}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Item":
+        """The item that `as_record` described. Raises TypeError or KeyError where it is none."""
+        lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted") if name in record}
+        prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
+        return cls(**{**record, **lists, "prepare": prepare})
+
+
+MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
+FREE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
+PAPER_MASS = Prompt(
+    "fix-mass", "Fix the mass of 7.73 g in the cylinder (the paper's).", {"mass_kg": 7.73e-3}, hands_on=True
+)
+
+PAPER: tuple[Item, ...] = (
+    Item("wiring", "wiring-check"),
+    Item("loading", "static-loading", needs=("wiring",), prepare=(FREE,)),
+    Item("resonance", "mass-resonance", needs=("wiring",), prepare=(FREE, MFC_UP)),
+    Item("steps", "voltage-steps", needs=("loading", "resonance"), prepare=(FREE, MFC_UP)),
+    Item("dwell", "sine-dwell", needs=("steps",), prepare=(FREE, MFC_UP, PAPER_MASS)),
+    Item("sag", "membrane-sag", needs=("wiring",)),
+    Item("membrane", "membrane-series", needs=("dwell", "sag"), prepare=(MFC_UP, PAPER_MASS)),
+)
+"""The paper's campaign: k2 (loading, resonance) before mu (steps) before c0 (dwell) before c_s (membrane, with E_m of sag)."""
+
+
+CARRIED: Mapping[str, str] = {"decay_s": "decay time"}
+"""Parameters that take their value from an accepted estimate of what the item rests on, unless its settings say another."""
+
+
+def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ...]:
+    """Those items whose protocol is known; what needed one that is not needs what that one needed."""
+    lost = {item.name: item.needs for item in items if item.protocol not in protocols}
+
+    def needs(names: Collection[str]) -> tuple[str, ...]:
+        found: dict[str, None] = {}
+        for name in names:
+            found.update(dict.fromkeys(needs(lost[name]) if name in lost else (name,)))
+        return tuple(found)
+
+    return tuple(
+        Item(**{**{f: getattr(item, f) for f in Item.__dataclass_fields__}, "needs": needs(item.needs)})
+        for item in items
+        if item.name not in lost
+    )
+
+
+class Plan(History[tuple[Item, ...]]):
+    """The items in their order, and every change of them, which can be taken back. Kept nowhere."""
+
+    @property
+    def items(self) -> tuple[Item, ...]:
+        return self.now
+
+    def item(self, name: str) -> Item:
+        """One item. Raises CampaignError where there is none of that name."""
+        for item in self.items:
+            if item.name == name:
+                return item
+        raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
+
+    def below(self, item: Item) -> set[str]:
+        """Names of everything an item rests on."""
+        found: set[str] = set()
+        for need in item.needs:
+            found |= {need} | self.below(self.item(need))
+        return found
+
+    def change(self, name: str, **values: Any) -> None:
+        """Give an item other values."""
+        changed = replace(self.item(name), **values)
+        self.go(tuple(changed if item.name == name else item for item in self.items))
+
+    def move(self, name: str, before: str = "") -> None:
+        """Put an item before another one, or at the end.
+
+        Raises:
+            CampaignError: something would come before what it needs.
+        """
+        moved, rest = self.item(name), [item for item in self.items if item.name != name]
+        before = before and self.item(before).name
+        place = next((i for i, item in enumerate(rest) if item.name == before), len(rest))
+        items = (*rest[:place], moved, *rest[place:])
+        for i, item in enumerate(items):
+            if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
+                where = f"before {before}" if before else "at the end"
+                raise CampaignError(f"{name} cannot stand {where}: {item.name} needs {later[0]} before it")
+        self.go(items)

@@ -1,0 +1,182 @@
+"""Carries a campaign out on a session, and goes through it before that. Who asks - a terminal, a window - is not known here."""
+
+import typing
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.campaign.campaign import Campaign
+from app.campaign.plan import CampaignError, Item
+from app.campaign.status import Listed, Next, Standing
+from app.session.session import Refused, SessionEvent
+from drivers.bench.bench import Bench
+from drivers.errors import BenchError
+from model.parameters import Tactor
+from protocols.base.events import RunEnded, RunStarted
+from protocols.base.protocol import Protocol
+from protocols.base.steps import Prompt
+from protocols.rehearsal import Rehearsal, must_fit, rehearse
+from protocols.resume import Earlier, earlier
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A run of an item, ready to be begun."""
+
+    line: Listed
+    protocol: Protocol
+    folder: Path
+    specimen: str
+    earlier: Earlier | None
+
+
+class Begins(typing.Protocol):
+    """What a session does with an order."""
+
+    def run(
+        self,
+        protocol: Protocol,
+        folder: Path,
+        specimen: str,
+        earlier: Earlier | None = None,
+        prepare: Sequence[Prompt] = (),
+    ) -> None: ...
+
+
+class Conductor:
+    """Begins the runs of a campaign; an observer of the session that makes them.
+
+    ::
+
+        conductor = Conductor(campaign)
+        session = Session(connect, [conductor, ...], operator)
+        conductor.begin(session, campaign.next())
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self._present = ""
+
+    def order(self, line: Listed) -> Order:
+        """What an item's run consists of, or going on with the one that was broken off. Reads files.
+
+        Raises:
+            CampaignError: the protocol is not known any more, or refuses its settings.
+            RunError: the run cannot be gone on with.
+        """
+        before = earlier(line.run) if line.next is Next.RESUME and line.run is not None else None
+        protocol = self.campaign.protocol(line.item) if before is None else before.protocol
+        return Order(line, protocol, self.campaign.path.parent, self.campaign.specimen, before)
+
+    def give(self, session: Begins, order: Order) -> None:
+        """Ask the session for a run; returns at once."""
+        self._present = order.line.item.name
+        session.run(order.protocol, order.folder, order.specimen, order.earlier, order.line.item.prepare)
+
+    def begin(self, session: Begins, line: Listed) -> None:
+        """Ask the session for an item's run; returns at once. Raises what `order` raises."""
+        self.give(session, self.order(line))
+
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case RunStarted() if self._present:
+                self.campaign.began(self._present, Path(event.path))
+            case RunStarted():
+                self.campaign.leave(Path(event.path))
+            case RunEnded() | Refused():
+                self._present = ""
+                self.campaign.ended()
+
+
+def of_this_bench(campaign: Campaign, simulated: bool) -> None:
+    """Refuse a bench of the other kind.
+
+    Raises:
+        CampaignError: a simulated run would stand for a real one, or the other way round.
+    """
+    if campaign.simulated != simulated:
+        kind = "a simulated bench" if campaign.simulated else "a real bench"
+        raise CampaignError(f"the campaign of {campaign.specimen} is of {kind}; give that with --bench")
+
+
+def first(campaign: Campaign, name: str = "", hands_free: bool = False, resume: bool = False) -> Listed:
+    """The item to begin with: the one that is named, or what comes next.
+
+    Raises:
+        CampaignError: there is nothing to do, or not with this item.
+    """
+    if name:
+        line = campaign.line(name)
+        if line.next is Next.NOTHING:
+            how = "take it in again" if line.standing is Standing.SKIPPED else "'repeat' measures it again"
+            raise CampaignError(f"{name} is {line.standing}: {line.reason}; {how}")
+        if line.next is Next.WAIT:
+            raise CampaignError(f"{name} has to wait: it is {line.standing}, {line.reason}")
+    elif resume:
+        broken = [line for line in campaign.listed() if line.next is Next.RESUME]
+        if not broken:
+            raise CampaignError(
+                "nothing was broken off that could be gone on with; 'campaign run' measures what comes next"
+            )
+        line = broken[0]
+    elif (found := campaign.next(hands_free)) is not None:
+        line = found
+    else:
+        left = [line.item.name for line in campaign.listed() if line.next is not Next.NOTHING]
+        hands = f"without hands; left: {', '.join(left)}" if left else "any more"
+        raise CampaignError(f"there is nothing to do {hands}")
+    if resume and line.next is not Next.RESUME:
+        raise CampaignError(f"{line.item.name} was not broken off (it is {line.standing}: {line.reason})")
+    return line
+
+
+def following(campaign: Campaign, before: Listed, hands_free: bool) -> Listed | None:
+    """What to go on with once an item's run has ended well; None where the same would come again: it does not pass."""
+    line = campaign.next(hands_free)
+    return None if line is None or line.item.name == before.item.name else line
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignRehearsal:
+    """What the items of a campaign will ask of the bench together, and one by one."""
+
+    items: tuple[tuple[Item, Rehearsal], ...]
+    duration_s: float
+    prompts: int
+    highest_specimen_v: float
+    lowest_specimen_v: float
+    file_bytes: int
+    cautions: tuple[str, ...]
+
+
+def rehearse_campaign(
+    campaign: Campaign, bench: Bench, tactor: Tactor | None = None, lines: Iterable[Listed] | None = None
+) -> CampaignRehearsal:
+    """Go through what is left of a campaign, or through `lines`.
+
+    Raises:
+        DriveRefused, CannotRun: an item cannot be done on this bench; the sentence names it.
+        CampaignError: an item's protocol is not known, or refuses its settings.
+    """
+    left = [line for line in campaign.listed() if line.next is not Next.NOTHING] if lines is None else lines
+    told: list[tuple[Item, Rehearsal]] = []
+    for line in left:
+        protocol = campaign.protocol(line.item)
+        try:
+            one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
+        except BenchError as error:
+            raise type(error)(f"{line.item.name}: {error}") from None
+        # High voltage goes off and on once more around what hands prepare.
+        hands = protocol.high_voltage and any(prompt.hands_on for prompt in line.item.prepare)
+        told.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
+    file_bytes = sum(one.file_bytes for _, one in told)
+    must_fit(file_bytes, campaign.path.parent)
+    return CampaignRehearsal(
+        items=tuple(told),
+        duration_s=sum(one.duration_s for _, one in told),
+        prompts=sum(one.prompts for _, one in told),
+        highest_specimen_v=max((one.highest_specimen_v for _, one in told), default=0.0),
+        lowest_specimen_v=min((one.lowest_specimen_v for _, one in told), default=0.0),
+        file_bytes=file_bytes,
+        cautions=tuple(dict.fromkeys(words for _, one in told for words in one.cautions)),
+    )

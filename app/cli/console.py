@@ -1,0 +1,152 @@
+"""The terminal as a front end: progress, sentences, and machine-readable output."""
+
+import json
+import os
+import sys
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
+from rich.text import Text
+
+from app.common.formatting import curve_line, duration, point_line, quantity
+from app.session.session import BenchFailed, BenchOpened, Refused, SessionEvent
+from protocols.base.events import (
+    Answered,
+    Armed,
+    Asked,
+    AtRest,
+    BlockSeen,
+    BlockTaken,
+    CurveReady,
+    FaultSwitched,
+    GoingToRest,
+    Noted,
+    Paused,
+    PointMeasured,
+    Progressed,
+    Resumed,
+    RunEnded,
+    RunStarted,
+    event_record,
+)
+
+COLOURS = {"completed": "green", "unsafe": "bold red"}
+
+
+class Terminal(Console):
+    """Standard error. Nobody reading it any more (`... 2>&1 | head`) is no reason to end a run: it goes on in silence."""
+
+    def __init__(self) -> None:
+        super().__init__(stderr=True, highlight=False)
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+
+
+class ConsoleObserver:
+    """Shows a run on a terminal: a bar that moves, a line per point, sentences for what matters.
+
+    A context manager: leaving it puts the terminal back in order. Texts are printed as they are: a specimen named `[red]x`
+    is no instruction to the terminal.
+    """
+
+    def __init__(self, console: Console, keys: str = "") -> None:
+        """`keys` is what a person may press while it runs, told where the run begins."""
+        self._console, self._keys = console, keys
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[left]}", markup=False),
+            console=console,
+            transient=False,
+            expand=True,
+        )
+        self._task: TaskID | None = None
+        self._simulated = True
+
+    def __enter__(self) -> "ConsoleObserver":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def __call__(self, event: SessionEvent) -> None:
+        match event:
+            case BenchOpened(name, simulated, identities):
+                self._simulated = simulated
+                self._say((name, "bold"), ("  SIMULATED" if simulated else "", "bold red"))
+                for role, identity in identities.items():
+                    self._say(f"  {role}: {identity}")
+            case RunStarted():
+                self._task = self._progress.add_task("arming", total=event.entries, left="")
+                self._say(f"writing {event.path}" + (f"; {self._keys}" if self._keys else ""))
+            case Armed(high_voltage):
+                on = "high voltage is on, says the operator" if high_voltage else "high voltage is off and stays off"
+                self._say(f"rest is measured; {on}")
+            case Asked(_, prompt):
+                self._say((f"> {prompt.text}", "bold yellow"))
+            case Answered(_, words):
+                self._say(f"  {words}")
+            case Noted(text):
+                self._say(text)
+            case FaultSwitched(fault, words, broken):
+                self._say((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {words} ({fault})")
+            case PointMeasured(_, point):
+                self._say(point_line(point))
+            case CurveReady(curve) if words := curve_line(curve):
+                self._say(words)
+            case Progressed() if self._task is not None:
+                left = f"{duration(event.left_s)} left" if event.done < event.entries else ""
+                self._progress.update(self._task, completed=event.done, description=event.label, left=left)
+            case Paused(words):
+                self._say(("paused", "bold yellow"), f": {words}")
+            case Resumed():
+                self._say("goes on")
+            case GoingToRest() if self._task is not None:
+                self._progress.update(self._task, description="going to rest", left="")
+            case AtRest(confirmed, _, words):
+                self._say(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), words)
+            case RunEnded():
+                self._ended(event)
+            case BenchFailed(words) | Refused(words):
+                self._say(("error", "bold red"), f": {words}")
+
+    def _ended(self, event: RunEnded) -> None:
+        for estimate in event.estimates:
+            value = quantity(estimate.value, estimate.standard_error, estimate.unit)
+            self._say(f"{estimate.name}: {value}")
+        if self._task is not None:
+            self._progress.update(self._task, description=str(event.status), left="")
+        if not self._simulated:
+            words = "High voltage may still be on: switch it off at the amplifier before you touch anything."
+            self._say((words, "bold yellow"))
+        self._say((str(event.status), COLOURS.get(event.status, "yellow")), f": {event.reason}")
+
+    def _say(self, *parts: str | tuple[str, str]) -> None:
+        self._progress.console.print(Text.assemble(*parts), soft_wrap=True)
+
+
+class JsonObserver:
+    """Every event but the blocks as one JSON object a line, in SI units."""
+
+    def __init__(self) -> None:
+        self._read = True
+
+    def __enter__(self) -> "JsonObserver":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __call__(self, event: SessionEvent) -> None:
+        if isinstance(event, BlockTaken | BlockSeen) or not self._read:
+            return
+        line = {"event": event.kind, **event_record(event)}
+        try:
+            sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
+            sys.stdout.flush()
+        except OSError as error:  # whoever read it has gone, or its disk is full
+            self._read = False
+            sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")

@@ -1,0 +1,203 @@
+"""The command `tactor-bench import`.
+
+The parser of `tactor-bench import`. What it runs is imported when it runs.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from app.archive.importing.importer import ImportOptions, import_files, read_time
+from app.archive.importing.points import Taken
+from app.cli.output import Answer, Column, Table, deliver
+from app.common.errors import UsageError
+from app.common.inputs import path, specimen
+from app.common.progress import bar
+from app.common.units import UnitError, to_number
+from app.config.bench_file import ConfigError, load_bench
+from app.config.tables import AmplifierTable
+
+
+def import_tables(options: argparse.Namespace) -> int:
+    """`tactor-bench import FILE...`."""
+    words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
+    with bar(words, options.json) as tell:
+        taken, written = import_files(_options(options), _amplifier(options.bench), tell)
+    return deliver(_answer(taken, written), options)
+
+
+def _options(options: argparse.Namespace) -> ImportOptions:
+    elongation = _number("--membrane-elongation", options.membrane_elongation, "m")
+    if elongation is not None and not 0 <= elongation <= 0.05:
+        raise UsageError(f"--membrane-elongation {options.membrane_elongation}: it must lie between 0 and 50 mm")
+    return ImportOptions(
+        files=tuple(options.files),
+        folder=options.out,
+        kind=options.kind,
+        specimen=options.specimen,
+        columns=_pairs("--column", options.column),
+        units=_pairs("--unit", options.unit),
+        uncertainties=_pairs("--uncertainty", options.uncertainty),
+        settings=_pairs("--set", options.settings),
+        elongation_m=elongation,
+        sensor=options.sensor,
+        gain_error=_number("--gain-error", options.gain_error, "1") or 0.0,
+        delay_s=_number("--sensor-delay", options.sensor_delay, "s") or 0.0,
+        simulated=options.simulated,
+        measured=read_time(options.measured) if options.measured else None,
+        dry_run=options.dry_run,
+    )
+
+
+def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (equals and name.strip() and value.strip()):
+            raise UsageError(f"{option} {text}: write NAME=VALUE; '--help' shows an example")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def _number(option: str, text: str | None, unit: str) -> float | None:
+    if text is None:
+        return None
+    try:
+        share = unit == "1" and text.strip().endswith("%")
+        number = to_number(text.strip().removesuffix("%"), "1") / 100 if share else to_number(text, unit)
+    except UnitError as error:
+        raise UsageError(f"{option} {text}: {error}") from None
+    if not 0 <= number < float("inf"):
+        raise UsageError(f"{option} {text}: it must not be negative")
+    return number
+
+
+def _amplifier(bench: str) -> AmplifierTable:
+    try:
+        return load_bench(bench).amplifier
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+
+
+def _answer(every: Sequence[Taken], written: Sequence[Path]) -> Answer:
+    tables, notes = [], list[str]()
+    for taken in every:
+        names = ", ".join(name for name, _ in taken.files)
+        sources = taken.sources
+        tables.append(
+            Table(
+                f"columns of {names}",
+                f"{taken.protocol.title} from {names}: {len(taken.points)} points"
+                + (", SIMULATED" if taken.simulated else ""),
+                (
+                    Column("quantity", "", [s.name for s in sources]),
+                    Column("column", "", [s.head for s in sources]),
+                    Column("unit", "", [s.unit for s in sources]),
+                    Column("meaning", "", [s.meaning for s in sources]),
+                ),
+                most=200,
+            )
+        )
+        notes += [f"caution: {words}" for words in taken.cautions]
+        if taken.left:
+            notes.append(f"left out: {', '.join(repr(head) for head in taken.left)}")
+    notes += [f"wrote {path}" for path in written] or ["nothing was written (--dry-run)"]
+    more = {
+        "written": [str(path) for path in written],
+        "points": sum(len(taken.points) for taken in every),
+        "cautions": [words for taken in every for words in taken.cautions],
+        "left_out": [head for taken in every for head in taken.left],
+    }
+    return Answer("import", {}, tuple(tables), tuple(notes), more=more)
+
+
+def add_import_command(known: Any) -> None:
+    """Register `import` with the subparsers of the command."""
+    command = known.add_parser(
+        "import",
+        help="old tables and time series as run files: CSV or MAT",
+        description="Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
+        "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each says that it was "
+        "imported, from which file and which columns, and has no raw samples. Units stand in the header ('frequency [Hz]', "
+        "'amplitude_um', 'Load (g)') or in --unit.",
+        epilog="example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
+        "--uncertainty 'peak_to_peak=1 %'",
+    )
+    command.add_argument(
+        "files", nargs="+", type=path, metavar="FILE", help="CSV (any delimiter, decimal comma or point) or MAT files"
+    )
+    command.add_argument(
+        "--as",
+        dest="kind",
+        metavar="KIND",
+        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency), or another protocol; "
+        "(default: what the columns say)",
+    )
+    for option, name, words in (
+        (
+            "--column",
+            "QUANTITY=HEAD",
+            "which column is which quantity, e.g. peak_to_peak=A; where its name does not tell",
+        ),
+        ("--unit", "COLUMN=UNIT", "the unit of a column, e.g. A=um; instead of what its head says"),
+        (
+            "--uncertainty",
+            "QUANTITY=SIZE",
+            "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'",
+        ),
+        ("--set", "NAME=VALUE", "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'"),
+    ):
+        command.add_argument(
+            option,
+            dest={"--set": "settings"}.get(option, option[2:]),
+            action="append",
+            default=[],
+            metavar=name,
+            help=f"{words}; may be given often",
+        )
+    command.add_argument("--specimen", type=specimen, default="unnamed", help="name of the specimen (default: unnamed)")
+    command.add_argument(
+        "--membrane-elongation",
+        metavar="LENGTH",
+        help="by how much the membrane was stretched, e.g. '1.27 mm'; free without it",
+    )
+    command.add_argument(
+        "--sensor",
+        default="",
+        metavar="NAME",
+        help="the displacement sensor's name and serial number; runs of one sensor share its gain's error",
+    )
+    command.add_argument(
+        "--gain-error",
+        metavar="SHARE",
+        help="standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'",
+    )
+    command.add_argument(
+        "--sensor-delay", metavar="TIME", help="how late the sensor's output was, e.g. '100 us'; for time series"
+    )
+    command.add_argument(
+        "--bench",
+        default="sim",
+        metavar="FILE",
+        help="bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)",
+    )
+    command.add_argument(
+        "--measured",
+        metavar="WHEN",
+        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run says it is not told)",
+    )
+    command.add_argument(
+        "--simulated", action="store_true", help="these values come from a simulation; the run will say so"
+    )
+    command.add_argument(
+        "--out", type=path, default=Path("runs"), metavar="FOLDER", help="folder for the run files (default: runs)"
+    )
+    command.add_argument("--dry-run", action="store_true", help="tell what would be read, and write nothing")
+    command.add_argument("--json", action="store_true", help="as one JSON object, SI units")
+    command.set_defaults(command=_import)
+
+
+def _import(options: argparse.Namespace) -> int:
+
+    return import_tables(options)

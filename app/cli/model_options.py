@@ -1,0 +1,183 @@
+"""What a person writes for the model, read and checked: `--set`, numbers with units, lists and ranges of them."""
+
+import argparse
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from annotated_types import Interval
+
+from app.common.errors import UsageError
+from app.common.units import UnitError, read_number, to_number
+from model.membrane import GRAVITY
+from model.parameter_spec import ParameterError, Quantity
+from model.parameters import Membrane
+from model.skin import PRE_STRETCH
+from model.specimen import Specimen, changed, variables
+
+VOLTAGE = Quantity("voltage", "V", Interval(), "voltage on the specimen", None)
+LOAD = Quantity("load", "N", Interval(), "load at the centre", None)
+OFFSET = Quantity("offset", "V", Interval(), "offset of the drive at the amplifier's input", 2.5)
+ELONGATION = Quantity("elongation", "m", Interval(ge=0), "elongation of the membrane", None)
+DURATION = Quantity("duration", "s", Interval(gt=0), "duration of the curve", None)
+DENSITY = Quantity("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
+
+MOST_VALUES = 100_000
+"""Longest list that a range may stand for."""
+
+WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
+
+
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Turns what the model refuses, or cannot compute, into a UsageError."""
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except (ParameterError, UnitError) as error:
+        raise UsageError(str(error).replace(" : ", ": ")) from None
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise UsageError(
+            f"the model cannot be computed with these parameters ({error}): they lie too many orders of magnitude apart; "
+            "correct the one that is far from the paper's, which 'tactor-bench model parameters' lists"
+        ) from None
+
+
+def read_load(text: str) -> float:
+    """A load in newtons; a mass is taken for the weight it has."""
+    try:
+        return read_number(text, LOAD)
+    except UnitError:
+        try:
+            return float(LOAD.check(to_number(text, "kg"))) * GRAVITY
+        except UnitError:
+            raise UnitError(f"load: '{text}' is no force and no mass; write for example '0.5 N' or '50 g'") from None
+
+
+def read_values(text: str, quantity: Quantity) -> tuple[float, ...]:
+    """`25, 50, 75 Hz` (a unit at the end is everybody's), `START:STOP:COUNT`, or `START:STOP:COUNT:log`.
+
+    Raises:
+        UsageError: a range that is none.
+        UnitError, ParameterError: a number that is none, or not admitted.
+    """
+    if ":" not in text:
+        items = text.split(",") if "," in text else _words(text)
+        return tuple(read_number(item, quantity) for item in _shared_unit(items))
+    ends, (count, *how) = _shared_unit(text.split(":")[:2]), (*text.split(":")[2:], "")[: max(text.count(":") - 1, 1)]
+    if not count.strip().isdigit() or how not in ([], ["log"]):
+        raise UsageError(f"{quantity.name}: '{text}' is no range; write START:STOP:COUNT, or START:STOP:COUNT:log")
+    if not 2 <= int(count) <= MOST_VALUES:
+        raise UsageError(f"{quantity.name}: '{text}' has {count} values; a range has 2 to {MOST_VALUES}")
+    start, stop = (read_number(end, quantity) for end in ends)
+    if not how:
+        return tuple(np.linspace(start, stop, int(count)).tolist())
+    if not (start > 0 and stop > 0):
+        raise UsageError(f"{quantity.name}: '{text}' is logarithmic, so both ends must be greater than 0")
+    return tuple(np.geomspace(start, stop, int(count)).tolist())
+
+
+def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
+    """`NAME=LIST`: a variable of the model and its values."""
+    name, equals, values = text.partition("=")
+    if not equals or not values.strip():
+        raise UsageError(f"--vary {text}: write NAME=START:STOP:COUNT or NAME=LIST, for example --vary delta=0:0.04:9")
+    return name.strip(), read_values(values.strip(), _variable(name.strip()))
+
+
+def read_settings(settings: Sequence[str]) -> dict[str, float]:
+    """`NAME=VALUE` texts as SI numbers by name; of a name given twice the last one holds.
+
+    A text may also be many of them: a JSON object or TOML lines, as the window copies them, or `@FILE` with either.
+
+    Raises:
+        UsageError: a text that is no setting, or an unknown name.
+    """
+    values = {}
+    for setting in (one for text in settings for one in _each(text)):
+        name, equals, value = setting.partition("=")
+        if not equals or not value.strip():
+            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set 'L=22 mm'")
+        quantity = _variable(name.strip())
+        values[quantity.name] = read_number(value.strip(), quantity)
+    return values
+
+
+def read_specimen(options: argparse.Namespace, on_membrane: bool = False) -> Specimen:
+    """The specimen of a command's `--set`, `--pre-stretch` and `--elongation`.
+
+    The tactor is free until something of the membrane is given, or the command is about one.
+    """
+    values = read_settings(options.settings)
+    given = [
+        f"--{name}"
+        for name in ("pre-stretch", "elongation")
+        if getattr(options, name.replace("-", "_"), None) is not None
+    ] + [f"--set {name}" for name in ("delta",) if name in values]
+    if len(given) > 1:
+        raise UsageError(f"the pre-stretch is given twice, by {' and '.join(given)}; leave one out")
+    if getattr(options, "pre_stretch", None) is not None:
+        values["delta"] = read_number(options.pre_stretch, PRE_STRETCH)
+    elongation = getattr(options, "elongation", None)
+    if elongation is not None:
+        specimen = changed(Specimen(membrane=Membrane()), values)
+        values["delta"] = read_number(elongation, ELONGATION) / specimen.value("L_m")
+    return changed(Specimen(membrane=Membrane() if on_membrane else None), values)
+
+
+def specimen_words(specimen: Specimen) -> str:
+    """Where the specimen vibrates: free, or on which skin."""
+    skin = specimen.skin
+    if specimen.membrane is None and skin.k_s == 0 and skin.c_s == 0:
+        return "vibrating freely"
+    bed = f"k_s = {skin.k_s:.4g} N/m², c_s = {skin.c_s:.4g} kg/(m s)"
+    if specimen.membrane is None:
+        return f"on a skin of {bed}"
+    length = 1e3 * specimen.delta * specimen.membrane.L_m
+    return f"on the membrane at pre-stretch {specimen.delta:.4g} ({length:.3g} mm elongation): {bed}"
+
+
+def _each(text: str) -> list[str]:
+    """The settings that a text of many stands for; one that is a single one, as it is."""
+    if text.startswith("@"):
+        try:
+            text = Path(text[1:]).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"--set {text}: the file cannot be read: {error}") from None
+    elif not text.lstrip().startswith("{") and "\n" not in text.strip():
+        return [text]
+    try:
+        record = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+    except ValueError as error:
+        raise UsageError(f"--set: neither a JSON object nor TOML lines of NAME = VALUE: {error}") from None
+    return [f"{name}={value}" for name, value in record.items()]
+
+
+def _variable(name: str) -> Quantity:
+    known = variables()
+    if name not in known:
+        raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(known)}")
+    return known[name]
+
+
+def _shared_unit(items: Sequence[str]) -> list[str]:
+    """A unit that only the last item has is meant for all: nobody means 1 m by `1, 2 mm`."""
+    last = None if _is_number(items[-1]) else WITH_UNIT.fullmatch(items[-1].strip())
+    return [f"{item.strip()} {last['unit']}" if last and _is_number(item) else item.strip() for item in items]
+
+
+def _words(text: str) -> list[str]:
+    """A list separated by spaces, unless a space stands before a unit."""
+    return text.split() if all(_is_number(word) for word in text.split()) and text.strip() else [text]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return not math.isnan(float(text))
+    except ValueError:
+        return False

@@ -1,0 +1,320 @@
+"""What the commands do. Each takes the parsed options and returns an exit code.
+
+`tactor-bench protocols` and `tactor-bench resume`: what can be measured, and going on with what was begun.
+
+The parsers of `tactor-bench protocols` and `resume`. What they run is imported when it runs.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from inspect import getdoc
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from app.common.errors import DONE, UsageError
+from app.common.inputs import path
+from app.common.units import UnitError, read_value, unit_of
+from app.config.bench_file import FASTEST, BenchConfig, ConfigError, load_bench
+from app.config.validation import faults
+from app.gui.widgets.form import fields_of, text_of
+from protocols.base.jsonable import plain
+from protocols.base.protocol import Protocol
+from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
+from protocols.resume import earlier, named
+from protocols.runfile.reader import RunError
+
+if TYPE_CHECKING:
+    from protocols.resume import Earlier
+
+
+def protocol_names() -> str:
+    """The protocols, for a help text."""
+    return ", ".join(PROTOCOLS)
+
+
+def run(options: argparse.Namespace) -> int:
+    """`tactor-bench run PROTOCOL`."""
+    config, speed = chosen_bench(options)
+    protocol = make_protocol(options.protocol, options.settings)
+    return run_headless(config, speed, options, protocol, planned=options.faults)[0]
+
+
+def window(options: argparse.Namespace) -> int:
+    """`tactor-bench [window]`."""
+    from app.gui.screen import why_no_window
+
+    config, speed = chosen_bench(options)
+    protocol = make_protocol(options.protocol, options.settings)
+    if why := why_no_window():
+        raise UsageError(f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'")
+    return _open_window(config, speed, options, protocol, options.autostart)
+
+
+def demo(options: argparse.Namespace) -> int:
+    """`tactor-bench demo`: the main job, with or without a screen."""
+    from app.gui.screen import why_no_window
+
+    config, speed = chosen_bench(options)
+    protocol = make_protocol("sine-dwell", [])
+    why = "" if not options.no_window else "--no-window was given"
+    why = why or why_no_window()
+    if not why:
+        return _open_window(config, speed, options, protocol, autostart=True)
+    sys.stderr.write(f"No window: {why}. The same job follows without one.\n")
+    options.json = False
+    code, path = run_headless(config, speed, options, protocol)
+    if path is not None and path.exists():
+        _draw(path, path.with_suffix(".png"))
+    return code
+
+
+def show(options: argparse.Namespace) -> int:
+    """`tactor-bench show RUN`."""
+    from app.archive.description import run_record, run_text
+    from app.cli.output import PICTURES, check_file
+    from protocols.runfile.reader import Run, RunError, intact
+
+    if options.picture:
+        check_file(options.picture, PICTURES)
+    try:
+        with Run(options.run) as run, intact(options.run):
+            told = json.dumps(plain(run_record(run)), allow_nan=False) if options.json else run_text(run)
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    print(told)  # noqa: T201 - the command line speaks here
+    if options.picture:
+        return _draw(options.run, options.picture)
+    return DONE
+
+
+def protocol_kind(name: str) -> type[Protocol]:
+    """The protocol of a name, of an installed package, or of a lab's own file (`./my_protocol.py`).
+
+    Raises:
+        UsageError: there is none, or the file is broken.
+    """
+    if name.endswith(".py") or "/" in name or "\\" in name:
+        try:
+            return load_file(Path(name))
+        except ProtocolFileError as error:
+            raise UsageError(str(error)) from None
+    if name not in PROTOCOLS:
+        for trouble in load_plug_ins():
+            sys.stderr.write(f"{trouble}\n")
+    if name not in PROTOCOLS:
+        raise UsageError(
+            f"there is no protocol '{name}'; known are: {protocol_names()}; or give a file: ./my_protocol.py"
+        )
+    return PROTOCOLS[name]
+
+
+def make_protocol(name: str, settings: list[str]) -> Protocol:
+    """The protocol `name` with `NAME=VALUE` settings.
+
+    Raises:
+        UsageError: an unknown protocol or parameter, or a value out of range; every fault is listed.
+    """
+    kind = protocol_kind(name)
+    name = kind.name
+    values: dict[str, Any] = {}
+    wrong: list[str] = []
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals:
+            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
+        if key.strip() not in kind.model_fields:
+            raise UsageError(f"{name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
+        try:
+            values[key.strip()] = read_value(kind, key.strip(), value.strip())
+        except UnitError as error:
+            wrong.append(f"  {key.strip()}: {error}")
+    try:
+        protocol = kind(**values)
+    except ValidationError as error:
+        wrong += faults(error, unit=lambda key: (unit_of(kind, key) or "").removeprefix("1"))
+    if wrong:
+        raise UsageError(f"{name} cannot be run so:\n" + "\n".join(wrong))
+    return protocol
+
+
+def chosen_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
+    """The bench and its speed; None is the virtual clock."""
+    try:
+        config = load_bench(options.bench)
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+    speed, seed = options.speed, options.seed
+    if not config.simulated:
+        if speed is not None or seed is not None:
+            raise UsageError(f"--speed and --seed are for a simulated bench; {options.bench} is a real one")
+        return config, 1.0
+    if seed is not None:
+        config = config.model_copy(update={"simulation": {**(config.simulation or {}), "seed": seed}})
+    if speed == "max":
+        return config, None
+    if speed is None:
+        return config, config.truth.speed
+    try:
+        number = float(speed)
+    except ValueError:
+        number = 0.0
+    if not 1 <= number <= FASTEST:
+        raise UsageError(f"--speed {speed}: give a number from 1 to {FASTEST:g}, or 'max'")
+    return config, number
+
+
+def run_headless(
+    config: BenchConfig,
+    speed: float | None,
+    options: argparse.Namespace,
+    protocol: Protocol,
+    listeners: Sequence[Callable[[Any], None]] = (),
+    planned: Sequence[str] = (),
+    before: "Earlier | None" = None,
+) -> tuple[int, Path | None]:
+    """Run a protocol with the terminal as front end; the exit code and the run file.
+
+    `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`;
+    `before` is the run to go on with.
+    """
+    from app.cli.headless import exit_code, headless
+
+    with headless(config, speed, options, listeners, planned) as front:
+        front.session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", before)
+        front.wait()
+    return exit_code(front.session), front.session.path if front.session.outcome else None
+
+
+def _open_window(
+    config: BenchConfig, speed: float | None, options: argparse.Namespace, protocol: Protocol, autostart: bool
+) -> int:
+    from app.gui.application import open_window
+    from app.session.connect import connect
+
+    def bench(name: str) -> tuple[Any, BenchConfig]:
+        other = load_bench(name)
+        pace = other.truth.speed if other.simulated else 1.0
+        return lambda: connect(other, pace), other
+
+    return open_window(
+        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart, benches=bench
+    )
+
+
+def _draw(run_file: Path, picture: Path) -> int:
+    from app.cli.output import PICTURES, writing
+    from app.plotting.run_figure import draw_run
+    from protocols.runfile.reader import Run, RunError
+
+    try:
+        with writing(picture, PICTURES), Run(run_file) as run:
+            draw_run(run, picture)
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    return DONE
+
+
+def resume_run(options: argparse.Namespace) -> int:
+    """Go on with a run beside the old one, of the same specimen; the exit code of a run."""
+    config, speed = chosen_bench(options)
+    for trouble in load_plug_ins():
+        sys.stderr.write(f"{trouble}\n")
+    if options.file:
+        protocol_kind(options.file)
+    try:
+        again = named(options.run, [word for word in options.again.split(",") if word]) if options.again else ()
+        before = earlier(options.run, again)
+    except RunError as error:
+        raise UsageError(str(error)) from None
+    options.out = options.out or options.run.parent
+    options.specimen = options.specimen or before.specimen
+    return run_headless(config, speed, options, before.protocol, before=before)[0]
+
+
+def list_protocols(options: argparse.Namespace) -> int:
+    """What can be measured, or the parameters of one protocol."""
+    for trouble in load_plug_ins():
+        sys.stderr.write(f"{trouble}\n")
+    if options.protocol:
+        kind = protocol_kind(options.protocol)
+        rows = _parameters(kind)
+        lines = [f"{kind.title}: {_first_line(kind)}"]
+        for row in rows:
+            lines += [f"  {row['parameter']} = {row['default']} {row['unit']}".rstrip()]
+            lines += [f"      {row['what it is']}" + (f"; {row['range']}" if row["range"] else "")]
+    else:
+        rows = [{"protocol": name, "what it measures": _first_line(kind)} for name, kind in sorted(PROTOCOLS.items())]
+        widest = max(map(len, PROTOCOLS))
+        lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
+    sys.stdout.write((json.dumps(rows) if options.json else "\n".join(lines)) + "\n")
+    return DONE
+
+
+def _parameters(kind: type[Protocol]) -> list[dict[str, str]]:
+    return [
+        {
+            "parameter": field.name,
+            "default": text_of(kind.model_fields[field.name].get_default(call_default_factory=True)),
+            "unit": field.unit,
+            "range": field.limits,
+            "what it is": field.words,
+        }
+        for field in fields_of(kind)
+    ]
+
+
+def _first_line(kind: type[Protocol]) -> str:
+    """The protocol's own first sentence."""
+    return (getdoc(kind) or kind.title).splitlines()[0]
+
+
+def add_protocol_commands(known: Any, bench_options: Any) -> None:
+    """Register the commands with the subparsers of the command; the options are those of `run`."""
+    protocols = known.add_parser(
+        "protocols",
+        help="list what can be measured, and the parameters of each",
+        description="The protocols of this program and of installed packages; with a name or a file, its parameters.",
+        epilog="example: tactor-bench protocols sine-dwell",
+    )
+    protocols.add_argument("protocol", nargs="?", help="a protocol, or a lab's own file: ./my_protocol.py")
+    protocols.add_argument("--json", action="store_true", help="as one JSON object on standard output")
+    protocols.set_defaults(command=_protocols)
+
+    resume = known.add_parser(
+        "resume",
+        help="go on with a run that was stopped or crashed, or measure some of its points again",
+        description="Go on with a run that was stopped, failed or lost its program; or, with --again, measure some of its "
+        "points once more. The result is a new file that carries the old points over and links to their raw data.",
+        epilog="example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
+    )
+    resume.add_argument("run", type=path, metavar="RUN", help="a run file")
+    resume.add_argument(
+        "--again",
+        default="",
+        metavar="WHICH",
+        help="entries by what they are called, e.g. 155,160 for frequencies; or 'flagged'",
+    )
+    resume.add_argument(
+        "--protocol",
+        dest="file",
+        default="",
+        metavar="FILE.py",
+        help="the file of a lab's own protocol, where the run is of one",
+    )
+    bench_options(resume)
+    resume.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
+    resume.set_defaults(command=_resume)
+
+
+def _protocols(options: argparse.Namespace) -> int:
+
+    return list_protocols(options)
+
+
+def _resume(options: argparse.Namespace) -> int:
+
+    return resume_run(options)

@@ -1,0 +1,1 @@
+"""Shared services: errors, formatting, units, progress, undo and atomic writing."""

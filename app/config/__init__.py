@@ -1,0 +1,1 @@
+"""Bench files: tables, validation, driver registry, device discovery."""

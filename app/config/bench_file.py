@@ -1,0 +1,116 @@
+"""The bench file: what instruments stand on a bench, how they are wired, and what their calibrations are.
+
+Validated whole: unknown keys are refused, and every fault is listed at once with its line and a remedy.
+"""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError, model_validator
+
+from app.common.inputs import shortened
+from app.config.tables import (
+    AmplifierTable,
+    CardTable,
+    GeneratorTable,
+    MeterTable,
+    SensorTable,
+    SourceTable,
+    SupplyTable,
+    Table,
+    WatchdogTable,
+)
+from app.config.validation import faults
+from sim_hardware.plant.parameters import BenchTruth
+
+FASTEST = 20.0
+"""Times real speed at which the simulated bench still keeps up on its real wires."""
+
+LARGEST = 1_000_000
+"""Characters that a bench file may have: what is longer is something else."""
+
+
+class ConfigError(Exception):
+    """A bench file is wrong. The text lists every fault with line and remedy."""
+
+
+class BenchConfig(Table):
+    """One bench file."""
+
+    name: Annotated[str, "what the lab calls this bench"] = "bench"
+    source: SourceTable = Field(default_factory=SourceTable)
+    generator: GeneratorTable = Field(default_factory=GeneratorTable)
+    supply: SupplyTable = Field(default_factory=SupplyTable)
+    amplifier: AmplifierTable = Field(default_factory=AmplifierTable)
+    card: CardTable = Field(default_factory=CardTable)
+    sensor: SensorTable = Field(default_factory=SensorTable)
+    meters: Annotated[dict[str, MeterTable], "serial sensors by a name of your own: [meters.laser]"] = Field(
+        default_factory=dict
+    )
+    watchdog: WatchdogTable = Field(default_factory=WatchdogTable)
+    simulation: Annotated[dict[str, Any] | None, "the truth of a simulated bench; a real bench has no such table"] = (
+        None
+    )
+
+    @property
+    def simulated(self) -> bool:
+        return self.simulation is not None
+
+    @property
+    def truth(self) -> BenchTruth:
+        """The simulated bench's truth."""
+        at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
+        return BenchTruth.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
+
+    @property
+    def wire(self) -> GeneratorTable | SupplyTable:
+        """The table that names the source's own wire."""
+        return self.supply if self.source.kind == "dc-supply" else self.generator
+
+    @model_validator(mode="after")
+    def _kind_is_clear(self) -> "BenchConfig":
+        if self.simulated:
+            speed = self.truth.speed  # raises a sentence where the truth is malformed
+            if not 1 <= speed <= FASTEST:
+                raise ValueError(f"simulation.speed must be from 1 to {FASTEST:g}, not {speed:g}")
+            return self
+        if self.source.kind != "card-output" and not self.wire.resource:
+            table = "supply" if self.source.kind == "dc-supply" else "generator"
+            raise ValueError(
+                f"{table}.resource is missing; give the VISA resource of the {table}, "
+                "or a [simulation] table for a simulated bench"
+            )
+        if silent := [name for name, meter in self.meters.items() if not meter.port]:
+            raise ValueError(f"meters.{silent[0]}.port is missing; give the name of its serial port, e.g. COM3")
+        return self
+
+
+def load_bench(name: str) -> BenchConfig:
+    """The bench of a file, or `sim` for the simulated bench that comes with the program.
+
+    Raises:
+        ConfigError: the file is missing or wrong.
+    """
+    if name == "sim":
+        text, where = resources.files("sim_hardware").joinpath("bench.toml").read_text(), "the simulated bench"
+    else:
+        where = name
+        try:
+            with Path(name).open(encoding="utf-8") as file:
+                text = file.read(LARGEST + 1)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
+            where = shortened(name)
+            raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
+        if len(text) > LARGEST:
+            raise ConfigError(
+                f"{name} is longer than {LARGEST / 1e6:g} MB and no bench file; give another one or 'sim'"
+            )
+    try:
+        return BenchConfig.model_validate(tomllib.loads(text))
+    except ValidationError as error:
+        raise ConfigError(f"{where} has faults:\n" + "\n".join(faults(error, text))) from error
+    except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, tables nested beyond reason
+        raise ConfigError(f"{where} is not valid TOML: {error}") from error

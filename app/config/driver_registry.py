@@ -1,0 +1,156 @@
+"""The instrument drivers by name: those that come with the program, and plug-ins of other packages.
+
+A plug-in is an entry point of the group `tactor_bench.sources` or `tactor_bench.digitizers` (docs/how-to-write-a-driver.md).
+It is imported only when somebody needs it. A broken one is named and skipped; it never stops a bench that does without.
+"""
+
+import inspect
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.errors import BenchError, InstrumentError
+from drivers.interfaces import Digitizer, Source
+from drivers.transport.scpi import Link, Scpi
+
+AUTO = "auto"
+SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
+
+BUILT_IN = {
+    SOURCES: {
+        "keysight-33500": "drivers.generators.keysight_33500:Keysight33500",
+        "keysight-33200": "drivers.generators.keysight_33200:Keysight33200",
+        "rigol-dg": "drivers.generators.rigol_dg:RigolDg",
+        "siglent-sdg": "drivers.generators.siglent_sdg:SiglentSdg",
+        "tektronix-afg": "drivers.generators.tektronix_afg:TektronixAfg",
+    },
+    DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer"},
+}
+"""Generators are called with (link, clock, *, step_v), digitizers as `drivers.nidaq.analog_input.NiDigitizer` is."""
+
+PORTS: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer}
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class PlugIn:
+    """One driver that is not ours, and why it cannot be used (empty: it can)."""
+
+    name: str
+    package: str
+    driver: Any = None
+    trouble: str = ""
+
+
+def names(group: str) -> list[str]:
+    """What a bench file may choose; nothing is imported for it."""
+    chosen = [AUTO] if group == SOURCES else []
+    return [*chosen, *BUILT_IN[group], *(point.name for point in _points(group))]
+
+
+def known(group: str, name: str) -> str:
+    """The name itself.
+
+    Raises:
+        ValueError: there is no such driver; the sentence says which there are.
+    """
+    ours = name in BUILT_IN[group] or (group == SOURCES and name == AUTO)
+    if not ours and name not in names(group):  # looking for plug-ins takes a while
+        raise ValueError(
+            f"there is no driver {name!r}; choose from {', '.join(names(group))}, or install the package that brings it"
+        )
+    return name
+
+
+def plug_ins(group: str) -> list[PlugIn]:
+    """All plug-ins of a group, each loaded or with a sentence on what is wrong with it."""
+    return [_load(point) for point in _points(group)]
+
+
+def driver(group: str, name: str) -> Callable[..., Any]:
+    """The driver of that name.
+
+    Raises:
+        BenchError: there is none, or it is a plug-in that is broken.
+    """
+    if name in BUILT_IN[group]:
+        built_in: Callable[..., Any] = EntryPoint(name, BUILT_IN[group][name], group).load()
+        return built_in
+    for point in _points(group):
+        if point.name == name:
+            plug_in = _load(point)
+            if plug_in.trouble:
+                raise BenchError(plug_in.trouble)
+            found: Callable[..., Any] = plug_in.driver
+            return found
+    raise BenchError(f"there is no driver '{name}'; choose from {', '.join(names(group))}")
+
+
+def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source:
+    """The driver of that name on its wire; `auto` asks the instrument who it is.
+
+    Raises:
+        InstrumentError: nothing answers, another instrument answers, or no driver knows it.
+        BenchError: the driver is a plug-in that is broken.
+    """
+    chosen = driver(SOURCES, name) if name != AUTO else _driver_for(link)
+    source: Source = chosen(link, clock, step_v=step_v)
+    return source
+
+
+def _driver_for(link: Link) -> Callable[..., Source]:
+    seen = Scpi(link, f"function generator at {link.name}").identify()
+    for candidate in _sources():
+        if seen.model.upper().startswith(tuple(getattr(candidate, "MODELS", ())) or ("\0",)):
+            return candidate
+    raise InstrumentError(
+        f"{link.name} answered as '{seen}', and no driver knows that model; name one in the bench file "
+        f"(generator.driver: {', '.join(names(SOURCES)[1:])}), or install a package that brings one"
+    )
+
+
+def _sources() -> Iterator[Callable[..., Source]]:
+    """Our drivers and every plug-in that works."""
+    for name in BUILT_IN[SOURCES]:
+        yield driver(SOURCES, name)
+    for plug_in in plug_ins(SOURCES):
+        if plug_in.trouble:
+            log.warning("%s. It was skipped", plug_in.trouble)
+        else:
+            yield plug_in.driver
+
+
+def _points(group: str) -> Sequence[EntryPoint]:
+    """Entry points that do not take the name of a driver of ours."""
+    return [p for p in sorted(entry_points(group=group)) if p.name not in BUILT_IN[group] and p.name != AUTO]
+
+
+def _load(point: EntryPoint) -> PlugIn:
+    package = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
+    begin = f"the plug-in driver '{point.name}' ({package})"
+    try:
+        found = point.load()
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        words = f"{type(error).__name__}: {error}".strip(": ")
+        return PlugIn(
+            point.name, package, None, f"{begin} cannot be loaded: {words}. Update or remove the package {package}"
+        )
+    if not callable(found):
+        return PlugIn(point.name, package, None, f"{begin} is no driver: {point.value} cannot be called")
+    if inspect.isclass(found) and (missing := _missing(found, PORTS[point.group])):
+        return PlugIn(
+            point.name, package, None, f"{begin} is no {PORTS[point.group].__name__}: it lacks {', '.join(missing)}"
+        )
+    return PlugIn(point.name, package, found)
+
+
+def _missing(found: type, port: type) -> list[str]:
+    """Methods of the port that the class does not have."""
+    wanted = [n for n, member in vars(port).items() if inspect.isfunction(member) and not n.startswith("_")]
+    return [f"{name}()" for name in wanted if not callable(getattr(found, name, None))]

@@ -1,0 +1,228 @@
+"""The tables of a bench file: what each instrument is, how it is wired, and what its calibration is.
+
+A table of a bench file: frozen, units understood, unknown keys refused.
+
+What drives the amplifier, and what else is read: the tables [source], [supply] and [meters] of a bench file.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import date
+from typing import Annotated, Any, Literal, Self
+
+from annotated_types import Interval, Unit
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
+
+from app.common.units import read_value
+from app.config import driver_registry as drivers
+from drivers.bench.amplifier import DriveLimits
+from drivers.sensors.laser_sensor import PRESETS, LaserSensor
+from model.amplifier_map import AmplifierMap
+
+
+class Table(BaseModel):
+    """What every table has in common."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _unit(cls, value: Any, info: ValidationInfo) -> Any:
+        return read_value(cls, info.field_name or "", value)
+
+
+SERIAL = "serial number; where it is given, another instrument at this address is refused"
+
+
+class GeneratorTable(Table):
+    """The function generator."""
+
+    driver: Annotated[str, "which driver: auto asks the instrument who it is"] = drivers.AUTO
+    resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.7::5025::SOCKET"] = ""
+    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
+        9600
+    )
+    serial: Annotated[str, SERIAL] = ""
+
+    @field_validator("driver")
+    @classmethod
+    def _driver_is_known(cls, name: str) -> str:
+        return drivers.known(drivers.SOURCES, name)
+
+
+class AmplifierTable(Table):
+    """The high-voltage amplifier."""
+
+    name: str = "AMT2012-CE3"
+    serial: Annotated[str, "serial number, copied into every run"] = ""
+    rest_v: Annotated[float, Unit("V"), "input that gives 0 V on the specimen"] = 2.5
+    low_v: Annotated[float, Unit("V"), "lowest input"] = 0.0
+    high_v: Annotated[float, Unit("V"), "highest input"] = 5.0
+    slope_below: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt under rest"] = 200.0
+    slope_above: Annotated[float, Unit("1"), Interval(gt=0), "volts per volt over rest"] = 600.0
+    slew_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "steepest drive admitted at the input"] = 10_000.0
+    step_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "largest jump of a staircase at the input"] = 0.05
+    ramp_v_per_s: Annotated[float, Unit("V/s"), Interval(gt=0), "slope between held levels at the input"] = 5.0
+
+    current_limit_a: Annotated[
+        float, Unit("A"), Interval(ge=0), "what it can push into the specimen; 0: not told, and not checked"
+    ] = 0.0
+    specimen_capacitance_f: Annotated[
+        float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not told. A M2814-P1 has about 1.2 nF"
+    ] = 0.0
+
+    @classmethod
+    def of(cls, configuration: Mapping[str, Any]) -> Self:
+        """The amplifier as it was in a run: its table is copied into every run file's configuration."""
+        return cls.model_validate(configuration.get("amplifier", {}))
+
+    @property
+    def map(self) -> AmplifierMap:
+        return AmplifierMap(self.rest_v, self.low_v, self.high_v, self.slope_below, self.slope_above)
+
+    @property
+    def limits(self) -> DriveLimits:
+        return DriveLimits(
+            self.slew_v_per_s,
+            self.step_v,
+            self.ramp_v_per_s,
+            self.current_limit_a,
+            self.specimen_capacitance_f,
+        )
+
+    @model_validator(mode="after")
+    def _map_holds(self) -> "AmplifierTable":
+        self.map  # noqa: B018 - raises a sentence where rest lies outside the range
+        return self
+
+
+class CardTable(Table):
+    """The data acquisition card."""
+
+    driver: str = "ni"
+    device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
+    serial: Annotated[str, SERIAL] = ""
+    drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
+    displacement_channel: Annotated[str, "terminal that sees the displacement sensor"] = "ai1"
+    server: Annotated[str, "host:port of NI's gRPC device server; empty for a local card"] = ""
+    range_v: Annotated[float, Unit("V"), Interval(gt=0, le=10), "input range, plus and minus"] = 10.0
+    terminal: Literal["DEFAULT", "DIFF", "RSE", "NRSE", "PSEUDO_DIFF"] = "DEFAULT"
+
+    @field_validator("driver")
+    @classmethod
+    def _driver_is_known(cls, name: str) -> str:
+        return drivers.known(drivers.DIGITIZERS, name)
+
+
+class SensorTable(Table):
+    """The laser displacement sensor's calibration."""
+
+    preset: Annotated[str, "a sensor by name; what is written here besides wins over it"] = ""
+    name: str = "laser displacement sensor"
+    gain_m_per_v: Annotated[float, Unit("m/V"), "displacement per volt; negative where closer gives more volts"] = 1e-4
+    zero_v: Annotated[float, Unit("V"), "volts at zero displacement"] = 0.0
+    valid_low_v: Annotated[float, Unit("V"), "below this the sensor tells 'out of range'"] = -10.0
+    valid_high_v: Annotated[float, Unit("V"), "above this the sensor tells 'out of range'"] = 10.0
+    delay_s: Annotated[float, Unit("s"), Interval(ge=0, le=0.1), "from the motion to the voltage"] = 0.0
+    gain_relative_uncertainty: Annotated[
+        float, Unit("1"), Interval(ge=0, le=1), "standard uncertainty of the gain, relative"
+    ] = 0.0
+    serial: str = ""
+    calibrated: Annotated[str, "date of calibration, YYYY-MM-DD"] = ""
+    expires: Annotated[str, "last day on which the calibration holds, YYYY-MM-DD; later every run is flagged"] = ""
+
+    @field_validator("calibrated", "expires", mode="before")
+    @classmethod
+    def _is_a_day(cls, day: Any) -> Any:
+        if isinstance(day, date):  # TOML has dates of its own
+            return day.isoformat()
+        if isinstance(day, str) and day:
+            try:
+                date.fromisoformat(day)
+            except ValueError:
+                raise ValueError(f"must be a day, for example 2026-11-21, not {day!r}") from None
+        return day
+
+    @property
+    def sensor(self) -> LaserSensor:
+        return LaserSensor(**self.model_dump(exclude={"preset"}))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _preset_fills_in(cls, data: Any) -> Any:
+        name = data.get("preset") if isinstance(data, dict) else None
+        if not name:
+            return data
+        if name not in PRESETS:
+            raise ValueError(
+                f"there is no preset {name!r}; choose from {', '.join(PRESETS)}, or write the values yourself"
+            )
+        filled = asdict(PRESETS[name])
+        del filled["confirmed"]
+        return {**filled, **data}
+
+    @model_validator(mode="after")
+    def _band_is_open(self) -> "SensorTable":
+        if self.gain_m_per_v == 0:
+            raise ValueError("gain_m_per_v must not be 0")
+        if self.valid_low_v >= self.valid_high_v:
+            raise ValueError(f"valid_low_v {self.valid_low_v:g} V must lie below valid_high_v {self.valid_high_v:g} V")
+        return self
+
+
+class WatchdogTable(Table):
+    """The process that brings the source to rest if the program dies or hangs while the bench is live."""
+
+    enabled: bool = True
+    silence_s: Annotated[
+        float, Unit("s"), Interval(ge=0.2, le=10), "the program counts as dead when it says nothing for so long"
+    ] = 0.4
+    own_connection: Annotated[
+        bool,
+        "whether the source takes a second connection (LAN: yes; USB and serial: no, a program that hangs is ended)",
+    ] = True
+    patience_s: Annotated[
+        float, Unit("s"), Interval(ge=1, le=600), "how long it goes on trying where the source does not answer"
+    ] = 30.0
+
+
+class SourceTable(Table):
+    """Which instrument stands at the amplifier's input."""
+
+    kind: Annotated[
+        Literal["generator", "card-output", "dc-supply"],
+        "generator: see [generator]; card-output: an analogue output of the card in [card]; dc-supply: see [supply]",
+    ] = "generator"
+    channel: Annotated[str, "card-output: which output of the card"] = "ao0"
+    start_trigger: Annotated[
+        Literal["", "ai/SampleClock"],
+        "card-output: what starts a drive; ai/SampleClock lets its first sample fall on a scan of the input",
+    ] = ""
+
+
+class SupplyTable(Table):
+    """The programmable DC supply: it can hold and step, and it falls slowly."""
+
+    resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.8::5025::SOCKET"] = ""
+    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
+    baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
+        9600
+    )
+    serial: Annotated[str, "serial number; where it is given, another instrument at this address is refused"] = ""
+    channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
+    current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "what the amplifier's input may draw"] = 0.1
+    fall_time_s: Annotated[
+        float, Unit("s"), Interval(gt=0, le=60), "how long its output may take to fall; 1 kohm across it shortens that"
+    ] = 2.0
+
+
+class MeterTable(Table):
+    """A laser sensor read over its serial port, one value at a time, for static tests."""
+
+    driver: Literal["keyence-lkg", "optoncdt"]
+    port: Annotated[str, "COM3, /dev/ttyUSB0, or a pyserial URL; empty on a simulated bench"] = ""
+    baud: Annotated[int, Interval(ge=0, le=4_000_000), "bits per second; 0 is the sensor's factory setting"] = 0
+    timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 1.0
+    output: Annotated[int, Interval(ge=1, le=2), "keyence-lkg: which output of the controller"] = 1
+    range_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "optoncdt: its measuring range"] = 0.01

@@ -1,0 +1,1 @@
+"""Interactive model exploration: sliders, history, response engine and fits."""

@@ -1,0 +1,1 @@
+"""Bench status, notices, prompts and fault injection."""

@@ -1,0 +1,1 @@
+"""Shortcut sheet, welcome page and hints."""

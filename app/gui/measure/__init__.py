@@ -1,0 +1,1 @@
+"""The Measure page: form, presets, run panel and estimates."""

@@ -1,0 +1,158 @@
+"""A lab's own sets of parameters, by protocol and name: one JSON file, readable and shareable.
+
+A button with the sets of parameters of a protocol: the paper's, the lab's own, and what can be done with them.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_config_path
+from pydantic import ValidationError
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWidget
+
+from app.common.atomic_write import write_whole
+from app.gui.widgets.form import mark
+from protocols.base.protocol import Protocol
+
+
+class PresetError(Exception):
+    """The presets cannot be read or written. The sentence says which file and why."""
+
+
+def presets_path() -> Path:
+    """Where the presets of this user are kept."""
+    return user_config_path("tactor-bench", appauthor=False) / "presets.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Presets:
+    """Read from the file at every question: two windows may share it."""
+
+    path: Path
+
+    def names(self, protocol: str) -> list[str]:
+        """Names of the presets of a protocol, in alphabetical order."""
+        return sorted(self._read().get(protocol, {}))
+
+    def get(self, kind: type[Protocol], name: str) -> Protocol:
+        """The protocol with a preset's parameters.
+
+        Raises:
+            PresetError: it is gone, or this version refuses a value in it.
+        """
+        values = self._read().get(kind.name, {}).get(name)
+        if values is None:
+            raise PresetError(f"there is no preset '{name}' of {kind.title} in {self.path}")
+        try:
+            return kind(**values)
+        except ValidationError as error:
+            fault = error.errors()[0]
+            where = ".".join(str(part) for part in fault["loc"])
+            raise PresetError(f"the preset '{name}' does not fit: {where}: {fault['msg']}; keep it anew") from error
+
+    def keep(self, name: str, protocol: Protocol) -> None:
+        """Write a preset, in place of one of that name.
+
+        Raises:
+            PresetError: the file cannot be written.
+        """
+        known = self._read()
+        known.setdefault(protocol.name, {})[name] = protocol.model_dump(mode="json")
+        self._write(known)
+
+    def forget(self, protocol: str, name: str) -> None:
+        """Remove a preset.
+
+        Raises:
+            PresetError: the file cannot be written.
+        """
+        known = self._read()
+        if known.get(protocol, {}).pop(name, None) is not None:
+            self._write(known)
+
+    def _read(self) -> dict[str, dict[str, dict[str, Any]]]:
+        try:
+            known = json.loads(self.path.read_text("utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError) as error:
+            raise PresetError(f"the presets {self.path} cannot be read: {error}; mend or remove that file") from error
+        if not isinstance(known, dict) or not all(isinstance(v, dict) for v in known.values()):
+            raise PresetError(f"the presets {self.path} are no presets of this program; mend or remove that file")
+        return known
+
+    def _write(self, known: dict[str, dict[str, dict[str, Any]]]) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self.path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+        except OSError as error:
+            raise PresetError(f"the presets {self.path} cannot be written: {error.strerror or error}") from error
+
+
+class PresetButton(QToolButton):
+    """Its menu is made when it is opened."""
+
+    taken = Signal(object)
+
+    def __init__(self, presets: Presets, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._presets = presets
+        self._kind: type[Protocol] | None = None
+        self._present: Callable[[], Protocol | None] = lambda: None
+        self.setText("Presets")
+        mark(self, "tool")
+        self.setToolTip("The paper's parameters, or your own")
+        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        menu = QMenu(self)
+        menu.aboutToShow.connect(self._fill)
+        self.setMenu(menu)
+
+    def show_for(self, kind: type[Protocol], present: Callable[[], Protocol | None]) -> None:
+        """Serve a protocol; `present` is what its form says."""
+        self._kind, self._present = kind, present
+
+    def _fill(self) -> None:
+        menu, kind = self.menu(), self._kind
+        menu.clear()
+        if kind is None:
+            return
+        menu.addAction("The paper's", lambda: self.taken.emit(kind.model_validate({})))
+        try:
+            names = self._presets.names(kind.name)
+        except PresetError as error:
+            menu.addAction(str(error)).setEnabled(False)
+            return
+        for name in names:
+            menu.addAction(name, partial(self._take, kind, name))
+        menu.addSeparator()
+        keep = menu.addAction("Keep these as …", self._keep)
+        keep.setEnabled(self._present() is not None)
+        if names:
+            away = menu.addMenu("Forget")
+            for name in names:
+                away.addAction(name, partial(self._forget, kind, name))
+
+    def _keep(self) -> None:
+        protocol = self._present()
+        if protocol is None:
+            return
+        name, given = QInputDialog.getText(self, "Keep these parameters", "Name of the preset")
+        if given and name.strip():
+            self._try(lambda: self._presets.keep(name.strip(), protocol))
+
+    def _take(self, kind: type[Protocol], name: str) -> None:
+        self._try(lambda: self.taken.emit(self._presets.get(kind, name)))
+
+    def _forget(self, kind: type[Protocol], name: str) -> None:
+        self._try(lambda: self._presets.forget(kind.name, name))
+
+    def _try(self, do: Callable[[], object]) -> None:
+        try:
+            do()
+        except PresetError as error:
+            QMessageBox.warning(self, "Presets", str(error))

@@ -1,0 +1,1 @@
+"""Plots of points, curves, traces and residuals."""

@@ -1,0 +1,1 @@
+"""The Runs page: catalogue table, filter, viewer and transfers."""

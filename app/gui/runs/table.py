@@ -1,0 +1,213 @@
+"""The list of runs: a table model over plain tuples, ten thousand of them without a pause.
+
+The list of runs: the table, and how it is laid out with the filter above it and what is chosen beside it.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import (
+    QAbstractTableModel,
+    QItemSelectionModel,
+    QMimeData,
+    QModelIndex,
+    QPersistentModelIndex,
+    Qt,
+    QUrl,
+    Signal,
+)
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QVBoxLayout, QWidget
+
+from app.archive.run_summary import Entry, State
+from app.common.formatting import duration
+from app.gui.widgets.theme import Theme
+
+Index = QModelIndex | QPersistentModelIndex
+COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags")
+RIGHT = ("points", "length")
+KEYS = {
+    "begun": lambda e: e.start_time,
+    "specimen": lambda e: e.specimen.casefold(),
+    "protocol": lambda e: e.protocol,
+    "status": lambda e: e.state,
+    "points": lambda e: e.points,
+    "length": lambda e: e.seconds,
+    "found": lambda e: e.found,
+    "tags": lambda e: e.tags.casefold(),
+}
+SIGNS = {
+    State.COMPLETED: "✓",
+    State.STOPPED: "■",
+    State.FAILED: "✕",
+    State.UNSAFE: "⚠",
+    State.RUNNING: "▶",
+    State.CRASHED: "✕",
+    State.IMPORTED: "⇥",
+    State.NEWER: "?",
+    State.DAMAGED: "✕",
+}
+
+
+class RunsModel(QAbstractTableModel):
+    """Shows entries in an order of its own; rows carry their files when they are dragged away."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.folder = Path()
+        self.entries: list[Entry] = []
+        self._theme = theme
+        self._column, self._down = 0, True
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self._theme = theme
+
+    def show(self, folder: Path, entries: Sequence[Entry]) -> None:
+        """Show other entries."""
+        self.beginResetModel()
+        self.folder = folder
+        self.entries = sorted(entries, key=KEYS[COLUMNS[self._column]], reverse=self._down)
+        self.endResetModel()
+
+    def row_of(self, path: str) -> int:
+        """Where a run stands; -1 if it does not."""
+        return next((row for row, entry in enumerate(self.entries) if entry.path == path), -1)
+
+    def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own signature
+        return 0 if parent.isValid() else len(self.entries)
+
+    def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
+        return 0 if parent.isValid() else len(COLUMNS)
+
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        if orientation is Qt.Orientation.Horizontal and role == Qt.ItemDataRole.DisplayRole:
+            return COLUMNS[section]
+        return None
+
+    def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
+        entry, column = self.entries[index.row()], COLUMNS[index.column()]
+        match role:
+            case Qt.ItemDataRole.DisplayRole:
+                return _text(entry, column)
+            case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT:
+                return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+            case Qt.ItemDataRole.ForegroundRole if column == "status":
+                return QColor(self._colour(State(entry.state)))
+            case Qt.ItemDataRole.ToolTipRole:
+                note = f"\n\n{entry.note}" if entry.note else ""
+                return f"{self.folder / entry.path}\n{entry.reason}{note}"
+        return None
+
+    def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
+        self._column, self._down = column, order is Qt.SortOrder.DescendingOrder
+        self.show(self.folder, self.entries)
+
+    def flags(self, index: Index) -> Qt.ItemFlag:
+        return super().flags(index) | Qt.ItemFlag.ItemIsDragEnabled
+
+    def mimeData(self, indexes: Sequence[QModelIndex]) -> QMimeData:
+        mime = QMimeData()
+        rows = sorted({index.row() for index in indexes})
+        mime.setUrls([QUrl.fromLocalFile(str((self.folder / self.entries[row].path).resolve())) for row in rows])
+        return mime
+
+    def _colour(self, state: State) -> str:
+        match state:
+            case State.COMPLETED | State.IMPORTED:
+                return self._theme.good
+            case State.STOPPED | State.RUNNING | State.NEWER:
+                return self._theme.warn
+            case _:
+                return self._theme.bad
+
+
+def _text(e: Entry, column: str) -> str:
+    match column:
+        case "begun":
+            return f"{e.begun:%Y-%m-%d %H:%M}" if e.begun else e.name
+        case "status":
+            return f"{SIGNS[State(e.state)]} {e.state}" + (", SIMULATED" if e.simulated else "")
+        case "points":
+            return str(e.points) if e.readable else ""
+        case "length":
+            return duration(e.seconds) if e.readable else ""
+        case "found":
+            return e.found or ("" if e.state == State.COMPLETED else e.reason)
+        case _:
+            return str(getattr(e, column))
+
+
+class RunsTable(QTableView):
+    """Enter opens what is chosen; not by a shortcut, because Enter answers a prompt first."""
+
+    opened = Signal()
+
+    def __init__(self, model: RunsModel) -> None:
+        super().__init__()
+        self._runs = model
+        self.setModel(model)
+        self.setSortingEnabled(True)
+        self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
+        self.setDragEnabled(True)
+        self.setAlternatingRowColors(True)
+        self.setShowGrid(False)
+        self.setWordWrap(False)
+        self.setTabKeyNavigation(False)
+        self.verticalHeader().hide()
+        self.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 8)
+        header = self.horizontalHeader()
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        wide = self.fontMetrics().averageCharWidth()
+        for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
+            self.setColumnWidth(at, count * wide)
+        header.setStretchLastSection(False)
+        header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
+        self.setAccessibleName("runs")
+
+    @property
+    def chosen(self) -> list[Entry]:
+        """The entries that are selected, in the list's order."""
+        rows = sorted(index.row() for index in self.selectionModel().selectedRows())
+        return [self._runs.entries[row] for row in rows]
+
+    def choose(self, paths: Sequence[str]) -> None:
+        """Select runs by their paths."""
+        selection = self.selectionModel()
+        selection.clearSelection()
+        flags = QItemSelectionModel.SelectionFlag
+        for row in filter(lambda row: row >= 0, map(self._runs.row_of, paths)):
+            selection.select(self._runs.index(row, 0), flags.Select | flags.Rows)
+            selection.setCurrentIndex(self._runs.index(row, 0), flags.NoUpdate)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.opened.emit()
+            return
+        super().keyPressEvent(event)
+
+
+class RunsList(QWidget):
+    """Holds the three."""
+
+    def __init__(self, top: QWidget, table: QWidget, side: QWidget) -> None:
+        super().__init__()
+        columns = QSplitter(Qt.Orientation.Horizontal)
+        columns.addWidget(table)
+        columns.addWidget(side)
+        columns.setStretchFactor(0, 3)
+        columns.setStretchFactor(1, 1)
+        columns.setSizes([860, 390])
+        columns.setObjectName("runs/columns")
+        columns.setChildrenCollapsible(False)
+        table.setMinimumWidth(500)
+        side.setMinimumWidth(340)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(6)
+        layout.addWidget(top)
+        layout.addWidget(columns, 1)

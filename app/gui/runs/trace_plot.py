@@ -1,0 +1,157 @@
+"""The traces of a run from the archive: two values a pixel column of the whole, the raw samples of what one looks at closely."""
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+
+from app.archive.replay import Traces
+from app.gui.plots.base import Corner, keep_ticks_apart, paint, quiet, simulated_mark, trace_pen
+from app.gui.plots.copy import Copying, as_text, drawn
+from app.gui.widgets.shortcuts import bind
+from app.gui.widgets.theme import Theme
+
+CALM_MS = 80
+"""The file is read when the wheel has stood still for so long."""
+
+TIME = "time since the stream began (s)"
+CLOSER, AWAY = 0.5, 2.0
+
+
+class RunTraces(QWidget):
+    """Displacement and drive. The wheel zooms, a drag moves along, a double click shows the whole; Ctrl with + - 0 and arrows too."""
+
+    looked_at = Signal(float, float)
+    """Seconds from and to which somebody looks: `show_part` is wanted."""
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._whole: Traces | None = None
+        self.canvas = pg.GraphicsLayoutWidget()
+        self.canvas.ci.setContentsMargins(0, 0, 10, 0)
+        self.canvas.ci.setSpacing(0)
+        self._plots = [self.canvas.addPlot(row=row, col=0, enableMenu=False) for row in (0, 1)]
+        self._plots[1].setXLink(self._plots[0])
+        self.curves = [pg.PlotCurveItem(skipFiniteCheck=True) for _ in self._plots]
+        self._marks = []
+        self._words = []
+        for plot, curve, words in zip(
+            self._plots, self.curves, ("displacement (µm)", "drive at the amplifier (V)"), strict=True
+        ):
+            quiet(plot, self.font())
+            plot.setMouseEnabled(x=True, y=False)
+            plot.getAxis("left").setWidth(48)
+            keep_ticks_apart(plot, self.font())
+            plot.addItem(curve)
+            self._marks.append(simulated_mark(plot, self.font()))
+            self._words.append(Corner(plot, words, self.font(), right=False))
+        self._plots[0].getAxis("bottom").setStyle(showValues=False)
+        self.canvas.setToolTip(
+            "Wheel: closer. Drag: along. Double click: the whole. Ctrl with +, -, 0 and arrows as well"
+        )
+        self.copying = Copying(self.canvas, self._table)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self.canvas)
+        self._calm = QTimer(self, singleShot=True, interval=CALM_MS)
+        self._calm.timeout.connect(self._look)
+        self._plots[0].sigXRangeChanged.connect(lambda *_: self._calm.start())
+        self.canvas.scene().sigMouseClicked.connect(lambda event: self.show_whole() if event.double() else None)
+        for words, do, keys in (
+            ("Traces of the open run: closer", lambda: self.zoom(CLOSER), ("Ctrl++", "Ctrl+=")),
+            ("Traces: further away", lambda: self.zoom(AWAY), ("Ctrl+-",)),
+            ("Traces: the whole run", self.show_whole, ("Ctrl+0",)),
+            ("Traces: later", lambda: self.move_along(0.25), ("Ctrl+Right",)),
+            ("Traces: earlier", lambda: self.move_along(-0.25), ("Ctrl+Left",)),
+        ):
+            bind(self, words, do, *keys, repeats=True)
+        self._say(raw=False)
+        self.set_theme(theme)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take other colours."""
+        self.canvas.setBackground(theme.panel)
+        for plot, curve, mark, words, colour in zip(
+            self._plots, self.curves, self._marks, self._words, (theme.measured, theme.second), strict=True
+        ):
+            paint(plot, theme)
+            curve.setPen(trace_pen(colour))
+            mark.colour(theme.simulated)
+            words.colour(colour)
+
+    def show_traces(self, traces: Traces, simulated: bool) -> None:
+        """Draw a run."""
+        for mark in self._marks:
+            mark.show(simulated)
+        self._whole = traces if traces.time_s.size else None
+        if self._whole is None:
+            for curve in self.curves:
+                curve.setData([], [])  # nothing of the run that was shown before
+        else:
+            first, last = self._ends
+            for plot in self._plots:
+                plot.setLimits(xMin=first, xMax=max(last, first + 1e-6))
+            self._draw(traces)
+            self.show_whole()
+
+    def show_part(self, traces: Traces) -> None:
+        """Draw what is looked at, as it was asked for."""
+        if traces.time_s.size > 1:
+            self._draw(traces)
+
+    def show_whole(self) -> None:
+        """Look at all of it again."""
+        if self._whole is not None:
+            self._plots[0].setXRange(*self._ends, padding=0)
+
+    def zoom(self, factor: float) -> None:
+        """Closer around the middle, or further away."""
+        low, high = self.seen
+        middle, half = (low + high) / 2, factor * (high - low) / 2
+        self._plots[0].setXRange(middle - half, middle + half, padding=0)
+
+    def move_along(self, share: float) -> None:
+        """Later by a share of what is seen, or earlier."""
+        low, high = self.seen
+        step = share * (high - low)
+        self._plots[0].setXRange(low + step, high + step, padding=0)
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        """Seconds from and to which is looked."""
+        low, high = self._plots[0].getViewBox().viewRange()[0]
+        return float(low), float(high)
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        assert self._whole is not None
+        return float(self._whole.time_s[0]), float(self._whole.time_s[-1])
+
+    def _look(self) -> None:
+        if self._whole is None:
+            return
+        (first, last), (low, high) = self._ends, self.seen
+        if high - low > 0.98 * (last - first):
+            self._draw(self._whole)
+        else:
+            self.looked_at.emit(low, high)
+
+    def _draw(self, traces: Traces) -> None:
+        apart = np.diff(traces.time_s, append=traces.time_s[-1])
+        usual = float(np.median(apart if traces.raw else apart[1::2]))
+        for plot, curve, values in zip(self._plots, self.curves, (traces.displacement_um, traces.drive_v), strict=True):
+            # What was not kept is a gap, not a line.
+            curve.setData(traces.time_s, values, connect=apart <= 3 * usual)
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            edge = 0.06 * max(high - low, 1e-3)
+            plot.setYRange(low - edge, high + edge, padding=0)
+        self._say(traces.raw)
+
+    def _say(self, raw: bool) -> None:
+        what = "every sample" if raw else "lowest and highest of each column; closer: wheel, Ctrl++"
+        self._plots[1].setLabel("bottom", f"{TIME}: {what}")
+
+    def _table(self) -> str:
+        names = ("displacement (µm)", "drive at the amplifier (V)")
+        shown = [one for name, curve in zip(names, self.curves, strict=True) for one in drawn(name, curve)]
+        return as_text(shown, TIME, "value", self._marks[0].visible)

@@ -1,0 +1,1 @@
+"""Shared widgets: forms, theme, shortcuts, background work."""

@@ -1,0 +1,290 @@
+"""The form of a protocol, generated from its annotated fields: text with units, checked at every key.
+
+A protocol's form without the form: what its annotated fields are called, what they admit, and what is wrong. No Qt.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Interval
+from pydantic import ValidationError
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QFontMetrics, QTextOption
+from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
+
+from app.common.units import UnitError, read_value, unit_of, words_of
+from protocols.base.protocol import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One parameter as a person sees it."""
+
+    name: str
+    label: str
+    unit: str
+    """Empty for a count or a text."""
+    words: str
+    limits: str
+    many: bool = False
+    """Several numbers, separated by commas."""
+    switch: bool = False
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What came of the texts of a form: the protocol, or a sentence per faulty field ("" for the form as a whole)."""
+
+    protocol: Protocol | None
+    faults: Mapping[str, str]
+
+
+def fields_of(kind: type[Protocol]) -> tuple[Field, ...]:
+    """The fields of a protocol in the order in which it writes them."""
+    written = list(kind.__annotations__)
+    names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
+    return tuple(_field(kind, name) for name in names)
+
+
+def form_fields(kind: type[Protocol]) -> tuple[Field, ...]:
+    """The fields of a form, whose words call the other fields by their labels."""
+
+    def label(name: re.Match[str]) -> str:
+        return f"'{_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
+
+    return tuple(replace(field, words=re.sub(r"\w+_\w+", label, field.words)) for field in fields_of(kind))
+
+
+def text_of(value: Any) -> str:
+    """A parameter's value as one types it."""
+    if isinstance(value, tuple):
+        return ", ".join(text_of(item) for item in value)
+    return f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else str(value)
+
+
+def check(kind: type[Protocol], texts: Mapping[str, Any]) -> Checked:
+    """Read what was typed, in units or without."""
+    faults: dict[str, str] = {}
+    values: dict[str, Any] = {}
+    for name, text in texts.items():
+        try:
+            if isinstance(text, str) and not text.strip():
+                raise UnitError("give a value")
+            values[name] = read_value(kind, name, text)
+        except UnitError as error:
+            faults[name] = str(error)
+    try:
+        protocol = kind(**values)  # unreadable fields stand at their defaults, so that the others are still judged
+    except ValidationError as error:
+        for fault in error.errors():
+            name, words = _sentence(kind, fault)
+            faults.setdefault(name, words)
+        return Checked(None, faults)
+    return Checked(None if faults else protocol, faults)
+
+
+def _field(kind: type[Protocol], name: str) -> Field:
+    info = kind.model_fields[name]
+    unit = unit_of(kind, name) or ""
+    annotation: Any = info.annotation
+    many = get_origin(annotation) is tuple
+    marks = list(info.metadata) + (list(getattr(get_args(annotation)[0], "__metadata__", ())) if many else [])
+    interval = next((mark for mark in marks if isinstance(mark, Interval)), None)
+    label = _label(kind, name)
+    return Field(
+        name=name,
+        label=label,
+        unit="" if unit == "1" else unit,
+        words=words_of(kind, name),
+        limits=_limits(interval, "" if unit == "1" else unit),
+        many=many,
+        switch=annotation is bool,
+        choices=tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else (),
+    )
+
+
+def _label(kind: type[Protocol], name: str) -> str:
+    unit = unit_of(kind, name) or ""
+    return name.removesuffix(f"_{unit.lower()}").replace("_", " ")
+
+
+def _limits(interval: Interval | None, unit: str) -> str:
+    if interval is None:
+        return ""
+    low: Any = interval.ge if interval.ge is not None else interval.gt
+    high: Any = interval.le if interval.le is not None else interval.lt
+    over = "over " if interval.ge is None else ""
+    under = "below " if interval.le is None else ""
+    if low is None and high is None:
+        return ""
+    if high is None:
+        words = f"{over or 'from '}{low:g}"
+    elif low is None:
+        words = f"{under or 'up to '}{high:g}"
+    else:
+        words = f"{over}{low:g} to {under}{high:g}"
+    return f"{words} {unit}".strip()
+
+
+def _sentence(kind: type[Protocol], fault: Any) -> tuple[str, str]:
+    """The field a fault belongs to, and what to do about it."""
+    place, words = fault["loc"], fault["msg"].removeprefix("Value error, ")
+    if not place:  # fields that do not fit together: the sentence begins with the one to change
+        name = next((name for name in kind.model_fields if words.startswith(name)), "")
+        return name, words
+    name = str(place[0])
+    field = _field(kind, name)
+    value = fault["input"]
+    if fault["type"].startswith(("greater_than", "less_than")):
+        return name, f"{text_of(value)} {field.unit}".strip() + f" is outside the range: {field.limits}"
+    if fault["type"] in ("int_from_float", "int_type"):
+        return name, f"{text_of(value)} is not a whole number"
+    if fault["type"] in ("finite_number", "float_type"):
+        return name, f"{value} is no number"
+    return name, words[:1].lower() + words[1:]
+
+
+Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
+
+LINES = (3, 7)
+"""Of an editor for many numbers, at least and at most."""
+
+
+class FieldRow:
+    """One field: its name, its editor, its unit, and below them what it means - or what is wrong."""
+
+    def __init__(self, field: Field, value: Any) -> None:
+        self.field = field
+        self.label = QLabel(field.label)
+        self.unit = QLabel(field.unit)
+        self.note = QLabel()
+        self.note.setWordWrap(True)
+        self.note.setTextFormat(Qt.TextFormat.PlainText)
+        self.editor = _editor(field)
+        self.label.setBuddy(self.editor)
+        limits = f"\n{field.limits}" if field.limits else ""
+        self.editor.setToolTip(f"{field.words}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip())
+        self.editor.setAccessibleName(f"{field.label} {field.unit}")
+        self.set(value)
+        self.say("")
+
+    def set(self, value: Any) -> None:
+        """Show a value."""
+        match self.editor:
+            case QCheckBox() as box:
+                box.setChecked(bool(value))
+            case QComboBox() as combo:
+                combo.setCurrentText(str(value))
+            case QPlainTextEdit() as many:
+                many.setPlainText(text_of(value))
+            case QLineEdit() as line:
+                line.setText(text_of(value))
+
+    @property
+    def text(self) -> Any:
+        """What stands in the editor."""
+        match self.editor:
+            case QCheckBox() as box:
+                return box.isChecked()
+            case QComboBox() as combo:
+                return combo.currentText()
+            case QPlainTextEdit() as many:
+                return many.toPlainText()
+            case QLineEdit() as line:
+                return line.text()
+
+    def say(self, fault: str) -> None:
+        """Show what is wrong, or what the field means."""
+        meaning = self.field.words + (f"  ({self.field.limits})" if self.field.limits else "")
+        self.note.setText(f"✕ {fault}" if fault else meaning)
+        for widget, name in ((self.note, "fault" if fault else "note"), (self.editor, "faulty" if fault else "")):
+            mark(widget, name)
+
+
+class Form(QWidget):
+    """Parameters of one protocol as a person edits them."""
+
+    changed = Signal()
+
+    def __init__(self, protocol: Protocol, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.kind = type(protocol)
+        self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 6, 0)
+        grid.setHorizontalSpacing(8)
+        grid.setVerticalSpacing(0)
+        grid.setColumnStretch(1, 1)
+        at = 0
+        for row in self.rows.values():
+            many = row.field.many
+            grid.addWidget(row.label, at, 0, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
+            grid.addWidget(row.editor, at, 1)
+            grid.addWidget(row.unit, at, 2, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
+            grid.addWidget(row.note, at + 1, 0, 1, 3)
+            grid.setRowMinimumHeight(at + 2, 3)
+            grid.setRowStretch(at, 20 if many else 0)
+            at += 3
+            _changes(row.editor).connect(self._edited)
+        grid.setRowStretch(at, 1)
+        self.checked = Checked(protocol, {})
+
+    def set(self, protocol: Protocol) -> None:
+        """Show the parameters of a protocol of the same kind."""
+        for name, row in self.rows.items():
+            row.set(getattr(protocol, name))
+
+    def _edited(self) -> None:
+        self.checked = check(self.kind, {name: row.text for name, row in self.rows.items()})
+        for name, row in self.rows.items():
+            row.say(self.checked.faults.get(name, ""))
+        self.changed.emit()
+
+
+def mark(widget: QWidget, kind: str) -> None:
+    """Say what a widget is at present, so that the style sheet can show it."""
+    if widget.property("kind") != kind:
+        widget.setProperty("kind", kind)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+
+
+class Numbers(QPlainTextEdit):
+    """An editor for many numbers: a few lines, more where there is room."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setTabChangesFocus(True)
+        self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
+        self.setMinimumHeight(self._height(LINES[0]))
+        self.setMaximumHeight(self._height(LINES[1]))
+
+    def sizeHint(self) -> QSize:
+        return QSize(super().sizeHint().width(), self._height(LINES[0]))
+
+    def _height(self, lines: int) -> int:
+        return QFontMetrics(self.font()).lineSpacing() * lines + 12
+
+
+def _editor(field: Field) -> Editor:
+    if field.switch:
+        return QCheckBox()
+    if field.choices:
+        combo = QComboBox()
+        combo.addItems(field.choices)
+        return combo
+    return Numbers() if field.many else QLineEdit()
+
+
+def _changes(editor: Editor) -> Any:
+    """The signal that tells of an edit."""
+    match editor:
+        case QCheckBox():
+            return editor.toggled
+        case QComboBox():
+            return editor.currentTextChanged
+        case QPlainTextEdit() | QLineEdit():
+            return editor.textChanged

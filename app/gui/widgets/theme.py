@@ -1,0 +1,228 @@
+"""Colours for a light and a dark room; which one is the system's choice. Nothing is told by colour alone.
+
+The window's style sheet in a theme's colours; sizes follow the system's font, so that scaling reaches everything.
+"""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QGuiApplication, QPalette
+
+from app.session.messages import Level
+from app.session.state import BenchState, Lamp
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Every colour of the window, as `#rrggbb`."""
+
+    dark: bool
+    window: str
+    panel: str
+    field: str
+    line: str
+    text: str
+    dim: str
+    accent: str
+    model: str
+    """The model's curve."""
+    measured: str
+    """Peak to peak, measured, and the displacement trace."""
+    second: str
+    """Twice the fundamental, measured, and the drive trace."""
+    felt: str
+    """The 50 um line."""
+    good: str
+    warn: str
+    bad: str
+    simulated: str
+    """SIMULATED on a plot."""
+
+    def state(self, state: BenchState) -> tuple[str, str]:
+        """Ground and writing of the state sign."""
+        match state:
+            case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED:
+                return "#ffc400", "#000000"
+            case BenchState.AT_REST:
+                return "#1b7a3d", "#ffffff"
+            case BenchState.UNSAFE:
+                return "#c00018", "#ffffff"
+            case _:
+                return ("#3c424a", "#ffffff") if self.dark else ("#5b636d", "#ffffff")
+
+    def lamp(self, lamp: Lamp) -> str:
+        return {Lamp.READY: self.good, Lamp.WAITING: self.dim, Lamp.DOUBTED: self.warn, Lamp.ABSENT: self.bad}[lamp]
+
+    def level(self, level: Level) -> str:
+        return {Level.PLAIN: self.text, Level.GOOD: self.good, Level.ATTENTION: self.warn, Level.BAD: self.bad}[level]
+
+    def palette(self) -> QPalette:
+        """The theme as Qt's palette."""
+        roles = QPalette.ColorRole
+        palette = QPalette()
+        for role, colour in (
+            (roles.Window, self.window),
+            (roles.WindowText, self.text),
+            (roles.Base, self.field),
+            (roles.AlternateBase, self.panel),
+            (roles.Text, self.text),
+            (roles.Button, self.panel),
+            (roles.ButtonText, self.text),
+            (roles.ToolTipBase, self.panel),
+            (roles.ToolTipText, self.text),
+            (roles.PlaceholderText, self.dim),
+            (roles.Highlight, self.accent),
+            (roles.HighlightedText, "#ffffff"),
+            (roles.Link, self.accent),
+            (roles.Light, self.panel),
+            (roles.Midlight, self.line),
+            (roles.Mid, self.line),
+            (roles.Dark, self.line),
+            (roles.BrightText, self.bad),
+        ):
+            palette.setColor(role, QColor(colour))
+        for role in (roles.WindowText, roles.Text, roles.ButtonText):
+            palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(self.dim))
+        return palette
+
+
+LIGHT = Theme(
+    dark=False,
+    window="#f2f3f5",
+    panel="#ffffff",
+    field="#ffffff",
+    line="#c9cdd3",
+    text="#16191d",
+    dim="#5d6570",
+    accent="#1f5fbf",
+    model="#1f5fbf",
+    measured="#b3261e",
+    second="#22262b",
+    felt="#1b7a3d",
+    good="#146c34",
+    warn="#8a5a00",
+    bad="#b00020",
+    simulated="#d0021b",
+)
+DARK = Theme(
+    dark=True,
+    window="#15181c",
+    panel="#1e2227",
+    field="#23282e",
+    line="#414851",
+    text="#e8eaed",
+    dim="#9aa3ad",
+    accent="#3d78d0",
+    model="#6ea8ff",
+    measured="#ff8a80",
+    second="#f4f5f6",
+    felt="#6fd08c",
+    good="#6fd08c",
+    warn="#ffc46b",
+    bad="#ff6b6b",
+    simulated="#ff5a5a",
+)
+
+
+def system_theme() -> Theme:
+    """What the system asks for; light where it does not say."""
+    return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
+
+
+def sheet(theme: Theme) -> str:
+    """The style sheet."""
+    return f"""
+    QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
+    QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}
+    QLabel[kind="step"] {{ font-size: 19pt; font-weight: bold; }}
+    QLabel[kind="step-why"] {{ font-size: 11pt; }}
+    QLabel[kind="step-detail"] {{ font-size: 11pt; font-weight: bold; }}
+    QLabel[kind="large"] {{ font-size: 11pt; }}
+    QLabel[kind="welcome"] {{ font-size: 22pt; font-weight: bold; }}
+    QLabel[kind="key"] {{
+        background: {theme.field}; border: 1px solid {theme.dim}; border-bottom-width: 2px; border-radius: 4px;
+        padding: 1px 6px; font-weight: bold;
+    }}
+    QLabel[kind="command"] {{
+        background: {theme.window}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 8px;
+        font-family: monospace;
+    }}
+    QLabel[kind="danger"] {{ color: {theme.bad}; font-weight: bold; }}
+    QLabel[kind="hint"] {{ color: {theme.text}; font-size: 11pt; }}
+    QListWidget {{
+        background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 6px; outline: none;
+        font-size: 11pt;
+    }}
+    QListWidget:focus {{ border: 2px solid {theme.accent}; }}
+    QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
+    QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
+    QLabel[kind="small"] {{ font-size: 8pt; }}
+    QLabel[kind="fault"] {{ color: {theme.bad}; font-size: 9pt; }}
+    QLabel[kind="caution"] {{ color: {theme.warn}; font-size: 9pt; }}
+    QLabel[kind="caption"] {{ font-weight: bold; }}
+    QLabel[kind="moved"] {{ color: {theme.accent}; font-weight: bold; }}
+    QLabel[kind="note-size"] {{ color: {theme.dim}; }}
+    QLabel[kind="simulated"] {{
+        color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
+        font-size: 13pt; font-weight: bold; padding: 0 8px;
+    }}
+    QLineEdit, QPlainTextEdit {{
+        background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 5px;
+        selection-background-color: {theme.accent}; selection-color: white;
+    }}
+    QLineEdit:focus, QPlainTextEdit:focus {{ border: 2px solid {theme.accent}; padding: 2px 4px; }}
+    QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] {{ border: 2px solid {theme.bad}; padding: 2px 4px; }}
+    QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {theme.dim}; background: {theme.window}; }}
+    QPushButton {{
+        background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 5px; padding: 5px 12px;
+    }}
+    QPushButton:hover {{ border-color: {theme.accent}; }}
+    QPushButton:focus {{ border: 2px solid {theme.accent}; padding: 4px 11px; }}
+    QPushButton:disabled {{ color: {theme.dim}; }}
+    QPushButton[kind="choice"] {{ padding: 2px 9px; }}
+    QPushButton[kind="choice"]:focus {{ padding: 1px 8px; }}
+    QPushButton[kind="choice"]:checked {{ background: {theme.accent}; color: white; border-color: {theme.accent}; }}
+    QPushButton[kind="choice"]:checked:focus {{ border-color: {theme.text}; }}
+    QFrame[kind="ring"] {{ border: 2px solid {theme.accent}; border-radius: 4px; background: transparent; }}
+    QToolButton[kind="tool"] {{
+        background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 7px;
+    }}
+    QToolButton[kind="tool"]:hover {{ border-color: {theme.accent}; }}
+    QToolButton[kind="tool"]:focus {{ border: 2px solid {theme.accent}; padding: 2px 6px; }}
+    QToolButton[kind="tool"]:disabled {{ color: {theme.dim}; }}
+    QToolButton[popupMode="2"] {{ padding-right: 20px; }}
+    QToolButton[popupMode="2"]:focus {{ padding-right: 19px; }}
+    QToolButton::menu-indicator {{ subcontrol-origin: padding; subcontrol-position: right center; right: 5px; }}
+    QPushButton[kind="go"] {{
+        background: {theme.accent}; color: white; border: none; font-size: 12pt; font-weight: bold; padding: 9px 14px;
+    }}
+    QPushButton[kind="go"]:disabled {{ background: {theme.line}; color: {theme.dim}; }}
+    QPushButton[kind="go"]:focus {{ border: 2px solid {theme.text}; }}
+    QPushButton[kind="stop"] {{
+        background: #c00018; color: white; border: none; font-size: 13pt; font-weight: bold; padding: 0 14px;
+    }}
+    QPushButton[kind="stop"]:disabled {{ background: {theme.panel}; color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QPushButton[kind="pause"] {{ font-size: 11pt; font-weight: bold; padding: 0 10px; border: 2px solid {theme.text}; }}
+    QPushButton[kind="pause"]:disabled {{ color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QLabel[kind="laser"] {{ font-size: 20pt; }}
+    QProgressBar {{ background: {theme.field}; border: 1px solid {theme.line}; border-radius: 5px; }}
+    QProgressBar::chunk {{ background: {theme.accent}; border-radius: 4px; }}
+    QSplitter::handle {{ background: {theme.window}; }}
+    QSplitter::handle:hover {{ background: {theme.line}; }}
+    QScrollArea {{ border: none; background: transparent; }}
+    QScrollArea:focus {{ border: 2px solid {theme.accent}; border-radius: 4px; }}
+    QFrame[kind="panel"] {{ background: {theme.panel}; border: 1px solid {theme.line}; border-radius: 6px; }}
+    QFrame[kind="broken"] {{ background: {theme.panel}; border: 4px dashed {theme.simulated}; border-radius: 6px; }}
+    QFrame[kind="broken"] QLabel {{ color: {theme.simulated}; font-size: 11pt; font-weight: bold; }}
+    QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
+    QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
+    QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.bad}; border-radius: 6px; }}
+    QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
+    QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}
+    QFrame[kind="unsafe"] QLabel[kind="detail"] {{ font-size: 9pt; font-weight: normal; }}
+    QFrame[kind="trouble"] QLabel {{ color: {theme.text}; font-size: 11pt; }}
+    QFrame[kind="prompt"] QPushButton {{ background: black; color: white; font-size: 13pt; font-weight: bold; padding: 9px 16px; }}
+    QFrame[kind="prompt"] QPushButton[kind="stop"] {{ background: #c00018; }}
+    QFrame[kind="prompt"] QPushButton:disabled {{ color: #a0a0a0; }}
+    QFrame[kind="unsafe"] QPushButton {{ background: white; color: black; font-weight: bold; padding: 9px 16px; }}
+    """

@@ -1,0 +1,1 @@
+"""Parameter identification from run files, calibrations and the active model."""

@@ -1,0 +1,81 @@
+"""Calibrations of a specimen: accepted estimates, version by version, in one JSON file beside its runs; one is active.
+
+Nothing is ever removed from the file: another version is accepted, or an older one made active again.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.common.atomic_write import write_whole
+from model.identification.calibration import Calibration
+from model.parameter_spec import ParameterError
+from protocols.runfile.schema import safe_name
+
+FORMAT = "tactor-bench-calibrations"
+
+
+class CalibrationError(Exception):
+    """The calibrations of a specimen cannot be read or written. The sentence says which file and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrations:
+    """All versions of one specimen, and which one is active (0: none)."""
+
+    versions: tuple[Calibration, ...] = ()
+    active: int = 0
+
+    def get(self, version: int | None = None) -> Calibration:
+        """One version; the active one by default.
+
+        Raises:
+            CalibrationError: there is none.
+        """
+        wanted = self.active if version is None else version
+        for calibration in self.versions:
+            if calibration.version == wanted:
+                return calibration
+        have = ", ".join(str(c.version) for c in self.versions) or "none"
+        which = f"version {wanted} of its calibration" if wanted else "calibration"
+        raise CalibrationError(f"there is no {which}; versions: {have}")
+
+
+def calibrations_path(folder: Path, specimen: str) -> Path:
+    """Where the calibrations of a specimen are kept."""
+    return folder / f"{safe_name(specimen)}.calibrations.json"
+
+
+def read(folder: Path, specimen: str) -> Calibrations:
+    """All calibrations of a specimen; none where there is no file.
+
+    Raises:
+        CalibrationError: the file cannot be read, or is damaged.
+    """
+    path = calibrations_path(folder, specimen)
+    try:
+        record: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        if record.get("format") != FORMAT:
+            raise CalibrationError(f"{path} holds no calibrations of this program; move it away")
+        versions = tuple(Calibration.from_record(each) for each in record["versions"])
+        return Calibrations(versions, int(record["active"]))
+    except FileNotFoundError:
+        return Calibrations()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, ParameterError) as error:
+        raise CalibrationError(f"{path} cannot be read: {error}; restore it from a copy, or move it away") from error
+
+
+def write(folder: Path, specimen: str, known: Calibrations) -> Path:
+    """Write all calibrations; the file is replaced whole or not at all.
+
+    Raises:
+        CalibrationError: it cannot be written.
+    """
+    path = calibrations_path(folder, specimen)
+    record = {"format": FORMAT, "active": known.active, "versions": [each.as_record() for each in known.versions]}
+    try:
+        write_whole(path, json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    except (OSError, ValueError) as error:
+        raise CalibrationError(f"{path} cannot be written: {error}") from error
+    return path

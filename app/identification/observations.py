@@ -1,0 +1,243 @@
+"""From run files to what an identification takes: each protocol's points as observations of one specimen.
+
+Only points that no flag speaks against count as good; the others stay in the record. What all values of one instrument
+share - the sensor's gain - is one common error, named by the instrument's serial number, so that two runs with the same
+sensor share it and two with different sensors do not.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.config.tables import AmplifierTable
+from model.identification.fit_options import Setting
+from model.identification.observations import (
+    Campaign,
+    CommonError,
+    FrequencyResponse,
+    MassResonance,
+    MembraneSag,
+    Observation,
+    Side,
+    StaticLoading,
+    VoltageSteps,
+)
+from model.parameter_spec import ParameterError
+from protocols.base.quality import usable
+from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
+from protocols.resume import protocol_of
+from protocols.runfile.reader import Run, RunError
+
+CARD_ERROR_V = 0.02
+"""How far the card may see a drive beyond the range it cannot leave."""
+
+SHAPES = 20
+"""Shape functions for a real tactor. A simulated one has as many as its bench says, and no more."""
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class ObservingError(Exception):
+    """Runs cannot be identified together. The sentence says which and why."""
+
+
+def campaign_of(paths: Iterable[Path], opened: Callable[[Path], Run] = Run) -> tuple[str, Campaign, list[str]]:
+    """The specimen, all its observations, and a sentence for each run that tells nothing; `opened` may correct a run.
+
+    Raises:
+        ObservingError: a file is no run, the runs are of several specimens, or none tells anything.
+    """
+    specimens: dict[str, Path] = {}
+    found: list[Observation] = []
+    left_out: list[str] = []
+    for path in paths:
+        try:
+            with opened(path) as run:
+                specimens.setdefault(run.specimen, path)
+                taken = list(observations(run))
+        except (RunError, ParameterError) as error:
+            raise ObservingError(f"{path}: {error}") from error
+        usable = [run for run in taken if run.use.any()]
+        found += usable
+        if not usable:
+            left_out.append(f"{path.name} tells nothing about the model and is left out")
+    if len(specimens) > 1:
+        names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
+        raise ObservingError(f"these runs are of several specimens, {names}: identify one at a time")
+    if not found:
+        raise ObservingError("none of these runs has a usable point that tells about the model")
+    try:
+        return next(iter(specimens)), Campaign(tuple(found)), left_out
+    except ParameterError as error:
+        raise ObservingError(str(error)) from error
+
+
+def shapes_of(path: Path) -> int:
+    """With how many shape functions a run is identified: those the simulated tactor has, or enough for a real one."""
+    with Run(path) as run:
+        return shapes_in(run)
+
+
+def shapes_in(run: Run) -> int:
+    """The same of an open run."""
+    if not run.simulated:
+        return SHAPES
+    return int(run.configuration.get("simulation", {}).get("modes", Setting.n))
+
+
+def observations(run: Run) -> Iterator[Observation]:
+    """What one run tells; nothing where its protocol tells nothing about the model."""
+    observe = OBSERVERS.get(run.protocol)
+    if observe is not None:
+        columns = run.points()
+        if len(columns["entry"]):
+            yield from observe(run, columns, usable(columns["quality"]))
+
+
+def _gain(run: Run) -> tuple[CommonError, ...]:
+    """The gain of the displacement sensor: the same for all values taken with it."""
+    sensor = run.sensor
+    if not sensor.gain_relative_uncertainty > 0:
+        return ()
+    return (
+        CommonError(f"gain of {sensor.name} {sensor.serial}".strip(), "displacement", sensor.gain_relative_uncertainty),
+    )
+
+
+def _all(run: Run) -> dict[str, Any]:
+    return {"common": _gain(run), "simulated": run.simulated}
+
+
+def _response(
+    run: Run, columns: Columns, good: NDArray[np.bool_], label: str, elongation_m: float | None
+) -> FrequencyResponse:
+    sine, width = (
+        good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0) for name in ("fundamental", "peak_to_peak")
+    )
+    good = sine if sine.any() else width  # an imported table may have one of them only
+    amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
+    map_ = AmplifierTable.of(run.configuration).map
+    # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
+    room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
+    amplitude_v = np.where(amplitude_v < room_v + CARD_ERROR_V, np.minimum(amplitude_v, room_v), amplitude_v)
+    phase = columns["phase"]
+    known: dict[str, Any] = {}
+    if sine.any():
+        turned = np.exp(1j * phase) if np.isfinite(phase[good]).all() else 1.0
+        known |= {"fundamental_m": columns["fundamental"] * turned, "errors_m": columns["fundamental_errors"]}
+    if width[good].all():
+        known |= {
+            "peak_to_peak_m": columns["peak_to_peak"],
+            "peak_to_peak_errors_m": columns["peak_to_peak_errors"],
+        }
+    if np.isfinite(columns["harmonics"]).any():
+        known["harmonics_m"] = columns["harmonics"]
+    return FrequencyResponse(
+        label,
+        columns["frequency"],
+        drive_amplitude_v=amplitude_v,
+        drive_offset_v=offset_v,
+        elongation_m=elongation_m,
+        good=good,
+        **known,
+        **_all(run),
+    )
+
+
+def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    yield _response(run, columns, good, run.path.stem, None)
+
+
+def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    """One response for each elongation; a free reference before and after is one each."""
+    for part in dict.fromkeys(columns["part"].tolist()):
+        at = columns["part"] == part
+        elongation = float(columns["elongation"][at][0])
+        free = np.isnan(elongation)
+        words = f"{part:.0f} free" if free else f"{part:.0f} at {1e3 * elongation:g} mm"
+        mine = {name: column[at] for name, column in columns.items()}
+        if good[at].any():
+            yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
+
+
+def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
+    frequency, errors = columns[peak], columns[f"{peak}_errors"]
+    yield MassResonance(
+        run.path.stem,
+        columns["mass"],
+        frequency,
+        errors,
+        meaning="peak" if peak == "frequency" else "undamped",
+        good=good & (errors > 0) & np.isfinite(frequency),
+        simulated=run.simulated,
+    )
+
+
+def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    errors = columns["deflection_errors"]
+    direction = np.nan_to_num(columns["direction"])
+    time = columns["read_time"]
+    yield VoltageSteps(
+        run.path.stem,
+        np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"]),
+        columns["deflection"],
+        errors,
+        rising=direction > 0 if (direction != 0).all() else None,
+        time_s=time if np.isfinite(time).all() else None,
+        good=good & (errors > 0),
+        **_all(run),
+    )
+
+
+def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    """Each side by itself; a push is positive, whichever way the sensor counts it. An unknown side is the mean of both."""
+    sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
+    for side, name in sides:
+        at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
+        if not good[at].any():
+            continue
+        deflection = columns["deflection"][at]
+        down = np.sign(np.median(deflection[good[at]])) or 1.0
+        # The load's own error is small beside that of the deflection, and moves the point along the line.
+        compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
+        errors = np.hypot(columns["deflection_errors"][at], compliance * np.nan_to_num(columns["load_errors"][at]))
+        yield StaticLoading(
+            f"{run.path.stem} {name}",
+            columns["load"][at],
+            down * deflection,
+            errors,
+            side=name,
+            good=good[at] & (errors > 0),
+            **_all(run),
+        )
+
+
+def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+    """One sag, the mean of all: what the repeats share - the reference's depth, the geometry - does not average out."""
+    if not good.any():
+        return
+    given = cast(SagProtocol, protocol_of(run, run.path.name))
+    mean_m, error_m = given.mean(columns["sag"][good], columns["sag_errors"][good])
+    yield MembraneSag(
+        run.path.stem,
+        np.array([mean_m]),
+        np.array([given.error_of_all_m(mean_m, error_m)]),
+        geometry=given.strip,
+        load_n_per_m=given.load_n_per_m,
+        delta=given.elongation_m / given.length_m,
+        **_all(run),
+    )
+
+
+OBSERVERS: dict[str, Callable[[Run, Columns, NDArray[np.bool_]], Iterator[Observation]]] = {
+    "sine-dwell": _sine_dwell,
+    "membrane-series": _membrane_series,
+    "mass-resonance": _mass_resonance,
+    "voltage-steps": _voltage_steps,
+    "static-loading": _static_loading,
+    "membrane-sag": _membrane_sag,
+}

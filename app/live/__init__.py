@@ -1,0 +1,1 @@
+"""Background computations for a running bench."""

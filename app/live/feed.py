@@ -1,0 +1,79 @@
+"""Samples on their way to the screen: scaled and decimated in the bench thread, block by block. No Qt."""
+
+import threading
+from dataclasses import dataclass
+
+from app.live.minmax_trace import MinMaxTrace
+from drivers.bench.bench import DISPLACEMENT, DRIVE
+from drivers.interfaces import Block, Scale
+from drivers.sensors.laser_sensor import LaserSensor
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """How much of the past is shown and kept. A `standing` one is kept longer, so that a cycle can be lined up."""
+
+    shown_s: float
+    kept_s: float
+    standing: bool = False
+
+    @property
+    def columns(self) -> int:
+        return round(COLUMNS * self.kept_s / self.shown_s)
+
+
+COLUMNS = 1000
+SPANS = (Span(0.1, 0.2, standing=True), Span(1.0, 1.0), Span(10.0, 10.0))
+
+
+class LiveFeed:
+    """Drive in volts at the amplifier's input and displacement in micrometres, the last of each of `SPANS`."""
+
+    def __init__(self) -> None:
+        self._traces = {
+            span: (MinMaxTrace(span.kept_s, span.columns), MinMaxTrace(span.kept_s, span.columns)) for span in SPANS
+        }
+        self._lock = threading.Lock()
+        self._scales: tuple[Scale, ...] = ()
+        self._sensor: LaserSensor | None = None
+        self._rate_hz = 1.0
+        self._scans = 0
+        self._latest_um: float | None = None
+
+    @property
+    def streamed_s(self) -> float:
+        """Bench time of the samples taken since the stream began."""
+        with self._lock:
+            return self._scans / self._rate_hz
+
+    def begin(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
+        """A stream starts; what was there is gone."""
+        with self._lock:
+            self._scales, self._sensor = scales, sensor
+            self._rate_hz, self._scans = rate_hz, 0
+            for drive, displacement in self._traces.values():
+                drive.reset(rate_hz)
+                displacement.reset(rate_hz)
+
+    def take(self, block: Block) -> None:
+        """Take a block; before `begin` it cannot be understood and is left out."""
+        if self._sensor is None:
+            return
+        drive_v = self._scales[DRIVE].volts(block.raw[DRIVE])
+        displacement_um = 1e6 * self._sensor.displacement_m(self._scales[DISPLACEMENT].volts(block.raw[DISPLACEMENT]))
+        for drive, displacement in self._traces.values():
+            drive.append(drive_v)
+            displacement.append(displacement_um)
+        with self._lock:
+            self._scans += block.raw.shape[1]
+            self._latest_um = float(displacement_um.mean())
+
+    @property
+    def latest_um(self) -> float | None:
+        """Mean displacement of the latest block; None before there is one."""
+        with self._lock:
+            return self._latest_um
+
+    def traces(self, span: Span) -> tuple[MinMaxTrace, MinMaxTrace]:
+        """Drive and displacement over one of `SPANS`."""
+        return self._traces[span]

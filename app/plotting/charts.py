@@ -1,0 +1,139 @@
+"""Curves of the model as a picture: a figure, or its panels side by side, as the paper prints them."""
+
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from model.response.perception import THRESHOLD_M
+from model.studies.paper_figures import Figure
+
+MOST_INSIDE = 6
+"""Lines whose legend finds room inside the picture."""
+
+SHOWN = {"m": ("µm", 1e6), "s": ("ms", 1e3), "kg": ("g", 1e3), "kg^-1/2": ("kg$^{-1/2}$", 1), "N/m^2": ("N/m²", 1)}
+SHOWN_X = {**SHOWN, "m": ("mm", 1e3)}
+LINES: Sequence[dict[str, Any]] = (
+    {"color": "tab:blue", "ls": "-"},
+    {"color": "tab:red", "ls": "--"},
+    {"color": "black", "ls": "-."},
+    {"color": "saddlebrown", "ls": (0, (1, 1))},
+    {"color": "tab:green", "ls": (0, (1, 3))},
+    {"color": "tab:purple", "ls": "-"},
+    {"color": "tab:orange", "ls": "--"},
+    {"color": "tab:cyan", "ls": "-."},
+)
+"""The paper's colours and dashes for Figs. 10 to 12, and three more."""
+
+SYMBOLS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]] = (
+    (r"\b1e\+?(-?)0*(\d+)\b", lambda m: f"$10^{{{m[1]}{m[2]}}}$"),
+    (r"\bc_s\^delta\b", r"$c_s^{\\delta}$"),
+    (r"\bc_s\^0\b", r"$c_s^0$"),
+    (r"\bc_bar\b", r"$\\bar{c}$"),
+    (r"\b(delta|eta)\b", lambda m: rf"$\{m[1]}$"),
+    (r"\b([EckwL]_[a-z]+|m_add)\b", lambda m: f"${m[1][0]}_{{{m[1][2:]}}}$"),
+    (r"\bk([12])(\^2)?", lambda m: f"$k_{m[1]}{m[2] or ''}$"),
+    (r"\bL2\b", "$L_2$"),
+    (r"\bum\b", "µm"),
+    (r"(?<=\d)\.\.(?=\d)", " to "),
+)
+
+
+def draw(panels: Sequence[Figure], path: Path, log: bool = False) -> None:
+    """Draw a figure, or the panels of one, with what the captions say below.
+
+    Raises:
+        OSError, ValueError: the file cannot be written, or its suffix is unknown.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Sheet
+
+    count = len(panels)
+    columns = 1 if count == 1 else 3 if count > 2 else 2
+    rows = -(-count // columns)
+    width = 8.0 if columns == 1 else 4.7 * columns
+    sheet = Sheet(figsize=(width, (5.0 if columns == 1 else 3.7) * rows + 0.9), dpi=120, layout="constrained")
+    FigureCanvasAgg(sheet)
+    alike = len({(p.y_label, p.y_unit, p.x_label) for p in panels}) == 1
+    grid = sheet.subplots(rows, columns, squeeze=False, sharey=alike)
+    titles, caption = _captions(panels)
+    labels = {tuple(curve.label for curve in panel.curves) for panel in panels}
+    for i, (axes, panel, title) in enumerate(zip(grid.flat, panels, titles, strict=False)):
+        _panel(axes, panel, log)
+        if len(axes.lines) > 1 and (len(labels) > 1 or panel is panels[-1]):  # one legend, where it is the same for all
+            outside = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if len(axes.lines) > MOST_INSIDE else {}
+            axes.legend(fontsize=8.5, **outside)
+        axes.set_title("\n".join(textwrap.wrap(title, 52)), fontsize=10)
+        if alike and i % columns:
+            axes.set_ylabel("")
+    letters = round(width * 15.5)
+    sheet.supxlabel("\n".join(textwrap.wrap(caption, letters)), x=0.01, ha="left", fontsize=8.5, linespacing=1.3)
+    sheet.savefig(path)
+
+
+def _panel(axes: Any, panel: Figure, log: bool) -> None:
+    x_unit, x_scale = SHOWN_X.get(panel.x_unit, (panel.x_unit, 1))
+    y_unit, y_scale = _shown_y(panel)
+    for line, curve in zip(_lines(len(panel.curves)), panel.curves, strict=True):
+        axes.plot(curve.x * x_scale, curve.y * y_scale, lw=1.5, label=pretty(curve.label), **line)
+    axes.set(xlabel=_label(panel.x_label, x_unit), ylabel=_label(panel.y_label, y_unit))
+    x = [value * x_scale for curve in panel.curves for value in (curve.x.min(), curve.x.max())]
+    if max(x) > min(x):
+        axes.set_xlim(min(x), max(x))
+    if log:
+        axes.set_yscale("log")
+    elif all((curve.y >= 0).all() for curve in panel.curves):
+        axes.set_ylim(0, None)
+    if panel.x_unit in ("Hz", "s") and panel.y_unit == "m":
+        axes.axhline(THRESHOLD_M * y_scale, color="gray", lw=1, label="50 µm, felt on the abdomen")
+    axes.grid(alpha=0.25)
+
+
+def _shown_y(panel: Figure) -> tuple[str, float]:
+    highest = max(float(abs(curve.y).max()) for curve in panel.curves)
+    if panel.y_unit == "m" and highest > 2e-3:
+        return "mm", 1e3
+    return SHOWN.get(panel.y_unit, (panel.y_unit, 1))
+
+
+def _lines(count: int) -> list[dict[str, Any]]:
+    return [LINES[i % len(LINES)] for i in range(count)]
+
+
+def _label(words: str, unit: str) -> str:
+    return pretty(words) + (f" ({unit})" if unit else "")
+
+
+def _captions(panels: Sequence[Figure]) -> tuple[list[str], str]:
+    """Titles of the panels and one caption: what all panels say once, then what each says alone."""
+    if len(panels) == 1:
+        return [""], pretty(panels[0].caption)
+    said = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]
+    titles, rest = [s[0].rstrip(".") for s in said], [s[1:] for s in said]
+    start = _common_start(titles)
+    common = [sentence for sentence in rest[0] if all(sentence in r for r in rest)]
+    letters = [f"({'abcdefgh'[i]})" for i in range(len(panels))]
+    alone = [
+        f"{letter} {' '.join(sentence for sentence in r if sentence not in common)}"
+        for letter, r in zip(letters, rest, strict=True)
+        if set(r) - set(common)
+    ]
+    heading = [f"{start.rstrip(', ')}."] if start else []
+    return (
+        [f"{letter} {pretty(title[len(start) :])}" for letter, title in zip(letters, titles, strict=True)],
+        pretty(" ".join((*heading, *common, *alone))),
+    )
+
+
+def _common_start(titles: Sequence[str]) -> str:
+    """What all titles begin with, up to a comma."""
+    start = titles[0].rpartition(", ")[0]
+    return f"{start}, " if start and all(title.startswith(f"{start}, ") for title in titles) else ""
+
+
+def pretty(text: str) -> str:
+    """Plain symbols and powers of ten as they are printed."""
+    for pattern, symbol in SYMBOLS:
+        text = re.sub(pattern, symbol, text)
+    return text

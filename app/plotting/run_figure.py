@@ -1,0 +1,225 @@
+"""A picture of a finished run: the response on the model's curve, the last recording, what was identified."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.common.formatting import quantity, shown_unit
+from app.config.tables import AmplifierTable
+from model.amplifier_map import AmplifierMap
+from model.parameters import Tactor
+from model.response.frequency_response import amplifier_response, frequency_response
+from model.response.perception import THRESHOLD_M
+from protocols.base.quality import usable
+from protocols.runfile.reader import Run, intact
+from protocols.runfile.schema import ENTRY
+
+RESPONSE = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
+"""Columns that are drawn on the model's curve."""
+
+
+def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
+    """Draw a run into a PNG, PDF or SVG file; SIMULATED is written across it where it is.
+
+    Raises:
+        RunError: the run file is damaged.
+        OSError: the picture cannot be written.
+    """
+    with intact(run.path):
+        figure = figure_of(run, tactor or Tactor())
+    figure.savefig(path)
+
+
+def figure_of(run: Run, tactor: Tactor) -> Any:
+    """The picture of a run as a matplotlib figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    panels = _panels(run)
+    figure = Figure(figsize=(10, 4.2 + 2.8 * sum(height for _, height in panels) / 3), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    every = figure.subplots(len(panels) + 1, 1, height_ratios=[*(height for _, height in panels), 1])
+    for axes, (draw, _) in zip(every, panels, strict=False):
+        draw(axes, run, tactor)
+    _draw_trace(every[-1], run)
+    figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11, parse_math=False)
+    if run.simulated:
+        figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
+    return figure
+
+
+def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
+    """What is drawn above the last recording, and how high."""
+    points = run.points()
+    if points.keys() >= RESPONSE | {"elongation"}:
+        return [(_draw_series, 3)]
+    if points.keys() >= RESPONSE:
+        return [(_draw_response, 3)]
+    panels: list[tuple[Callable[[Any, Run, Tactor], None], float]] = []
+    if curves := run.curves():
+        panels.append((_draw_curves, 3))
+        if all("coherence" in curve.columns for curve in curves):
+            panels.append((_draw_coherence, 0.8))
+    if not curves or len(points[run.axes[0]]) > 1:
+        panels.append((_draw_points, 2))
+    return panels
+
+
+def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
+    points = run.points()
+    f = points["frequency"]
+    amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
+    top = max(float(f.max()) if f.size else 250.0, 250.0)
+    curve_f = np.linspace(5.0, 1.05 * top, 500)
+    amplifier = _amplifier(run)
+    curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
+    axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
+    axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
+    good = usable(points["quality"])
+    series = (  # an imported table may have one of them only
+        ("peak_to_peak", 1e6, {"fmt": "o", "ms": 6, "mec": "tab:red", "ecolor": "tab:red"}, "measured, max - min"),
+        (
+            "fundamental",
+            2e6,
+            {"fmt": "s", "ms": 4, "mec": "tab:orange", "ecolor": "tab:orange"},
+            "measured, 2 x fundamental",
+        ),
+    )
+    for name, scale, look, label in series:
+        for chosen, fill, words in ((good, "tab:red", ""), (~good, "none", ", flagged")):
+            shown = chosen & np.isfinite(points[name])
+            if shown.any():
+                at, height, error = f[shown], scale * points[name][shown], scale * points[f"{name}_errors"][shown]
+                axes.errorbar(at, height, error, mfc=fill, label=label + words, **look)
+    axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
+    axes.text(
+        0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
+    )
+    axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
+    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="best")
+
+
+def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
+    """Dwells at several elongations, each in its colour on the model's curve for it."""
+    from model.parameters import Membrane
+    from model.skin import skin
+
+    points = run.points()
+    good = usable(points["quality"])
+    amplifier, amplitude_v = _amplifier(run), float(run.parameters["peak_to_peak_v"]) / 2
+    parts = np.unique(points["part"])
+    curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
+    for colour, part in zip(_colours(len(parts)), parts, strict=True):
+        of_part = points["part"] == part
+        elongation = float(points["elongation"][of_part][0])
+        free = np.isnan(elongation)
+        pressed = None if free else skin(Membrane(), elongation / Membrane().L_m, tactor=tactor)
+        model = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier, skin=pressed)
+        axes.plot(curve_f, 1e6 * model.peak_to_peak, "--", color=colour, lw=0.9)
+        words = "free" if free else f"{1e3 * elongation:.2f} mm"
+        for shown, face in ((of_part & good, colour), (of_part & ~good, "none")):
+            if shown.any():
+                f, moved = points["frequency"][shown], points["peak_to_peak"][shown]
+                axes.errorbar(
+                    f, 1e6 * moved, 1e6 * points["peak_to_peak_errors"][shown], fmt="o", ms=5, color=colour, mfc=face,
+                    label=words,
+                )  # fmt: skip
+    axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
+    axes.set(xlabel="frequency (Hz)", ylabel="max - min of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
+    axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
+
+
+def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
+    """The curves of the entries; a frequency response with the model's beneath it."""
+    curves, points = run.curves(), run.points()
+    amplifier, amplitude_v = _amplifier(run), float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
+    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+        x, y = curve.columns[curve.x], curve.columns[curve.y]
+        factor, unit = shown_unit(y.unit)
+        axes.plot(x.values, factor * y.values, "-", color=colour, lw=1.2, label=curve.label or "measured")
+        if (errors := curve.columns.get(f"{curve.y}_errors")) is not None:
+            low, high = y.values - 2 * errors.values, y.values + 2 * errors.values
+            axes.fill_between(x.values, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
+        if y.unit == "m/V":
+            mass = points["mass"][points[ENTRY] == curve.entry] if "mass" in points else np.empty(0)
+            loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
+            f = x.values[:: max(len(x.values) // 300, 1)]
+            driven = amplifier_response(loaded, f, amplitude_v, amplifier.rest_v, amplifier)
+            axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
+        axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
+    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    if any(curve.columns[curve.y].unit == "m/V" for curve in curves):
+        found.append("dashed: model")
+    axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
+    if all((curve.columns[curve.y].values >= 0).all() for curve in curves):
+        axes.set_ylim(0, None)
+
+
+def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
+    curves = run.curves()
+    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+        axes.plot(curve.columns[curve.x].values, curve.columns["coherence"].values, color=colour, lw=0.8)
+    axes.set(xlabel=f"{curves[0].x} ({curves[0].columns[curves[0].x].unit})", ylabel="coherence", ylim=(None, 1.0))
+    axes.ticklabel_format(useOffset=False)
+
+
+def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
+    """The points of any protocol over the axes it names, in units people think in; hollow where no fit may use them."""
+    points, units, (x, y) = run.points(), run.units(), run.axes
+    (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
+    good = usable(points["quality"])
+    errors = points.get(f"{y}_errors", np.zeros(len(good)))
+    for shown, face, words in ((good, "tab:red", "measured"), (~good, "none", "measured, flagged")):
+        if shown.any():
+            axes.errorbar(
+                over * points[x][shown], factor * points[y][shown], factor * errors[shown], fmt="o", color="tab:red",
+                mfc=face, label=words,
+            )  # fmt: skip
+    if (x, y) == ("mass", "frequency"):
+        _draw_peaks(axes, points["mass"], tactor)
+    axes.set(xlabel=_label(x, over_unit), ylabel=_label(y, unit))
+    axes.legend(fontsize=9)
+
+
+def _draw_peaks(axes: Any, masses: Any, tactor: Tactor) -> None:
+    """Where the model's response is largest, for every mass."""
+    grid, f = np.linspace(min(masses), max(masses), 30), np.linspace(60.0, 600.0, 2161)
+    peaks = [f[np.abs(frequency_response(replace(tactor, m_add=float(m)), f)).argmax()] for m in grid]
+    axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")
+
+
+def _colours(count: int) -> Any:
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](np.linspace(0.0, 0.85, count))
+
+
+def _label(column: str, unit: str) -> str:
+    words = column.replace("_", " ")
+    return f"{words} ({unit})" if unit else words
+
+
+def _amplifier(run: Run) -> AmplifierMap:
+    """The amplifier's map as it was then."""
+    return AmplifierTable.of(run.configuration).map
+
+
+def _draw_trace(axes: Any, run: Run) -> None:
+    last = run.trace.last_recording()
+    if last is None:
+        words = "imported: there are no samples" if run.imported else "nothing was recorded"
+        axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
+        axes.set_axis_off()
+        return
+    shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))
+    t = 1e3 * np.arange(shown) / last.rate_hz
+    axes.plot(t, 1e6 * last.displacement_m[:shown], color="tab:red", lw=0.8)
+    axes.set(xlabel="time (ms)", ylabel="displacement (µm)", xlim=(0, t[-1]))
+    axes.set_title("last recording", fontsize=9)
+    twin = axes.twinx()
+    twin.plot(t, last.drive_v[:shown], color="tab:gray", lw=0.8)
+    twin.set_ylabel("drive (V)")

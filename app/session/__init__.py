@@ -1,0 +1,1 @@
+"""The bench session: connection, run thread, window state and messages."""

@@ -1,0 +1,256 @@
+"""What the window shows, as one frozen value and its words. No Qt here; `app.session.reducer` makes it from what happens."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Any
+
+from app.session.messages import Message
+from app.session.session import SessionEvent
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from model.amplifier_map import AmplifierMap
+from protocols.base.events import Asked, AtRest, RunEnded, Status
+from protocols.base.quality import Quality
+from protocols.base.records import Curve
+
+UNSAFE_EXIT = 3
+
+
+class BenchState(StrEnum):
+    """The bench in a word that is read from two metres."""
+
+    CONNECTING = "connecting"
+    IDLE = "not armed"
+    """The instruments answer; nobody has measured rest yet."""
+    ARMING = "arming"
+    LIVE = "live"
+    PAUSED = "paused"
+    """At measured rest, high voltage still on."""
+    HV_OFF = "hv off"
+    """Rest is measured and the operator has switched high voltage off: the specimen may be touched."""
+    GOING_TO_REST = "going to rest"
+    AT_REST = "at rest"
+    UNSAFE = "unsafe"
+    NO_BENCH = "no bench"
+
+
+class Lamp(StrEnum):
+    """What is known of an instrument."""
+
+    WAITING = "connecting"
+    READY = "ready"
+    DOUBTED = "see the message"
+    ABSENT = "not connected"
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """One instrument of the bench bar."""
+
+    role: str
+    identity: str
+    lamp: Lamp
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is. `at_s` is the bench time that had streamed when this was told."""
+
+    title: str
+    entries: int
+    expected_s: float
+    done: int = 0
+    left_s: float = 0.0
+    label: str = ""
+    at_s: float = 0.0
+
+    def left_at(self, streamed_s: float) -> float:
+        """Bench time left, counted down by the samples that came since; never past the present entry."""
+        entry_s = self.expected_s / max(self.entries, 1)
+        return max(self.left_s - min(max(streamed_s - self.at_s, 0.0), entry_s), 0.0)
+
+    def fraction_at(self, streamed_s: float) -> float:
+        """How much is done, 0 to 1."""
+        return 1.0 - min(self.left_at(streamed_s) / self.expected_s, 1.0) if self.expected_s > 0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunAsked:
+    """The operator pressed Run."""
+
+    title: str
+    reads: str = ""
+    """The run that is read first, to be gone on with; what it measured is shown until the new one has begun."""
+
+
+@dataclass(frozen=True, slots=True)
+class PauseAsked:
+    """The operator pressed Pause."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopAsked:
+    """The operator pressed Stop, or wants to leave."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """The operator has read the sentence on the banner."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectAsked:
+    """The operator wants the bench to be opened once more."""
+
+
+ViewEvent = SessionEvent | RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """An event, when it was heard, and how much bench time the card had streamed by then."""
+
+    event: ViewEvent
+    at: datetime
+    streamed_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Everything the window shows but the samples."""
+
+    amplifier: AmplifierMap
+    bench: str
+    simulated: bool
+    instruments: tuple[Instrument, ...]
+    state: BenchState = BenchState.CONNECTING
+    connected: bool = False
+    """The instruments answered when they were last asked to."""
+    busy: bool = False
+    """A run was asked for and has not ended."""
+    pausing: bool = False
+    """A pause was asked for and has not begun."""
+    paused: bool = False
+    protocol: str = ""
+    """Name of the protocol of the present or last run."""
+    high_voltage: bool = True
+    """Whether the present run has it on."""
+    drive: Drive | None = None
+    rest: AtRest | None = None
+    """Rest as last measured; None while nothing is known."""
+    rest_lost: bool = False
+    """Rest could once not be confirmed, and has not been measured since."""
+    progress: Progress | None = None
+    prompt: Asked | None = None
+    points: tuple[Any, ...] = ()
+    entries: tuple[int, ...] = ()
+    """The entry of the plan each point belongs to."""
+    curves: tuple[Curve, ...] = ()
+    """What entries gave beside their points; one of each entry and label, the newest."""
+    outcome: RunEnded | None = None
+    unsafe: str = ""
+    """The unsafe sentence, until it is acknowledged."""
+    trouble: str = ""
+    """Why the last thing did not work, until it is dismissed or something new begins."""
+    messages: tuple[Message, ...] = ()
+    told: int = 0
+    """How many messages there ever were."""
+
+    @property
+    def unusable(self) -> int:
+        """How many of the points no fit may use."""
+        flags = [Quality(point.quality) for point in self.points]
+        return sum(not flag.usable and Quality.SUPERSEDED not in flag for flag in flags)
+
+    @property
+    def can_run(self) -> bool:
+        return self.connected and not self.busy and not self.unsafe
+
+    @property
+    def why_not(self) -> str:
+        """Why no run can begin; empty where one can."""
+        if self.busy:
+            return "a run is going on"
+        if self.unsafe:
+            return "read and acknowledge the message first"
+        return "" if self.connected else "there is no bench"
+
+    @property
+    def can_pause(self) -> bool:
+        return self.busy and self.state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
+
+    @property
+    def volts(self) -> str:
+        """Volts on the specimen, in figures."""
+        match self.state:
+            case BenchState.LIVE if self.drive is not None:
+                low, high = self.amplifier.specimen_v([self.drive.low_v, self.drive.high_v])
+                return volts_between(float(low), float(high))
+            case BenchState.LIVE | BenchState.AT_REST | BenchState.PAUSED | BenchState.HV_OFF:
+                return "0 V"
+            case BenchState.GOING_TO_REST:
+                return "to 0 V"
+            case BenchState.IDLE | BenchState.ARMING:
+                return "not measured"
+            case _:
+                return "unknown"
+
+    @property
+    def volts_note(self) -> str:
+        """What belongs beside the figures."""
+        match self.state:
+            case BenchState.LIVE:
+                return f"on the specimen, {pace(self.drive)}" if self.drive else "on the specimen, high voltage on"
+            case BenchState.PAUSED:
+                return "rest measured, high voltage still on"
+            case BenchState.HV_OFF:
+                return f"{'paused; ' * self.paused}rest measured, high voltage off"
+            case BenchState.AT_REST if self.rest is not None:
+                return f"on the specimen, rest measured {self.rest.measured_v:.3f} V"
+            case BenchState.GOING_TO_REST:
+                return "rest is measured next"
+            case BenchState.IDLE:
+                return "every run measures rest first"
+            case BenchState.ARMING:
+                return "rest is not measured yet"
+            case BenchState.UNSAFE if self.rest is not None and self.rest.measured_v == self.rest.measured_v:
+                return (
+                    f"the card sees {round(self.rest.measured_v, 3) + 0.0:.3f} V, rest is {self.amplifier.rest_v:g} V"
+                )
+            case BenchState.UNSAFE:
+                return "may carry high voltage"
+            case _:
+                return "volts on the specimen"
+
+    @property
+    def exit_code(self) -> int:
+        """What the program tells its caller: 3 unsafe, 1 failed or no bench, else 0."""
+        if self.state is BenchState.UNSAFE or self.rest_lost:
+            return UNSAFE_EXIT
+        failed = self.outcome is not None and self.outcome.status is Status.FAILED
+        return int(failed or self.state is BenchState.NO_BENCH)
+
+
+def opening(amplifier: AmplifierMap, bench: str, simulated: bool, names: Mapping[str, str]) -> View:
+    """The view before anything is heard; `names` are the instruments' names of the bench file, by role."""
+    return View(amplifier, bench, simulated, tuple(Instrument(r, n, Lamp.WAITING) for r, n in names.items()))
+
+
+def volts_between(low: float, high: float) -> str:
+    """`−500 … +1500 V`, `0 V`."""
+    figures = [("0" if abs(v) < 0.5 else f"{v:+.0f}").replace("-", "−") for v in (low, high)]
+    return f"{figures[0]} V" if figures[0] == figures[1] else f"{figures[0]} … {figures[1]} V"
+
+
+def pace(drive: Drive) -> str:
+    """How fast a drive goes, in words: `160 Hz`, `25 … 525 Hz`, `held`."""
+    match drive:
+        case Sine(frequency_hz=f):
+            return f"{f:g} Hz"
+        case LinearSweep(start_hz=a, stop_hz=b) | PeriodicSweep(start_hz=a, stop_hz=b):
+            return f"{a:g} … {b:g} Hz"
+        case Hold():
+            return "held"
+        case Ramp() | Steps():
+            return drive.kind.lower()

@@ -1,0 +1,1 @@
+"""The bench: amplifier drive limits, rest verification, safe shutdown."""

@@ -1,0 +1,189 @@
+"""The guard between any source and the specimen: the only object that may command a source.
+
+It refuses what leaves the amplifier's input range, is too steep, or does not start and end at rest. It never clips a
+drive into something admissible, and it has no way to switch anything off: rest is 2.5 V, and 0 V is -500 V.
+"""
+
+from dataclasses import dataclass
+
+from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
+from drivers.clock import Clock
+from drivers.drive import Drive, Hold
+from drivers.errors import DriveRefused, InstrumentError, LinkError
+from drivers.interfaces import Choosy, Identity, Source
+from model.amplifier_map import AmplifierMap
+
+VOLTS_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class DriveLimits:
+    """What the amplifier's input may be given.
+
+    Args:
+        slew_v_per_s: steepest admissible slope of a drive.
+        step_v: largest jump a source may make when it moves in a staircase.
+        ramp_v_per_s: slope at which the guard itself moves between levels.
+        current_limit_a: what the amplifier can push into the specimen; 0 where nobody has told.
+        specimen_capacitance_f: of the specimen and its cable; 0 where nobody has told.
+    """
+
+    slew_v_per_s: float = 10_000.0
+    step_v: float = 0.05
+    ramp_v_per_s: float = 5.0
+    current_limit_a: float = 0.0
+    specimen_capacitance_f: float = 0.0
+
+    @property
+    def current_is_known(self) -> bool:
+        """Whether a drive's current can be held against what the amplifier can push."""
+        return self.current_limit_a > 0 and self.specimen_capacitance_f > 0
+
+
+class HvAmplifier:
+    """Admits drives, plays them on its source, and brings the source back to rest."""
+
+    def __init__(
+        self,
+        source: Source,
+        amplifier: AmplifierMap,
+        limits: DriveLimits,
+        clock: Clock,
+        watchdog: Watchdog | None = None,
+    ) -> None:
+        self._source = source
+        self._watchdog = watchdog or NoWatchdog()
+        self.map = amplifier
+        self.limits = limits
+        self._clock = clock
+        self._until_s = 0.0
+
+    @property
+    def identity(self) -> Identity:
+        return self._source.identity
+
+    def admit(self, drive: Drive) -> None:
+        """Refuse what must not reach the amplifier.
+
+        Raises:
+            DriveRefused: with the value, the limit and the remedy.
+        """
+        rest, name = self.map.rest_v, drive.kind
+        for value, edge, beyond in (
+            (drive.low_v, self.map.low_v, drive.low_v < self.map.low_v - VOLTS_TOLERANCE),
+            (drive.high_v, self.map.high_v, drive.high_v > self.map.high_v + VOLTS_TOLERANCE),
+        ):
+            if beyond:
+                raise DriveRefused(
+                    f"{name} refused: it reaches {value:g} V at the amplifier's input "
+                    f"({float(self.map.specimen_v(edge)):g} V on the specimen is the limit, at {edge:g} V); "
+                    "lower its amplitude or move its offset"
+                )
+        if drive.slew_v_per_s > self.limits.slew_v_per_s:
+            raise DriveRefused(
+                f"{name} refused: its slope of {drive.slew_v_per_s:.4g} V/s at the amplifier's input exceeds the limit of "
+                f"{self.limits.slew_v_per_s:.4g} V/s; lower its frequency or amplitude, or lengthen its rise"
+            )
+        current_a = self.current_a(drive)
+        if self.limits.current_is_known and current_a > self.limits.current_limit_a:
+            raise DriveRefused(
+                f"{name} refused: it needs {1e3 * current_a:.3g} mA into {1e9 * self.limits.specimen_capacitance_f:.3g} nF, "
+                f"and the amplifier gives {1e3 * self.limits.current_limit_a:.3g} mA; lower its frequency or amplitude"
+            )
+        if isinstance(self._source, Choosy) and (why := self._source.cannot(drive)):
+            raise DriveRefused(f"{name} refused: {why}")
+        if not isinstance(drive, Hold):  # the guard itself ramps to a held level and back
+            for end, volts in zip(("starts", "ends"), drive.ends_v, strict=True):
+                if abs(volts - rest) > self.limits.step_v:
+                    raise DriveRefused(
+                        f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit ±{self.limits.step_v:g} V); "
+                        f"make it start and end at {rest:g} V"
+                    )
+
+    def current_a(self, drive: Drive) -> float:
+        """What a drive charges the specimen with at its steepest, in amperes: capacitance times slope at the electrodes."""
+        gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)
+        gains += [self.map.slope_below] * (drive.low_v < self.map.rest_v)
+        return self.limits.specimen_capacitance_f * drive.slew_v_per_s * max(gains, default=0.0)
+
+    def source_at_rest(self) -> bool:
+        """Whether the source says of itself that it idles at rest with its output on."""
+        with self._watchdog.allow():
+            return self._source.at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
+
+    def prepare(self) -> None:
+        """Bring the source up at rest. Only with high voltage disabled."""
+        with self._watchdog.allow():
+            self._source.prepare(self.map.rest_v, self.map.low_v, self.map.high_v)
+
+    def play(self, drive: Drive) -> None:
+        """Admit a drive and begin it; whatever played before comes to rest first.
+
+        Raises:
+            DriveRefused: nothing was sent to the source.
+            InstrumentError: the source refused it or does not answer.
+            BenchError: the watchdog has taken the source over, or has ended.
+        """
+        self.admit(drive)
+        with self._watchdog.allow():
+            self._watchdog.check()
+            self.to_rest()
+            # Set before the source is told: if its answer is lost, we must assume that it plays.
+            self._until_s = self._clock.now() + drive.duration_s
+            if isinstance(drive, Hold):
+                self._until_s = float("inf")
+                self._ramp(drive.level_v)
+            self._source.play(drive)
+
+    @property
+    def seconds_left(self) -> float:
+        """How much longer the present drive lasts by itself (0 at rest, infinite for a held level)."""
+        return max(self._until_s - self._clock.now(), 0.0)
+
+    def to_rest(self) -> None:
+        """Stop what plays and ramp to rest; returns when the source says it idles there.
+
+        Raises:
+            InstrumentError: the source does not answer. Rest must then be established by measurement.
+        """
+        if self._until_s > 0:
+            self.force_rest()
+
+    def force_rest(self) -> None:
+        """Go to rest whatever this object believes to be playing: for whoever did not begin it.
+
+        Raises:
+            InstrumentError: something went wrong; what could be sent was sent all the same.
+        """
+        with self._watchdog.allow():
+            failure: InstrumentError | None = None
+            for way in (self._source.stop, self._ramp_to_rest):
+                try:
+                    way()
+                except InstrumentError as error:
+                    failure = failure or error
+            if failure is not None:
+                raise failure
+            self._until_s = 0.0
+
+    def recover(self) -> None:
+        """Open a failed wire anew and go to rest over it."""
+        with self._watchdog.allow():
+            self._source.reconnect()
+        self.force_rest()
+
+    def close(self) -> None:
+        """Let go of the source's wire; its output stays at rest, on."""
+        self._source.close()
+
+    def _ramp_to_rest(self) -> None:
+        try:
+            self._ramp(self.map.rest_v)
+        except LinkError:  # where it idles cannot be asked: as if it were the furthest way
+            furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
+            self._source.move(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
+
+    def _ramp(self, level_v: float) -> None:
+        distance = abs(self._source.idle_v() - level_v)
+        if distance > VOLTS_TOLERANCE:
+            self._source.move(level_v, max(distance / self.limits.ramp_v_per_s, 0.01))

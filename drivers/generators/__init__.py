@@ -1,0 +1,1 @@
+"""Function generators: burst and arbitrary-waveform sources."""

@@ -1,0 +1,1 @@
+"""NI DAQ: analog input and analog output."""

@@ -1,0 +1,209 @@
+"""NI DAQ cards (USB-6341 and its X-series relatives): analogue input over `nidaqmx`.
+
+One option decides where the card is: `server=None` is the local driver, `server="host:port"` NI's gRPC device server,
+which is also how the simulated card is served. Raw 16-bit integers are kept, with the card's own scaling.
+"""
+
+import contextlib
+from types import TracebackType
+from typing import Any, Self
+
+import nidaqmx
+import numpy as np
+from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+from nidaqmx.errors import DaqError, DaqNotFoundError, RpcError
+from nidaqmx.stream_readers import AnalogUnscaledReader
+from nidaqmx.system import System
+
+from drivers.clock import Clock
+from drivers.errors import AcquisitionError, InstrumentError
+from drivers.interfaces import Block, Identity, Scale
+from drivers.nidaq.errors import words
+
+BUFFER_S = 20.0
+"""Seconds of scans the driver holds for us: how long the program may be busy without losing one."""
+
+READ_TIMEOUT_S = 5.0
+"""A card that gives nothing for this long (beyond the block's own duration) is gone."""
+
+
+class NiLink:
+    """The way to one card: the local driver, or a gRPC device server. Input and output share nothing but this code.
+
+    Args:
+        device: the card's name, e.g. `Dev1`.
+        server: `host:port` of a gRPC device server, or None for the local driver.
+
+    Raises:
+        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+    """
+
+    def __init__(self, device: str, server: str | None = None) -> None:
+        self.device = device
+        self.where = f"DAQ card {device}" + (f" at {server}" if server else "")
+        self._server = server
+        self._rpc: Any = None
+        self._options: Any = None
+        self.identity = self.reopen()
+        self.where = f"DAQ card {device} ({self.identity.model})"
+
+    def reopen(self) -> Identity:
+        """Open the way anew; who stands at its end. Raises InstrumentError as the constructor."""
+        self.close()
+        if self._server:
+            import grpc
+
+            options = [
+                # The default limit of 4 MB is half a million samples: one late read would exceed it.
+                ("grpc.max_receive_message_length", -1),
+                # Channels of one process share a connection and its pause after a failure: a second of no way to rest.
+                ("grpc.use_local_subchannel_pool", 1),
+            ]
+            self._rpc = grpc.insecure_channel(self._server, options=options)
+            self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
+        try:
+            with words(self.where):
+                system = System.remote(self._options) if self._server else System.local()
+                card = system.devices[self.device]
+                return Identity("NI", card.product_type, format(card.serial_num, "X"))
+        except InstrumentError:
+            self.close()
+            raise
+
+    def task(self) -> Any:
+        """A new NI task on this card's driver."""
+        if self._server and self._rpc is None:
+            raise AcquisitionError(f"{self.where} is closed")
+        with words(self.where):
+            return nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
+
+    def close(self) -> None:
+        channel, self._rpc = self._rpc, None
+        if channel is not None:
+            channel.close()
+
+
+class NiDigitizer:
+    """Several analogue inputs of one card as a `Digitizer` (see drivers.interfaces).
+
+    Args:
+        device: the card's name, e.g. `Dev1`.
+        channels: terminals, drive first, e.g. `("ai0", "ai1")`.
+        clock: bench time.
+        server: `host:port` of a gRPC device server, or None for the local driver.
+        range_v: input range, +- volts.
+        terminal: terminal configuration by NI's name, e.g. `DIFF`, `RSE`.
+
+    Raises:
+        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        channels: tuple[str, ...],
+        clock: Clock,
+        *,
+        server: str | None = None,
+        range_v: float = 10.0,
+        terminal: str = "DEFAULT",
+    ) -> None:
+        self._channels, self._clock, self._range_v = channels, clock, range_v
+        self._terminal = TerminalConfiguration[terminal]
+        self._link = NiLink(device, server)
+        self.identity = self._link.identity
+
+    def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
+        """Begin to acquire (see drivers.interfaces.Digitizer.stream)."""
+        task, where = self._link.task(), self._link.where
+        try:
+            with words(where):
+                for terminal in self._channels:
+                    task.ai_channels.add_ai_voltage_chan(
+                        f"{self._link.device}/{terminal}",
+                        terminal_config=self._terminal,
+                        min_val=-self._range_v,
+                        max_val=self._range_v,
+                    )
+                task.timing.cfg_samp_clk_timing(
+                    rate_hz,
+                    sample_mode=AcquisitionType.CONTINUOUS,
+                    samps_per_chan=max(round(BUFFER_S * rate_hz), 4 * block_scans),
+                )
+                return NiStream(task, block_scans, self._clock, where)
+        except BaseException:
+            task.close()
+            raise
+
+    def close(self) -> None:
+        self._link.close()
+
+
+class NiStream:
+    """A running NI task as a `Stream` (see drivers.interfaces)."""
+
+    def __init__(self, task: Any, block_scans: int, clock: Clock, where: str) -> None:
+        self._task, self._where, self._next = task, where, 0
+        self.rate_hz = float(task.timing.samp_clk_rate)
+        convert_s = _convert_s(task)
+        self.scales = tuple(
+            Scale(tuple(map(float, channel.ai_dev_scaling_coeff)), skew_s=slot * convert_s)
+            for slot, channel in enumerate(task.ai_channels)
+        )
+        self._raw = np.zeros((len(self.scales), block_scans), np.int16)
+        self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
+        self._reader = AnalogUnscaledReader(task.in_stream)
+        task.start()
+        self.started_s = clock.now()
+
+    def read(self) -> Block:
+        if self._task is None:
+            raise AcquisitionError(f"{self._where}: the acquisition is closed")
+        with words(self._where):
+            self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
+        block = Block(self._next, self._raw.copy())
+        self._next = block.stop
+        return block
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        task, self._task = self._task, None
+        if task is not None:
+            # A card that was unplugged, or a server that died, cannot be told to stop: nothing is lost by that.
+            with contextlib.suppress(DaqError, RpcError, DaqNotFoundError):
+                task.close()
+
+
+def _convert_s(task: Any) -> float:
+    """Seconds between the conversions of two channels of one scan; 0 on a card that has a converter for each."""
+    if all(device.ai_simultaneous_sampling_supported for device in task.devices):
+        return 0.0
+    return 1 / float(task.timing.ai_conv_rate)
+
+
+def cards(server: str | None = None) -> list[tuple[str, Identity]]:
+    """Names and identities of the cards of this computer, or of a gRPC device server.
+
+    Raises:
+        InstrumentError: no driver, or no server.
+    """
+    where = f"DAQ cards at {server}" if server else "DAQ cards"
+    rpc: Any = None
+    try:
+        with words(where):
+            if not server:
+                return [
+                    (c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in System.local().devices
+                ]
+            import grpc
+
+            rpc = grpc.insecure_channel(server)
+            system = System.remote(nidaqmx.GrpcSessionOptions(rpc, ""))
+            return [(c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in system.devices]
+    finally:
+        if rpc is not None:
+            rpc.close()

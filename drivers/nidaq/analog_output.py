@@ -1,0 +1,317 @@
+"""An analogue output of the NI card as a `Source`: a bench without a generator, on the same clock as its input.
+
+A drive is rendered to samples and handed to the card whole before it starts, so that a program that hangs leaves a drive
+that ends by itself. Input and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
+
+What is never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and a
+task stopped in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting what has
+not been played yet so that it dies down; only then is its task let go.
+
+Sources: X Series User Manual ch. 5 (FIFO, reference); NI-DAQmx help: regeneration, states after a reset, internal
+channels. Rewriting a running buffer was not tried on a real card by us: see docs/decisions/0014-analogue-output.md.
+
+A drive as samples for an analogue output: fine enough to be smooth, and how it dies down when it is stopped.
+"""
+
+import contextlib
+import math
+from typing import Any
+
+import numpy as np
+from nidaqmx.constants import AcquisitionType, WriteRelativeTo
+from nidaqmx.stream_writers import AnalogSingleChannelWriter
+from numpy.typing import NDArray
+
+from drivers.clock import Clock
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine
+from drivers.errors import BenchError, InstrumentError
+from drivers.nidaq.analog_input import NiLink
+from drivers.nidaq.errors import words
+
+RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
+"""Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
+
+STEP_V = 0.02
+"""Largest step between two samples: 12 V on the specimen."""
+
+SAMPLES_PER_CYCLE = 100
+FADE_S = 0.05
+STILL_S = 1.0
+"""Rest after a fade: longer than it takes anybody to let go of the card."""
+
+Array = NDArray[np.float64]
+
+
+def rate_for(drive: Drive) -> float:
+    """Samples per second."""
+    fine = drive.slew_v_per_s / STEP_V
+    if isinstance(drive, Sine):
+        fine = max(fine, SAMPLES_PER_CYCLE * drive.frequency_hz)
+    if isinstance(drive, LinearSweep | PeriodicSweep):
+        fine = max(fine, SAMPLES_PER_CYCLE * max(drive.start_hz, drive.stop_hz))
+    return next((rate for rate in RATES_HZ if rate >= fine), RATES_HZ[-1])
+
+
+def count_of(drive: Drive, rate_hz: float) -> int:
+    """Samples of the whole drive; the last one is where it ends."""
+    return math.ceil(drive.duration_s * rate_hz) + 1
+
+
+def rendered(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
+    """Samples `first` to `first + count`, shape (count,); beyond its end the drive stays where it ended."""
+    t = np.arange(first, first + count) / rate_hz
+    return np.ascontiguousarray(drive.volts(np.minimum(t, drive.duration_s)))
+
+
+def resting_v(drive: Drive, rate_hz: float, first: int) -> float:
+    """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
+    last = count_of(drive, rate_hz) - 1
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
+        return drive.offset_v
+    return float(rendered(drive, rate_hz, min(first, last), 1)[0])
+
+
+def dying(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
+    """What to play from sample `first` on instead of the drive, and how much of it is not rest yet."""
+    left = count_of(drive, rate_hz) - first
+    fade = min(math.ceil(FADE_S * rate_hz), left)
+    level_v = resting_v(drive, rate_hz, first)
+    wave = np.full(fade, level_v)
+    if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
+        wave += np.linspace(1.0, 0.0, fade) * (rendered(drive, rate_hz, first, fade) - level_v)
+    return np.concatenate((wave, np.full(min(math.ceil(STILL_S * rate_hz), left - fade), level_v))), fade
+
+
+LEVEL_TOLERANCE_V = 5e-3
+MOST_SAMPLES = 50_000_000
+WRITE_SAMPLES = 200_000
+"""Samples in one message: below the 4 MB that a gRPC server takes by default."""
+
+FIFO_SAMPLES = 8191
+"""What the card may have fetched already and will play whatever is written over it."""
+
+
+class NiOutput:
+    """One analogue output as a `Source` (see drivers.interfaces).
+
+    Args:
+        device: the card's name, e.g. `Dev1`.
+        channel: the output, e.g. `ao0`.
+        clock: bench time, which paces the waits.
+        server: `host:port` of a gRPC device server, or None for the local driver.
+        start_trigger: empty, or the signal that starts a drive, e.g. `ai/SampleClock`: the drive's first sample then
+            falls on a scan of the running input, whose phase is so the same each time.
+        margin_s: how far ahead of what is being played a drive is rewritten when it is stopped: the time in which the
+            computer and the bus must manage to do so.
+
+    Raises:
+        InstrumentError: the driver, the server or the card is not there.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        channel: str,
+        clock: Clock,
+        *,
+        server: str | None = None,
+        start_trigger: str = "",
+        margin_s: float = 0.1,
+    ) -> None:
+        self._link = NiLink(device, server)
+        self._terminal, self._inside = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
+        self._trigger = f"/{device}/{start_trigger}" if start_trigger else ""
+        self._clock, self._margin_s = clock, margin_s
+        self._where = f"{self._link.where} output {channel}"
+        self.identity = self._link.identity
+        self._task: Any = None
+        self._drive: Drive | None = None
+        self._rate_hz, self._samples = RATES_HZ[0], 0
+        self._began_s = 0.0
+        self._rest_v: float | None = None
+        self._level_v = self._measured()
+
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v, high_v  # the card's output range is fixed at +-10 V; the guard keeps the amplifier's
+        if self._task is not None and not self._finished():
+            return False
+        rests = self._level_v is not None and abs(self.idle_v() - rest_v) <= LEVEL_TOLERANCE_V
+        self._rest_v = rest_v if rests else self._rest_v
+        return rests
+
+    def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
+        del low_v, high_v
+        self._let_go()
+        self._rest_v = rest_v
+        measured = self._measured()
+        self._level_v = self._level_v if measured is None else measured
+        if self._level_v is None:
+            self._set(rest_v)  # the level is not known; high voltage is disabled here
+        else:
+            self.move(rest_v, 0.5)
+        seen = self._measured()
+        if seen is not None and abs(seen - rest_v) > LEVEL_TOLERANCE_V:
+            raise InstrumentError(
+                f"{self._where} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
+                f"(limit ±{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
+            )
+
+    def play(self, drive: Drive) -> None:
+        begins_v, _ = drive.ends_v
+        idle_v = self.idle_v()
+        if self._task is not None:
+            raise InstrumentError(f"{self._where} still plays; stop that first. Nothing was sent")
+        if abs(idle_v - begins_v) > LEVEL_TOLERANCE_V:
+            raise InstrumentError(
+                f"{self._where} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
+            )
+        if not isinstance(drive, Hold):
+            self._start(drive, self._trigger)
+
+    def stop(self) -> None:
+        task, drive = self._task, self._drive
+        if task is None or drive is None or self._finished():
+            self.idle_v()
+            return
+        rate = self._rate_hz
+        with words(self._where):
+            first = task.out_stream.total_samp_per_chan_generated + FIFO_SAMPLES + math.ceil(self._margin_s * rate)
+            total = self._samples
+            end = self._fade(task, drive, first) if first < total else total
+            began = self._clock.now()
+            patience_s = (end - first + FIFO_SAMPLES) / rate + 2 * self._margin_s + 2.0
+            while (played := task.out_stream.total_samp_per_chan_generated) < end:
+                waited_s = self._clock.now() - began
+                if played == 0 and self._trigger and waited_s > self._margin_s:
+                    break  # armed, and the trigger never came: nothing has moved
+                if waited_s > patience_s:
+                    raise InstrumentError(f"{self._where} plays no further; check the card's power and its USB cable")
+                self._clock.sleep(min((end - played) / rate, 0.02))
+            level_v = drive.ends_v[0] if played == 0 else resting_v(drive, rate, first)
+        self._let_go()
+        self._set(level_v)
+
+    def move(self, level_v: float, duration_s: float) -> None:
+        idle_v = self.idle_v()
+        if abs(level_v - idle_v) > STEP_V / 4:
+            # Never by the trigger: a way to rest must not wait for a clock that may have stopped.
+            self._start(Ramp(idle_v, level_v, duration_s), "")
+            began = self._clock.now()
+            while not self._finished():
+                if self._clock.now() - began > duration_s + 2.0:
+                    raise InstrumentError(
+                        f"{self._where} did not reach {level_v:g} V within {duration_s + 2:.1f} s; check the card"
+                    )
+                self._clock.sleep(min(max(began + duration_s - self._clock.now(), 1e-3), 0.02))
+            self._let_go()
+        self._set(level_v)
+
+    def idle_v(self) -> float:
+        if self._finished() and self._drive is not None:
+            level_v = self._drive.ends_v[1]
+            self._let_go()
+            self._set(level_v)
+        if self._level_v is None:
+            raise InstrumentError(f"{self._where}: its level is not known; prepare it with high voltage disabled")
+        return self._level_v
+
+    def reconnect(self) -> None:
+        drive, elapsed_s = self._drive, self._clock.now() - self._began_s
+        with contextlib.suppress(BenchError):
+            self._let_go()  # where the wire is gone, so is the task
+        self._link.reopen()
+        self._drive = None
+        measured = self._measured()
+        if measured is not None:
+            self._level_v = measured
+        elif drive is not None:
+            # The input is busy watching. The output stands where the drive was when its task died, or has ended.
+            self._level_v = float(drive.volts(np.array([min(elapsed_s, drive.duration_s)]))[0])
+
+    def close(self) -> None:
+        """Let go of the card. What plays is brought to its offset, and rest is the last thing written."""
+        with contextlib.suppress(BenchError):
+            if self._rest_v is not None and self._level_v is not None:
+                self.stop()
+                self.move(self._rest_v, 0.5)
+        with contextlib.suppress(BenchError):
+            self._let_go()
+        self._link.close()
+
+    def _start(self, drive: Drive, trigger: str) -> None:
+        rate = rate_for(drive)
+        samples = count_of(drive, rate)
+        if samples > MOST_SAMPLES:
+            raise InstrumentError(
+                f"{self._where}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
+                f"{MOST_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
+            )
+        self._let_go()
+        task = self._link.task()
+        try:
+            with words(self._where):
+                task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-10.0, max_val=10.0)
+                task.timing.cfg_samp_clk_timing(rate, sample_mode=AcquisitionType.FINITE, samps_per_chan=samples)
+                if trigger:
+                    task.triggers.start_trigger.cfg_dig_edge_start_trig(trigger)
+                task.out_stream.output_buf_size = samples
+                self._rate_hz, self._samples = float(task.timing.samp_clk_rate), samples
+                writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
+                for first in range(0, samples, WRITE_SAMPLES):
+                    count = min(WRITE_SAMPLES, samples - first)
+                    writer.write_many_sample(rendered(drive, self._rate_hz, first, count))
+                # Set before the card is told: if its answer is lost, we must assume that it plays.
+                self._task, self._drive, self._began_s = task, drive, self._clock.now()
+                task.start()
+        except BaseException:
+            self._task = self._drive = None
+            with contextlib.suppress(BenchError), words(self._where):
+                task.close()
+            raise
+
+    def _fade(self, task: Any, drive: Drive, first: int) -> int:
+        """Rewrite the drive from sample `first` on so that it dies down; the sample at which it has."""
+        wave, fade = dying(drive, self._rate_hz, first)
+        writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
+        task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
+        for k in range(0, wave.size, WRITE_SAMPLES):
+            task.out_stream.offset = first + k
+            writer.write_many_sample(np.ascontiguousarray(wave[k : k + WRITE_SAMPLES]))
+        return first + fade
+
+    def _finished(self) -> bool:
+        if self._task is None:
+            return False
+        with words(self._where):
+            return bool(self._task.is_task_done())
+
+    def _let_go(self) -> None:
+        task, self._task, self._drive = self._task, None, None
+        if task is not None:
+            with words(self._where):
+                task.close()
+
+    def _set(self, level_v: float) -> None:
+        """Write one level at once, without a clock."""
+        task = self._link.task()
+        try:
+            with words(self._where):
+                task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-10.0, max_val=10.0)
+                task.write(level_v, auto_start=True)
+        finally:
+            with words(self._where):
+                task.close()
+        self._level_v = level_v
+
+    def _measured(self) -> float | None:
+        """The output as the card measures it inside itself; None where its converter is busy or has no such channel."""
+        task = self._link.task()
+        try:
+            with words(self._where):
+                task.ai_channels.add_ai_voltage_chan(self._inside, min_val=-10.0, max_val=10.0)
+                return float(task.read())
+        except InstrumentError:
+            return None
+        finally:
+            with contextlib.suppress(InstrumentError), words(self._where):
+                task.close()

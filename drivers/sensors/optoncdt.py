@@ -1,0 +1,88 @@
+"""Micro-Epsilon optoNCDT 1420/1750/1900 laser sensors over RS-422: one reading at a time, for static tests.
+
+The sensor sends a word of three bytes for each measurement, all the time: 00 and six low bits, 01 and six middle bits,
+1x and the high bits (ILD1402/1420 manuals, ch. RS422). Millimetres are (x 102 / 65520 - 1) / 100 of the measuring range;
+what is beyond 65520 is a code for "no target", "too near", "too far", and never a displacement.
+
+RS-422 and the analogue output exclude each other (ILD1420 manual p. 116): a bench that records the sensor through the card
+cannot use this driver on the same sensor. The fields of GETINFO are from memory: a range that differs is a sentence.
+"""
+
+import math
+import re
+
+from drivers.clock import Clock
+from drivers.errors import InstrumentError, LinkError
+from drivers.interfaces import Identity, Reading
+from drivers.transport.serial_port import SerialLine
+
+FULL_COUNT = 65520
+FRAMES_TRIED = 64
+
+
+class OptoNcdt:
+    """A `Meter` (see drivers.interfaces).
+
+    Args:
+        line: the serial port.
+        clock: bench time.
+        range_m: the sensor's measuring range, 10 mm for an ILD1420-10.
+
+    Raises:
+        LinkError: nothing answers on the port, or something else does.
+        InstrumentError: the sensor says that its measuring range is another one.
+    """
+
+    def __init__(self, line: SerialLine, clock: Clock, *, range_m: float) -> None:
+        self._line, self._clock, self._range_m = line, clock, range_m
+        try:
+            line.ask(b"OUTPUT NONE\r\n", b"->")
+            told = line.ask(b"GETINFO\r\n", b"->")
+            line.send(b"OUTPUT RS422\r\n")
+            self.identity = self._who(told)
+            self.read()
+        except InstrumentError:
+            line.close()
+            raise
+
+    def read(self) -> Reading:
+        # What waited in the port's buffer is old: a reading is a word that was sent after it was asked for.
+        self._line.forget()
+        count = self._next_word()
+        time_s = self._clock.now()
+        if count > FULL_COUNT:
+            return Reading(math.nan, "m", False, time_s)
+        return Reading((count * 102 / FULL_COUNT - 1) / 100 * self._range_m, "m", True, time_s)
+
+    def close(self) -> None:
+        self._line.close()
+
+    def _next_word(self) -> int:
+        last = b""
+        for _ in range(3 * FRAMES_TRIED):
+            byte = self._line.take(1)
+            if not byte:
+                raise LinkError(
+                    f"{self._line.name} was silent for {self._line.timeout_s:g} s; check that the sensor is on, measures, and "
+                    "sends over RS422"
+                )
+            last = (last + byte)[-3:]
+            if len(last) == 3 and last[0] >> 6 == 0 and last[1] >> 6 == 1 and last[2] >> 7 == 1:
+                return last[0] & 63 | (last[1] & 63) << 6 | (last[2] & 63) << 12
+        raise LinkError(f"{self._line.name} sends bytes that are no measurement; check the baud rate")
+
+    def _who(self, told: str) -> Identity:
+        def field(name: str) -> str:
+            found = re.search(rf"{name}:\s*(\S+)", told, re.IGNORECASE)
+            return found[1] if found else ""
+
+        model = field("Name")
+        if not model:
+            raise LinkError(f"{self._line.name} answered '{told[:40]}'; is this an optoNCDT?")
+        said_mm = re.match(r"[0-9.]+", field("Measuring range"))
+        if said_mm and not math.isclose(float(said_mm[0]), self._range_m * 1e3, rel_tol=1e-3):
+            raise InstrumentError(
+                f"{model} at {self._line.name} has a measuring range of {said_mm[0]} mm, the bench file says "
+                f"{self._range_m * 1e3:g} mm; correct range_m"
+            )
+        return Identity("Micro-Epsilon", model, field("Serial"))

@@ -1,0 +1,246 @@
+"""Programmable DC supplies as a `Source` that can hold and step, and nothing faster.
+
+A supply pushes its output up within a millisecond and lets it *fall* as its load takes the charge out: without a load
+that takes tenths of a second to seconds. So a level counts as reached when the supply measures it there, and a fall that
+takes longer than the bench file says is a sentence. The card's drive channel stays the truth about the volts.
+
+The output is never switched off from here: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the
+specimen. Over-voltage protection trips the output off and so does the same: it is refused where it could trip.
+
+Walks a DC supply along a drive in steps while the run goes on: a supply has no memory for a waveform.
+"""
+
+import math
+import threading
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from drivers.clock import Clock
+from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from drivers.errors import InstrumentError
+from drivers.supplies.dialects import SupplyWire
+from drivers.transport.safe_ramp_down import Descent
+from drivers.transport.scpi import Link
+
+PERIOD_S = 2e-3
+
+
+class Steppable(Protocol):
+    """What the walk needs of a supply."""
+
+    def idle_v(self) -> float: ...
+
+    def set_level(self, level_v: float) -> None:
+        """One step, at once."""
+
+    def towards(self, wanted_v: float) -> float:
+        """The level at most one step from the present one."""
+
+
+class Stairs(threading.Thread):
+    """Walks a supply along a drive in steps while the run goes on; ends with the drive, or when it is told to."""
+
+    def __init__(self, supply: Steppable, drive: Ramp | Steps, clock: Clock) -> None:
+        super().__init__(name="DC supply steps", daemon=True)
+        self._supply, self._drive, self._clock = supply, drive, clock
+        self._told = threading.Event()
+        self._failure: BaseException | None = None
+        self._began_s = clock.now()
+        self.start()
+
+    def run(self) -> None:
+        try:
+            while not self._told.wait(PERIOD_S):
+                t = self._clock.now() - self._began_s
+                level_v = self._supply.towards(float(self._drive.volts(np.array([t]))[0]))
+                if level_v != self._supply.idle_v():
+                    self._supply.set_level(level_v)
+                elif t >= self._drive.duration_s:
+                    return
+        except Exception as error:  # noqa: BLE001 - told by `end`, to whoever owns the run
+            self._failure = error
+
+    def end(self) -> BaseException | None:
+        """Stay where it is; what went wrong on the way."""
+        self._told.set()
+        self.join()
+        return self._failure
+
+
+LEVEL_TOLERANCE_V = 0.02
+"""Programming and read-back accuracy of a bench supply at 5 V, together."""
+
+STILL_V = 2e-3
+"""Two readings that differ by less: the output has stopped falling."""
+
+CURRENT_TOLERANCE_A = 0.01
+OVP_MARGIN_V = 0.3
+CALM_V_PER_S = 5.0
+POLL_S = 0.01
+
+
+class DcSupply:
+    """One output of a supply as a `Source` (see drivers.interfaces). It holds and steps.
+
+    Args:
+        link: the wire.
+        clock: bench time.
+        channel: the output's number.
+        current_limit_a: what the amplifier's input may draw before the supply gives way and its volts drop.
+        fall_time_s: how long the output may take to fall through the whole range.
+        step_v: largest single step of a staircase.
+
+    Attributes:
+        fall_s: the longest wait for a level so far, in bench seconds.
+
+    Raises:
+        LinkError: nothing answers on the wire.
+        InstrumentError: another instrument answers.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        clock: Clock,
+        *,
+        channel: int = 1,
+        current_limit_a: float = 0.1,
+        fall_time_s: float = 2.0,
+        step_v: float = 0.05,
+    ) -> None:
+        self._wire = SupplyWire(link, channel)
+        self._name, self.identity = self._wire.name, self._wire.identity
+        self._clock = clock
+        self._current_a, self._fall_time_s, self._step_v = current_limit_a, fall_time_s, step_v
+        self._level_v = math.nan
+        self._rest_v: float | None = None
+        self._stairs: Stairs | None = None
+        self.fall_s = 0.0
+
+    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+        del low_v
+        self._rest_v = rest_v
+        return (
+            not self._plays()
+            and self._wire.is_on()
+            and abs(self._wire.measured_v() - rest_v) <= LEVEL_TOLERANCE_V
+            and abs(self._wire.current_a() - self._current_a) <= CURRENT_TOLERANCE_A
+            and not self._wire.could_trip(high_v + OVP_MARGIN_V)
+        )
+
+    def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
+        del low_v
+        self._rest_v = rest_v
+        self._stop_stairs()
+        self._wire.forget_errors()
+        if trouble := self._wire.could_trip(high_v + OVP_MARGIN_V):
+            raise InstrumentError(f"{self._name}: {trouble}")
+        self._wire.set_current(self._current_a)
+        if self._wire.is_on():  # an earlier program's level comes to rest as any other does
+            self.move(rest_v, abs(self.idle_v() - rest_v) / CALM_V_PER_S)
+        self.set_level(rest_v)
+        self._wire.switch_on()
+        if not self._wire.is_on():
+            raise InstrumentError(f"{self._name}: its output does not come on; look at its front panel")
+        self._arrive(rest_v)
+
+    def play(self, drive: Drive) -> None:
+        match drive:
+            case Hold():
+                self._must_begin_here(drive)
+            case Ramp() | Steps():
+                self._must_begin_here(drive)
+                self._stairs = Stairs(self, drive, self._clock)
+            case Sine() | LinearSweep() | PeriodicSweep():
+                raise InstrumentError(self.cannot(drive))
+
+    def cannot(self, drive: Drive) -> str:
+        if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
+            return ""
+        return (
+            f"{self._name} can hold and step, but not play a {drive.kind}: its output falls "
+            f"in up to {self._fall_time_s:g} s. Use a generator or the card's output for it. Nothing was sent"
+        )
+
+    def stop(self) -> None:
+        self._stop_stairs()
+        Descent(self._wire.link).ask(self._wire.forget_errors)
+        self._arrive(self.idle_v())
+
+    def move(self, level_v: float, duration_s: float) -> None:
+        self._stop_stairs()
+        way = Descent(self._wire.link, stubborn=level_v == self._rest_v)
+        start_v = self.idle_v()
+        steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)
+        for i in range(1, steps + 1):
+            volts = start_v + (level_v - start_v) * i / steps
+            way.step(self._wire.volts_words(volts), partial(self.set_level, volts))
+            self._level_v = volts
+            self._clock.sleep(duration_s / steps)
+        way.end()
+        self._arrive(level_v)
+
+    def idle_v(self) -> float:
+        if math.isnan(self._level_v):
+            self._level_v = (
+                self._wire.measured_v()
+            )  # whoever set it before us: where it measures is where we start from
+        return self._level_v
+
+    def reconnect(self) -> None:
+        self._wire.reopen()
+        self._level_v = math.nan
+
+    def close(self) -> None:
+        stairs, self._stairs = self._stairs, None
+        if stairs is not None:
+            stairs.end()
+        self._wire.link.close()
+
+    def set_level(self, level_v: float) -> None:
+        """One step, at once."""
+        self._wire.set_volts(level_v)
+        self._level_v = level_v
+
+    def towards(self, wanted_v: float) -> float:
+        """The level at most one step from the present one."""
+        idle_v = self.idle_v()
+        return idle_v + min(max(wanted_v - idle_v, -self._step_v), self._step_v)
+
+    def _arrive(self, level_v: float) -> None:
+        """Wait until the output measures its level; falling takes a while."""
+        began_s, before_v = self._clock.now(), math.inf
+        while True:
+            seen_v = self._wire.measured_v()
+            if abs(seen_v - level_v) <= LEVEL_TOLERANCE_V and abs(seen_v - before_v) <= STILL_V:
+                break
+            before_v = seen_v
+            waited_s = self._clock.now() - began_s
+            if waited_s > self._fall_time_s:
+                state = "is on" if self._wire.is_on() else "has switched itself OFF"
+                raise InstrumentError(
+                    f"{self._name} was set to {level_v:.3f} V and measures {seen_v:.3f} V after {waited_s:.1f} s "
+                    f"(limit {self._fall_time_s:g} s; its output {state}). If it falls slowly, put 1 kohm across its output "
+                    "or raise fall_time_s; if it is low, look at its current limit and protection"
+                )
+            self._clock.sleep(POLL_S)
+        self.fall_s = max(self.fall_s, self._clock.now() - began_s)
+
+    def _must_begin_here(self, drive: Drive) -> None:
+        if self._plays():
+            raise InstrumentError(f"{self._name} still plays; stop that first. Nothing was sent")
+        idle_v, begins_v = self.idle_v(), drive.ends_v[0]
+        if abs(idle_v - begins_v) > LEVEL_TOLERANCE_V:
+            raise InstrumentError(
+                f"{self._name} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
+            )
+
+    def _plays(self) -> bool:
+        return self._stairs is not None and self._stairs.is_alive()
+
+    def _stop_stairs(self) -> None:
+        stairs, self._stairs = self._stairs, None
+        if stairs is not None and (failure := stairs.end()) is not None:
+            raise failure

@@ -1,0 +1,1 @@
+"""Instrument transports: SCPI, VISA, serial port, safe ramp-down."""

@@ -1,0 +1,1 @@
+"""The watchdog: a process that brings the bench to rest if the program dies."""

@@ -1,0 +1,1 @@
+"""Shape functions, Galerkin matrices and poles of the beam."""

@@ -1,0 +1,144 @@
+"""Estimates as values, and the calibration of a specimen: the estimates somebody accepted, as a plain versioned record."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from math import isfinite, sqrt
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.parameter_spec import ParameterError, quantities
+from model.parameters import Membrane, Tactor
+from model.specimen import variables
+from model.studies.uncertainty import Estimates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """An identified parameter: value and standard error in `unit`, and the labels of the runs it comes from."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+    source: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One parameter in two calibrations; None where one of them does not have it."""
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    standard_errors: float | None
+    """The difference in units of its own standard error, both calibrations taken as independent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Accepted estimates of one specimen with their covariance; `as_record` and `from_record` are its round trip to disk.
+
+    Raises:
+        ParameterError: the covariance does not belong to the estimates, or is none.
+    """
+
+    specimen: str
+    version: int
+    estimates: tuple[Estimate, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    """(P, P), rows and columns as the estimates, in their units."""
+    method: str
+    runs: tuple[str, ...]
+    code: str
+    """Version of the program that identified it."""
+    accepted_at: str
+    """ISO 8601."""
+    accepted_by: str
+    simulated: bool
+    fixed: Mapping[str, float | None]
+    """Every other parameter the estimates rest on; a contact length of None is L - L2."""
+    note: str = ""
+    reduced: Mapping[str, Any] = field(default_factory=dict)
+    """The bench file whose calibration the raw samples were reduced with anew; empty where runs were taken as they are."""
+
+    def __post_init__(self) -> None:
+        P = len(self.estimates)
+        S = np.asarray(self.covariance, float)
+        if S.shape != (P, P):
+            raise ParameterError(f"calibration of {self.specimen}: {P} estimates need a {P} x {P} covariance")
+        for i, e in enumerate(self.estimates):
+            if not (isfinite(e.value) and abs(sqrt(max(S[i, i], 0)) - e.standard_error) <= 1e-6 * e.standard_error):
+                raise ParameterError(
+                    f"calibration of {self.specimen}: standard error of {e.name} is {e.standard_error:g}, its variance "
+                    f"{S[i, i]:g}: the record is damaged; accept the estimates again"
+                )
+
+    def tactor(self) -> Tactor:
+        """The tactor with these estimates."""
+        return Tactor(**{q.name: self._value(q.name) for q in quantities(Tactor)})
+
+    def membrane(self) -> Membrane:
+        """The membrane with these estimates."""
+        return Membrane(**{q.name: self._value(q.name) for q in quantities(Membrane)})
+
+    def for_bands(self) -> Estimates:
+        """Those estimates that are variables of the model, for `model.studies.uncertainty.linear_band`."""
+        keep = [i for i, e in enumerate(self.estimates) if e.name in variables()]
+        return Estimates(
+            tuple(self.estimates[i].name for i in keep),
+            tuple(self.estimates[i].value for i in keep),
+            np.asarray(self.covariance, float)[np.ix_(keep, keep)],
+        )
+
+    def as_record(self) -> dict[str, Any]:
+        """Plain nested values, ready for JSON."""
+        return asdict(self) | {"kind": "calibration", "fixed": dict(self.fixed), "reduced": dict(self.reduced)}
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> Self:
+        """The calibration that `as_record` described.
+
+        Raises:
+            ParameterError: a key is missing or unknown, or a value does not fit.
+        """
+        known = {f.name for f in fields(cls)}
+        given = set(record) - {"kind"} | {"reduced"}  # older records have none
+        if record.get("kind") != "calibration" or given != known:
+            lost, strange = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
+            raise ParameterError(
+                f"this is no calibration record: missing {lost or 'nothing'}; unknown {strange or 'nothing'}"
+            )
+        try:
+            estimates = tuple(Estimate(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
+            covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
+            rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs"}}
+            return cls(estimates=estimates, covariance=covariance, runs=tuple(record["runs"]), **rest)
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ParameterError(f"this calibration record is damaged: {error}; accept the estimates again") from None
+
+    def _value(self, name: str) -> float:
+        found = next((e.value for e in self.estimates if e.name == name), None)
+        value = self.fixed.get(name) if found is None else found
+        if value is None:
+            raise ParameterError(f"calibration of {self.specimen} has no {name}: identify it, or give it as fixed")
+        return float(value)
+
+
+def changes(before: Calibration, after: Calibration) -> tuple[Change, ...]:
+    """What differs between two calibrations, parameter by parameter, in the order of the newer one."""
+    old, new = ({e.name: e for e in c.estimates} for c in (before, after))
+    out = []
+    for name in (*new, *(n for n in old if n not in new)):
+        a, b = old.get(name), new.get(name)
+        size = None
+        if a is not None and b is not None:
+            spread = sqrt(a.standard_error**2 + b.standard_error**2)
+            size = (b.value - a.value) / spread if spread > 0 else None
+        unit = (b or a).unit  # type: ignore[union-attr]
+        out.append(Change(name, unit, a.value if a else None, b.value if b else None, size))
+    return tuple(out)

@@ -1,0 +1,1 @@
+"""Static, modal, frequency and time responses of the beam."""

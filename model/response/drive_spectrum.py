@@ -1,0 +1,87 @@
+"""What the two-slope amplifier makes of a periodic input: Fourier series of the voltage on the specimen.
+
+The drive on the specimen is v(t) = Re sum_k V_k exp(i k omega t). A sine around rest arrives as 1000 sin + 500 |sin| at full
+scale, so a series, not one number, excites the tactor.
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.parameter_spec import ParameterError
+
+Complex = NDArray[np.complex128]
+Waveform = Literal["sine", "square"]
+
+
+def series(
+    waveform: Waveform,
+    amplitude_v: float,
+    offset_v: float,
+    amplifier: AmplifierMap,
+    orders: int = 64,
+    duty: float = 0.5,
+) -> Complex:
+    """V_k, k = 0..orders, of `offset + amplitude * waveform` at the amplifier's input; exact, no sampling.
+
+    The square starts high and is high for the fraction `duty` of its period.
+
+    Raises:
+        ParameterError: the input would leave the amplifier's range, or a value is not finite, or duty is outside 0..1.
+    """
+    check_range(offset_v - abs(amplitude_v), offset_v + abs(amplitude_v), amplifier)
+    match waveform:
+        case "sine":
+            return _sine(amplitude_v, offset_v, amplifier, orders)
+        case "square":
+            if not 0 < duty < 1:
+                raise ParameterError(f"duty is {duty}: it must lie between 0 and 1; 0.5 is a symmetric square")
+            high, low = amplifier.specimen_v([offset_v + amplitude_v, offset_v - amplitude_v])
+            return _square(float(high), float(low), duty, orders)
+    raise ParameterError(f"waveform is {waveform!r}: choose sine or square")
+
+
+def check_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:
+    """Refuse a drive that leaves the amplifier's input range.
+
+    Raises:
+        ParameterError: lowest..highest, in volts at the input, does not lie within it.
+    """
+    slack = 1e-9 * (amplifier.high_v - amplifier.low_v)
+    if not (lowest_v >= amplifier.low_v - slack and highest_v <= amplifier.high_v + slack):
+        raise ParameterError(
+            f"drive of {lowest_v:g}..{highest_v:g} V leaves the amplifier's input range "
+            f"{amplifier.low_v:g}..{amplifier.high_v:g} V: lower the amplitude or move the offset"
+        )
+
+
+def _sine(amplitude: float, offset: float, amplifier: AmplifierMap, orders: int) -> Complex:
+    """Piecewise a + b sin(theta) between the angles where the input crosses rest."""
+    level = (amplifier.rest_v - offset) / amplitude if amplitude else np.inf
+    edges = np.array([0.0, 2 * np.pi])
+    if abs(level) < 1:
+        edges = np.unique(np.concatenate((edges, np.mod([np.arcsin(level), np.pi - np.arcsin(level)], 2 * np.pi))))
+    middle = offset + amplitude * np.sin((edges[1:] + edges[:-1]) / 2)
+    slope = np.where(middle < amplifier.rest_v, amplifier.slope_below, amplifier.slope_above)
+    k = np.arange(-1, orders + 2)
+    E = _integral(k, edges)  # of exp(-i k theta) over each piece
+    a, b = slope * (offset - amplifier.rest_v), slope * amplitude
+    V = (a @ E[:, 1:-1] + b @ (E[:, :-2] - E[:, 2:]) / 2j) / np.pi
+    V[0] /= 2
+    return np.asarray(V)
+
+
+def _square(high: float, low: float, duty: float, orders: int) -> Complex:
+    E = _integral(np.arange(orders + 1), 2 * np.pi * np.array([0.0, duty, 1.0]))
+    V = np.array([high, low]) @ E / np.pi
+    V[0] /= 2
+    return np.asarray(V)
+
+
+def _integral(k: NDArray[np.int64], edges: NDArray[np.float64]) -> Complex:
+    """Integral of exp(-i k theta) over each interval of `edges`, shape (pieces, k.size)."""
+    safe = np.where(k == 0, 1, k)
+    phase = np.exp(-1j * edges[:, None] * k)
+    return np.where(k == 0, np.diff(edges)[:, None], np.diff(phase, axis=0) * 1j / safe)

@@ -1,0 +1,97 @@
+"""The response over frequency as fast as a screen wants it: fundamental and max - min in a few milliseconds.
+
+`model.response.frequency_response` follows every harmonic up to 6 kHz, 512 of them at low frequencies. The amplifier's harmonics fall with
+the square of their order, so that max - min needs fewer: with 48 it is within 0.01 % for the paper's tactor, and within 1 % at 3 Hz for one with an eightieth of its damping.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.beam.galerkin import matrices
+from model.beam.poles import Modal, modal_form, receptance
+from model.response.drive_spectrum import series
+from model.response.frequency_response import PERIODIC, outputs
+from model.specimen import Specimen
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ORDERS = 48
+SAMPLES = 256
+"""Of a period: more than five in the cycle of the highest harmonic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Response of the centre at `frequency_hz` (F,), m. `fundamental` is a complex peak amplitude against the input sine."""
+
+    frequency_hz: Array
+    fundamental: Complex
+    peak_to_peak: Array
+
+
+def curve(
+    specimen: Specimen,
+    frequency_hz: Array,
+    amplitude_v: float = 2.5,
+    amplifier: AmplifierMap | None = None,
+    n: int = 7,
+) -> Curve:
+    """Response to a sine of `amplitude_v` (peak, at the amplifier's input) around rest.
+
+    Raises:
+        ParameterError: a frequency not greater than 0, n not in 3..300, or a drive outside the amplifier's range.
+    """
+    f = PERIODIC.check(frequency_hz)
+    form = _form(specimen, None, n)
+    k, V = _harmonics(amplitude_v, amplifier)
+    W = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size) * V
+    spectrum = np.zeros((f.size, SAMPLES // 2 + 1), complex)
+    spectrum[:, k] = W / 2
+    w = np.fft.irfft(spectrum, SAMPLES, axis=1) * SAMPLES
+    return Curve(f, 1j * W[:, 0], _top(w) + _top(-w))
+
+
+def motion(
+    specimen: Specimen,
+    frequency_hz: float,
+    x: Array,
+    phases: int = 48,
+    amplitude_v: float = 2.5,
+    amplifier: AmplifierMap | None = None,
+    n: int = 7,
+) -> Array:
+    """Deflection w(x, t) over one period of the drive, m, without its mean over time; shape (phases, X).
+
+    `x` (X,) in m from the clamp; the first phase is where the input sine rises through rest.
+    """
+    k, V = _harmonics(amplitude_v, amplifier)
+    omega = np.asarray(2 * np.pi * float(PERIODIC.check(frequency_hz)) * k, np.float64)
+    W = receptance(_form(specimen, x, n), omega) * V
+    turn = np.exp(2j * np.pi * np.outer(np.arange(phases) / phases, k))
+    return np.asarray((turn @ W.T).real)
+
+
+def _form(specimen: Specimen, x: Array | None, n: int) -> Modal:
+    beam, k_s, c_s = specimen.letters({})
+    M, C, K, B, B_F = matrices(beam, k_s, c_s, n)
+    return modal_form(M, C, K, B, 2 * B_F if x is None else outputs(specimen.tactor, x, n))
+
+
+def _harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tuple[NDArray[np.int64], Complex]:
+    """Orders from 1 on that the amplifier makes, and their volts on the specimen."""
+    map_ = amplifier or AmplifierMap()
+    V = series("sine", amplitude_v, map_.rest_v, map_, ORDERS)
+    k = np.flatnonzero(np.abs(V) > 1e-9 * np.abs(V[1]))
+    k = np.union1d(k[k > 0], [1])
+    return k, V[k]
+
+
+def _top(w: Array) -> Array:
+    """The largest of each row, by a parabola through its neighbours."""
+    top, rows = w.argmax(1), np.arange(len(w))
+    a, b, c = (w[rows, (top + i) % w.shape[1]] for i in (-1, 0, 1))
+    return np.asarray(b + (a - c) ** 2 / (8 * np.maximum(2 * b - a - c, np.finfo(float).tiny)))

@@ -1,0 +1,181 @@
+"""Frequency response of the tactor from its poles: under a pure sine on the specimen, and under the amplifier's drive."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import ArrayLike, NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.beam.galerkin import Matrices, gram, matrices
+from model.beam.poles import Modal, modal_form, receptance
+from model.beam.shape_functions import shapes
+from model.parameter_spec import Quantity
+from model.parameters import Tactor
+from model.response.drive_spectrum import Waveform, series
+from model.skin import FREE, Skin
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Source = Literal["voltage", "load"]
+
+FREQUENCY = Quantity("frequency", "Hz", Interval(ge=0), "frequency of the drive", None)
+TOP_HZ = 6000.0
+"""Harmonics are followed well beyond the second resonance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """Periodic response at each frequency, m. w(t) = harmonics_0 + sum_k |harmonics_k| sin(k w t + arg harmonics_k)."""
+
+    frequency_hz: Array
+    harmonics: Complex
+    """(F, orders + 1); order 0 is the real mean deflection."""
+    peak_to_peak: Array
+    """(F,): max - min of the response with all harmonics superposed, the paper's measured amplitude."""
+
+    @property
+    def fundamental(self) -> Complex:
+        """(F,): peak amplitude and phase relative to the input sine, what a sine fit of the data gives."""
+        return self.harmonics[:, 1]
+
+
+def modal(
+    tactor: Tactor, skin: Skin | None = None, n: int = 7, x: ArrayLike | None = None, source: Source = "voltage"
+) -> Modal:
+    """Poles (2n,) and residues of w(x) for exact time stepping: w = Re sum r_k z_k, z_k' = s_k z_k + V(t).
+
+    `x` in m: None is the centre, a float gives residues (2n,), an array of X positions gives (X, 2n). `source` is a volt
+    on the specimen or a newton at the centre.
+
+    Raises:
+        ParameterError: n is not in 3..300, or x lies outside 0..L.
+    """
+    m = system(tactor, skin, n)
+    N = m.B_F * 2 if x is None else outputs(tactor, x, n)
+    return modal_form(m.M, m.C, m.K, m.B if source == "voltage" else m.B_F, N)
+
+
+def system(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Matrices:
+    """M, C, K, B of Eqs. (13)-(14) for one tactor, shapes (n, n) and (n,)."""
+    skin = skin or FREE
+    return matrices(tactor.beam, skin.k_s, skin.c_s, n)
+
+
+def poles(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Complex:
+    """The 2n poles s (rad/s) of Eq. (13), slowest first, the conjugate with positive imaginary part leading.
+
+    |s| / 2 pi is the undamped frequency of the pole in Hz and -Re s / |s| its damping ratio.
+    """
+    s = modal(tactor, skin, n).poles
+    return s[np.lexsort((-s.imag, np.round(np.abs(s), 9)))]
+
+
+def frequency_response(
+    tactor: Tactor,
+    frequency_hz: ArrayLike,
+    skin: Skin | None = None,
+    n: int = 7,
+    x: ArrayLike | None = None,
+    source: Source = "voltage",
+) -> Complex:
+    """Complex deflection at `x` (m, default the centre) per volt on the specimen, m/V; Eq. (13) in the steady state.
+
+    Shape (F,) for x None or a float, (X, F) for X positions. `source="load"` gives m per newton at the centre instead.
+
+    Raises:
+        ParameterError: a frequency < 0, n not in 3..300, x outside 0..L.
+    """
+    f = check_frequency(frequency_hz)
+    return receptance(modal(tactor, skin, n, x, source), 2 * np.pi * f)
+
+
+def amplifier_response(
+    tactor: Tactor,
+    frequency_hz: ArrayLike,
+    amplitude_v: float = 2.5,
+    offset_v: float = 2.5,
+    amplifier: AmplifierMap | None = None,
+    skin: Skin | None = None,
+    waveform: Waveform = "sine",
+    n: int = 7,
+    x: float | None = None,
+) -> Driven:
+    """Response to `offset_v + amplitude_v * waveform` (volts, peak) at the amplifier's *input*.
+
+    Raises:
+        ParameterError: as `frequency_response`; or a frequency of 0; or a drive outside the amplifier's input range.
+    """
+    f = check_frequency(frequency_hz)
+    V = series(waveform, amplitude_v, offset_v, amplifier or AmplifierMap(), orders_for(f))
+    return periodic_response(modal(tactor, skin, n, x), f, V)
+
+
+def periodic_response(form: Modal, frequency_hz: Array, V: Complex) -> Driven:
+    """Response of one `Modal` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
+    f = PERIODIC.check(frequency_hz)
+    k = np.arange(V.size)
+    H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size)
+    W = H * V
+    return Driven(f, np.concatenate((W[:, :1], 1j * W[:, 1:]), axis=1), peak_to_peak(W))
+
+
+PERIODIC = Quantity("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
+
+
+def peak_to_peak(W: Complex) -> Array:
+    """Max - min of Re sum_k W_k exp(i k theta) over a period; shape (...,) for W (..., K + 1).
+
+    Sampled four times finer than its highest harmonic needs, then a parabola through the extreme sample.
+    """
+    points = period_points(W.shape[-1])
+    half = W / 2
+    half[..., 0] = W[..., 0].real
+    w = np.fft.irfft(half, points, axis=-1) * points
+    return _extreme(w) + _extreme(-w)
+
+
+def period_points(orders: int) -> int:
+    """Samples of one period that resolve `orders` harmonics, a power of two."""
+    return max(1024, 8 << orders.bit_length())
+
+
+def _extreme(w: Array) -> Array:
+    top = w.argmax(-1, keepdims=True)
+    a, b, c = (np.take_along_axis(w, (top + i) % w.shape[-1], -1)[..., 0] for i in (-1, 0, 1))
+    curvature = np.maximum(2 * b - a - c, np.finfo(float).tiny)
+    return np.asarray(b + (a - c) ** 2 / (8 * curvature))
+
+
+def orders_for(frequency_hz: Array) -> int:
+    """How many harmonics of the lowest frequency, of (F,) in Hz, matter: up to 6 kHz, at least 32, at most 512."""
+    positive = frequency_hz[frequency_hz > 0]
+    lowest = float(positive.min()) if positive.size else TOP_HZ
+    return int(np.clip(np.ceil(TOP_HZ / lowest), 32, 512))
+
+
+def check_frequency(frequency_hz: ArrayLike) -> Array:
+    """Frequencies in Hz as an array of at least one axis.
+
+    Raises:
+        ParameterError: one is below 0 or not finite.
+    """
+    f = FREQUENCY.check(frequency_hz)
+    return f if f.ndim else f[None]
+
+
+def check_x(tactor: Tactor, x: ArrayLike) -> Array:
+    """Positions along the beam in m, shape kept.
+
+    Raises:
+        ParameterError: one lies outside 0..L.
+    """
+    return Quantity("x", "m", Interval(ge=0, le=tactor.L), "distance from the clamp", None).check(x)
+
+
+def outputs(tactor: Tactor, x: ArrayLike, n: int = 7) -> Array:
+    """Rows that take generalised coordinates to w(x), shape (*x.shape, n)."""
+    l1, l2 = tactor.L1 / tactor.L, tactor.L2 / tactor.L
+    N = shapes(check_x(tactor, x) / tactor.L, l1, l2, n)
+    return np.moveaxis(N, 0, -1) @ gram(l1, l2, n).basis.T

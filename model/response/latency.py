@@ -1,0 +1,146 @@
+"""How quickly the tactor can be felt: latency figures for a step and for the onset of a sine."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.beam.poles import Modal, receptance
+from model.parameter_spec import Quantity
+from model.parameters import Tactor
+from model.response.drive_spectrum import series
+from model.response.frequency_response import PERIODIC, modal, orders_for
+from model.response.perception import THRESHOLD_M
+from model.response.time_response import onset_response, unit_step
+from model.skin import Skin
+
+Array = NDArray[np.float64]
+
+THRESHOLD = Quantity("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
+TOLERANCE = Quantity("tolerance", "", Interval(gt=0, lt=1), "settling band as a fraction of the final value", 0.02)
+POINTS = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Times in s from the beginning of the drive; None where it never happens."""
+
+    final_m: float
+    """Static deflection after a step; steady peak amplitude of the fundamental after a sine's onset."""
+    to_threshold_s: float | None
+    rise_s: float | None
+    """10 % to 90 % of `final_m`."""
+    settling_s: float | None
+    """After this the response stays within the tolerance of `final_m`."""
+    overshoot: float
+    """Largest excess over `final_m`, as a fraction of it."""
+
+
+def step_latency(
+    tactor: Tactor,
+    volts: float = 1500.0,
+    threshold_m: float = THRESHOLD_M,
+    tolerance: float = 0.02,
+    skin: Skin | None = None,
+    n: int = 7,
+) -> Latency:
+    """Latency of the centre after a step of `volts` on the specimen.
+
+    Raises:
+        ParameterError: threshold <= 0, tolerance outside 0..1, n not in 3..300.
+    """
+    form = modal(tactor, skin, n)
+    sign = 1.0 if volts * tactor.mu <= 0 else -1.0
+
+    def w(t: Array) -> Array:
+        return sign * volts * unit_step(form, t)
+
+    final = float(sign * volts * -(form.residues / form.poles).sum().real)
+    return _figures(w, w, final, threshold_m, tolerance, form)
+
+
+def sine_latency(
+    tactor: Tactor,
+    frequency_hz: float,
+    amplitude_v: float = 2.5,
+    offset_v: float = 2.5,
+    threshold_m: float = THRESHOLD_M,
+    tolerance: float = 0.02,
+    skin: Skin | None = None,
+    amplifier: AmplifierMap | None = None,
+    n: int = 7,
+) -> Latency:
+    """Latency of the centre after the onset of a sine at the amplifier's input (volts, peak).
+
+    The threshold is met by the deflection itself, with the amplifier's harmonics; rise, settling and overshoot are those of
+    the fundamental's envelope.
+
+    Raises:
+        ParameterError: frequency <= 0, a drive outside the amplifier's range, threshold <= 0, tolerance outside 0..1.
+    """
+    f = float(PERIODIC.check(frequency_hz))
+    form = modal(tactor, skin, n)
+    V = series("sine", amplitude_v, offset_v, amplifier or AmplifierMap(), orders_for(np.array([f])))
+    first = np.zeros(2, complex)
+    first[1] = V[1]
+
+    def deflection(t: Array) -> Array:
+        return np.abs(onset_response(form, t, f, V).real)
+
+    def envelope(t: Array) -> Array:
+        return np.abs(onset_response(form, t, f, first))
+
+    final = float(abs(V[1] * receptance(form, np.array([2 * np.pi * f]))[0]))
+    return _figures(deflection, envelope, final, threshold_m, tolerance, form, slowest_hz=f)
+
+
+def _figures(
+    felt: Callable[[Array], Array],
+    envelope: Callable[[Array], Array],
+    final: float,
+    threshold_m: float,
+    tolerance: float,
+    form: Modal,
+    slowest_hz: float = np.inf,
+) -> Latency:
+    threshold, band = float(THRESHOLD.check(threshold_m)), float(TOLERANCE.check(tolerance))
+    if final == 0:
+        return Latency(0.0, None, None, None, 0.0)
+    decay = float((-form.poles.real).min())
+    slowest = float(np.abs(form.poles).min())
+    # Without damping nothing ever settles: look at a hundred periods only.
+    span = 12 / decay if decay > 1e-3 * slowest else 200 * np.pi / slowest
+    t = np.linspace(0.0, max(span, 2 / slowest_hz), POINTS)
+    e = envelope(t)
+    low, high = (_first(envelope, t, e, share * final) for share in (0.1, 0.9))
+    outside = np.abs(e - final) > band * final
+    settled = None if outside[-1] else _last(lambda s: np.abs(envelope(s) - final), t, outside, band * final)
+    rise = None if low is None or high is None else high - low
+    over = max(0.0, float(e.max()) / final - 1)
+    deflection = e if felt is envelope else felt(t)
+    return Latency(final, _first(felt, t, deflection, threshold), rise, settled, over)
+
+
+def _first(w: Callable[[Array], Array], t: Array, samples: Array, level: float) -> float | None:
+    above = np.flatnonzero(samples >= level)
+    if not above.size:
+        return None
+    i = int(above[0])
+    return 0.0 if i == 0 else _cross(w, t[i - 1], t[i], level)
+
+
+def _last(w: Callable[[Array], Array], t: Array, outside: NDArray[np.bool_], level: float) -> float:
+    out = np.flatnonzero(outside)
+    return 0.0 if not out.size else _cross(w, t[out[-1]], t[out[-1] + 1], level)
+
+
+def _cross(w: Callable[[Array], Array], a: float, b: float, level: float) -> float:
+    """Where w crosses `level` between a and b, by bisection to the last digits that matter."""
+    rising = w(np.array([b]))[0] >= level
+    for _ in range(50):
+        middle = (a + b) / 2
+        a, b = (a, middle) if (w(np.array([middle]))[0] >= level) == rising else (middle, b)
+    return float((a + b) / 2)

@@ -1,0 +1,1 @@
+"""Parameter studies, sensitivity, uncertainty and the figures of the paper."""

@@ -1,0 +1,228 @@
+"""Parameter studies: any variable over any values, one or several at once, in chunks of bounded memory.
+
+A study is a description; `blocks` computes it chunk by chunk, in process or on any `concurrent.futures.Executor` (a Dask
+client's `get_executor()` is one). Figs. 10, 11 and 12 of the paper are presets.
+"""
+
+import csv
+from collections import deque
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from itertools import islice
+from math import prod
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.beam.galerkin import matrices
+from model.beam.poles import modal_form, receptance
+from model.beam.shape_functions import check_n
+from model.parameter_spec import ParameterError
+from model.parameters import Membrane, Tactor
+from model.response.drive_spectrum import series
+from model.response.frequency_response import check_frequency, orders_for, peak_to_peak, period_points
+from model.specimen import Specimen, specimen_record, variables
+
+Array = NDArray[np.float64]
+Measure = Literal["fundamental", "peak_to_peak", "receptance"]
+UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One named axis of a result."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyResult:
+    """Values over named, unit-bearing axes; the last axis is frequency."""
+
+    measure: Measure
+    unit: str
+    axes: tuple[Axis, ...]
+    values: NDArray[Any]
+
+    def to_csv(self, path: str | Path) -> None:
+        """One row per point: the axes, then the value (real and imaginary part if it is complex), units in the header."""
+        parts = ("re", "im") if np.iscomplexobj(self.values) else ("",)
+        header = [f"{a.name} [{a.unit}]" for a in self.axes]
+        header += [f"{self.measure}{'_' if p else ''}{p} [{self.unit}]" for p in parts]
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file)
+            rows.writerow(header)
+            for index in np.ndindex(self.values.shape):
+                z = self.values[index]
+                numbers = (z.real, z.imag) if len(parts) == 2 else (z,)
+                rows.writerow(
+                    [repr(a.values[i]) for a, i in zip(self.axes, index, strict=True)]
+                    + [repr(float(v)) for v in numbers]
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Response of `specimen` at `frequency_hz` for every combination of the values of `vary`.
+
+    `measure` is the fundamental (twice its peak amplitude, m), the paper's max - min (m), or the complex receptance (m per
+    volt on the specimen); the first two under a sine at the amplifier's input.
+
+    Raises:
+        ParameterError: an unknown variable, a value that is not physical, no values, n not in 3..300, a frequency < 0, a drive
+            outside the amplifier's range.
+    """
+
+    vary: Mapping[str, tuple[float, ...]]
+    frequency_hz: tuple[float, ...]
+    specimen: Specimen = field(default_factory=Specimen)
+    measure: Measure = "fundamental"
+    amplitude_v: float = 2.5
+    offset_v: float = 2.5
+    amplifier: AmplifierMap = field(default_factory=AmplifierMap)
+    n: int = 7
+    memory_mb: float = 64.0
+
+    def __post_init__(self) -> None:
+        f = check_frequency(self.frequency_hz)
+        check_n(self.n)
+        series("sine", self.amplitude_v, self.offset_v, self.amplifier, 1)
+        if self.measure == "peak_to_peak" and (f == 0).any():
+            raise ParameterError("frequency is 0 Hz: a periodic drive needs a frequency greater than 0; leave 0 out")
+        for name, values in self.vary.items():
+            self.specimen.letters({name: values})
+            if not len(values):
+                raise ParameterError(f"{name} has no values: give the study at least one")
+        if not self.memory_mb > 0:
+            raise ParameterError(f"memory_mb is {self.memory_mb}: it must be greater than 0 MB")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each variable."""
+        return tuple(len(v) for v in self.vary.values())
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """The variables, then frequency."""
+        known = variables()
+        named = (Axis(name, known[name].unit, tuple(values)) for name, values in self.vary.items())
+        return (*named, Axis("frequency", "Hz", self.frequency_hz))
+
+    @property
+    def title(self) -> str:
+        """What is computed over what."""
+        what = {"fundamental": "2 x fundamental", "peak_to_peak": "max - min", "receptance": "receptance"}[self.measure]
+        return f"{what} of the centre over {', '.join(axis.name for axis in self.axes)}"
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """What is not varied, by name, SI, without what follows from a variable."""
+        specimen, follows = self.specimen, set()
+        if specimen.membrane is not None:
+            follows = {name for name in ("k_s", "c_s") if getattr(specimen, name) is None}
+        if specimen.contact_length is None and {"L", "L2"} & self.vary.keys():
+            follows.add("contact_length")
+        return {n: v for n, v in specimen_record(specimen).items() if n not in follows and n not in self.vary}
+
+    @property
+    def chunk(self) -> int:
+        """Parameter sets computed at once, such that their intermediate arrays stay below `memory_mb`."""
+        points = len(self.frequency_hz)
+        samples = 0
+        if self.measure == "peak_to_peak":
+            orders = orders_for(np.asarray(self.frequency_hz))
+            samples, points = points * period_points(orders + 1), points * (orders + 1)
+        per_set = 8 * (3 * self.n + 8) * points + 32 * samples + 200 * self.n**2
+        return max(1, int(self.memory_mb * 1e6 / per_set))
+
+    def blocks(self, executor: Executor | None = None, in_flight: int = 8) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield (index of the first set, values (sets, F)) in order, computing as they are asked for.
+
+        With an executor at most `in_flight` chunks are handed out beyond the one being read; closing the iterator cancels them.
+        """
+        total = prod(self.shape)
+        starts = iter(range(0, total, self.chunk))
+        if executor is None:
+            for start in starts:
+                yield start, _block(self, start, min(start + self.chunk, total))
+            return
+        waiting: deque[tuple[int, Future[NDArray[Any]]]] = deque()
+        try:
+            while True:
+                for first in islice(starts, in_flight - len(waiting)):
+                    waiting.append((first, executor.submit(_block, self, first, min(first + self.chunk, total))))
+                if not waiting:
+                    return
+                start, future = waiting.popleft()
+                yield start, future.result()
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+    def run(self, executor: Executor | None = None) -> StudyResult:
+        """All blocks as one array over `axes`."""
+        values = np.empty(
+            (prod(self.shape), len(self.frequency_hz)), complex if self.measure == "receptance" else float
+        )
+        for start, block in self.blocks(executor):
+            values[start : start + len(block)] = block
+        return StudyResult(self.measure, UNITS[self.measure], self.axes, values.reshape(*self.shape, -1))
+
+
+def _block(study: Study, start: int, stop: int) -> NDArray[Any]:
+    """Sets start..stop of a study; a function of its own, so that it can be sent to another process."""
+    index = np.unravel_index(np.arange(start, stop), study.shape or (1,))
+    values = {name: np.asarray(v, float)[i] for (name, v), i in zip(study.vary.items(), index, strict=False)}
+    return responses(study, values)
+
+
+def responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
+    """The study's measure for sets of values, arrays of one length P, instead of its own grid; shape (P, F)."""
+    f = check_frequency(study.frequency_hz)
+    beam, k_s, c_s = study.specimen.letters(values)
+    M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n)
+    sets = max((np.size(v) for v in values.values()), default=1)
+    form = modal_form(M, C, K, B, 2 * B_F)
+    match study.measure:
+        case "receptance":
+            out: NDArray[Any] = receptance(form, 2 * np.pi * f)
+        case "fundamental":
+            V = series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
+            out = 2 * abs(V[1]) * np.abs(receptance(form, 2 * np.pi * f))
+        case "peak_to_peak":
+            orders = orders_for(f)
+            V = series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
+            H = receptance(form, np.outer(2 * np.pi * f, np.arange(orders + 1)).ravel())
+            out = peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V)
+    return np.broadcast_to(out, (sets, f.size))
+
+
+SWEPT_HZ = tuple(float(f) for f in range(1, 251))
+
+
+def fig10(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+    """Effect of skin stiffness: E_m over six decades at 1 mm elongation, no skin damping (Sec. V-A)."""
+    membrane = membrane or Membrane()
+    on = Specimen(tactor or Tactor(), membrane, delta=1e-3 / membrane.L_m, c_s=0.0)
+    return Study({"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}, SWEPT_HZ, on)
+
+
+def fig11(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+    """Effect of skin damping: c_s as multiples of c_bar, no pre-stretch (Sec. V-B)."""
+    on = Specimen(tactor or Tactor(), membrane or Membrane())
+    return Study({"c_s": tuple(m * on.tactor.c_bar for m in (1e-3, 1.0, 10.0, 25.0, 50.0))}, SWEPT_HZ, on)
+
+
+def fig12(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+    """Effect of pre-stretch on stiffness and damping together (Sec. V-C)."""
+    on = Specimen(tactor or Tactor(), membrane or Membrane())
+    return Study({"delta": (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)}, SWEPT_HZ, on)
+
+
+PRESETS = {"fig10": fig10, "fig11": fig11, "fig12": fig12}

@@ -1,0 +1,98 @@
+"""From estimates with a covariance to the band around any curve: linearised, and on request sampled."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.parameter_spec import ParameterError
+from model.specimen import variables
+
+Array = NDArray[np.float64]
+Curve = Callable[[Mapping[str, Array]], Array]
+"""Takes arrays of P values by name and gives P curves, (P, F)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Named values with their covariance, SI.
+
+    Raises:
+        ParameterError: an unknown name, a value that is not physical, or a covariance that is none.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: Array
+    """(P, P), in the units of the values."""
+
+    def __post_init__(self) -> None:
+        known = variables()
+        if len(self.names) != len(self.values):
+            raise ParameterError(
+                f"estimates have {len(self.names)} names but {len(self.values)} values: give one value each"
+            )
+        for name, value in zip(self.names, self.values, strict=True):
+            if name not in known:
+                raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
+            known[name].check(value)
+        S = np.asarray(self.covariance, float)
+        wanted = (len(self.names), len(self.names))
+        if S.shape != wanted:
+            raise ParameterError(f"covariance has shape {S.shape}: {len(self.names)} estimates need {wanted}")
+        if not np.isfinite(S).all() or (np.diag(S) < 0).any():
+            raise ParameterError("covariance has a negative variance or is not finite: repeat the fit that gave it")
+        d = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1))
+        correlation = S / np.outer(d, d)
+        if not np.allclose(correlation, correlation.T) or np.linalg.eigvalsh(correlation).min() < -1e-8:
+            raise ParameterError("covariance is not symmetric and positive: it is none; repeat the fit that gave it")
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A curve and the band around it, each of shape (F,), in the unit of the curve."""
+
+    centre: Array
+    standard_error: Array
+    lower: Array
+    upper: Array
+
+
+def linear_band(curve: Curve, estimates: Estimates, coverage: float = 0.95) -> Band:
+    """Band of normal errors through the curve's derivatives (central differences; one-sided at a physical limit).
+
+    Raises:
+        ParameterError: coverage outside 0..1.
+    """
+    from scipy.special import ndtri
+
+    v = np.asarray(estimates.values)
+    S = np.asarray(estimates.covariance)
+    step = np.maximum(1e-5 * np.abs(v), 1e-3 * np.sqrt(np.diag(S)))
+    step = np.where(step > 0, step, 1e-9)
+    up, down = _moved(estimates, v, step), _moved(estimates, v, -step)
+    w = curve(dict(zip(estimates.names, np.concatenate((v[None], up, down)).T, strict=True)))
+    width = np.diag(up - down)
+    J = (w[1 : len(v) + 1] - w[len(v) + 1 :]) / width[:, None]
+    error = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", J, S, J), 0))
+    reach = float(ndtri((1 + _coverage(coverage)) / 2)) * error
+    return Band(w[0], error, w[0] - reach, w[0] + reach)
+
+
+def _moved(estimates: Estimates, v: Array, step: Array) -> Array:
+    """Rows with one value each moved by its step, or left where that would not be physical."""
+    x = v + np.diag(step)
+    return np.where(_physical(estimates.names, x)[:, None], x, v)
+
+
+def _physical(names: Sequence[str], x: ArrayLike) -> NDArray[np.bool_]:
+    known = variables()
+    columns = np.asarray(x).T
+    return np.asarray(np.all([known[name].admits(a) for name, a in zip(names, columns, strict=True)], axis=0))
+
+
+def _coverage(coverage: float) -> float:
+    if not 0 < coverage < 1:
+        raise ParameterError(f"coverage is {coverage}: it must lie between 0 and 1, e.g. 0.95")
+    return coverage

@@ -1,0 +1,1 @@
+"""Protocol interface: steps, records, events, quality flags."""

@@ -1,0 +1,147 @@
+"""The values a run is made of: an entry of its plan, a recording of samples, an estimate.
+
+A card's integers as physical units.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import Drive
+from protocols.base.quality import Quality
+from protocols.base.steps import Prompt
+
+Array = NDArray[np.float64]
+
+
+MOST_SCANS = 50_000_000
+"""Scans of one recording, which its analysis holds in memory whole: a gigabyte."""
+
+LONG_SCANS = 1 << 15
+"""A recording from so many scans on is left in the run's file."""
+
+
+def too_long(scans: float) -> str:
+    """Why so many scans are not recorded at once."""
+    return (
+        f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MOST_SCANS / 1e6:.0f} million); "
+        "record for a shorter time or lower sample_rate_hz"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Samples kept under one drive, in physical units, and what is known against them.
+
+    `rows` are the first and one past the last row of the run file's raw data. `drive_v` is at the amplifier's input,
+    `displacement_m` the tactor's centre as the sensor tells it, both (samples,). `sensor_delay_s` is how late the
+    displacement is against the drive: the sensor's delay less the time between the card's conversions of the two.
+    """
+
+    index: int
+    rows: tuple[int, int]
+    rate_hz: float
+    drive: Drive
+    drive_v: Array
+    displacement_m: Array
+    quality: Quality
+    sensor_delay_s: float = 0.0
+    entry: int = 0
+    """The entry of the plan it was taken for."""
+
+
+class LongRecording(Recording):
+    """A recording whose samples are read from the run's file each time they are looked at: entries of any length cost nothing.
+
+    Args:
+        read: the samples of a channel in physical units, (samples,): the drive for True, else the displacement.
+        known: the other fields.
+    """
+
+    __slots__ = ("_read",)
+    _read: Callable[[bool], Array]
+
+    def __init__(self, read: Callable[[bool], Array], **known: Any) -> None:
+        for name, value in {**known, "_read": read}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def drive_v(self) -> Array:
+        """(samples,), volts at the amplifier's input."""
+        return self._read(True)
+
+    @property
+    def displacement_m(self) -> Array:
+        """(samples,), as the sensor tells it."""
+        return self._read(False)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """An identified quantity: value and standard error in `unit`, and what it was identified from."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a curve: (N,) values in `unit`, and what they are."""
+
+    values: Array
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """What an entry gives beside its point: a frequency response, a decay.
+
+    Attributes:
+        label: what tells it from the run's other curves; with `name` it names the group in the file.
+        x, y: the columns that are drawn; the error of y is the column `<y>_errors`.
+        columns: by name, all of the same length.
+        entry: the entry of the plan it belongs to.
+    """
+
+    name: str
+    label: str
+    x: str
+    y: str
+    columns: Mapping[str, Column]
+    entry: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """One entry of a protocol's plan: what gives one point, and is measured whole or not at all.
+
+    Attributes:
+        label: the entry in a few words.
+        drives: every drive it will play; empty where nothing moves.
+        expected_s: about how long it takes, without the operator's time.
+        key: what tells this entry from the others, as plain values: a frequency, a mass, a repeat. Kept in the file.
+        setup: what a person must have set up before; asked for where it differs from the entry before.
+        prompts: how many more prompts the entry has.
+    """
+
+    label: str
+    drives: tuple[Drive, ...]
+    expected_s: float
+    key: tuple[float | str, ...] = ()
+    setup: Prompt | None = None
+    prompts: int = 0
+
+
+def converted(convert: Callable[[NDArray[np.int16]], Array], raw: NDArray[np.int16]) -> Array:
+    """`convert(raw)`; of a long record through a table of all counts: the same numbers in half the time and less."""
+    if raw.size < 1 << 18:
+        return convert(raw)
+    counts = np.arange(1 << 16, dtype=np.uint16)
+    return np.asarray(convert(counts.view(np.int16))[raw.view(np.uint16)])

@@ -1,0 +1,141 @@
+"""Free decay: a small step, and how the tactor rings after it; resonance and damping at an amplitude of their own.
+
+A quick look where no sweep is wanted, or where damping shall be known at small amplitude: the drive stands still while the
+tactor rings, so neither the amplifier's two slopes nor a clock has a part in it.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Unit
+from pydantic import model_validator
+
+from drivers.drive import Steps
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Column, Curve, Estimate, Planned, Recording
+from protocols.base.rounding import figures
+from protocols.base.steps import Record, Step
+
+SOURCE = "free decay after a step"
+
+AFTER_S = 2e-3
+"""Left out after the edge, until the drive stands and the second mode, at 2.3 kHz, has died."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecayPoint:
+    """How the tactor rings after one edge. Uncertainties are standard and statistical."""
+
+    edge: Annotated[float, Unit("1"), "which edge, from 1; odd ones go up, even ones come back to rest"]
+    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency"]
+    resonance_errors: Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
+    damping: Annotated[float, Unit("1"), "damping ratio"]
+    damping_errors: Annotated[float, Unit("1"), "standard error of the damping ratio"]
+    amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
+    noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        return (
+            f"edge {self.edge:g}: rings at {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{figures(self.damping, self.damping_errors)}, from {1e6 * self.amplitude:.1f} µm"
+        )
+
+
+class FreeDecay(Protocol):
+    """Small steps, and how the tactor rings after each: resonance and damping without a sweep."""
+
+    name: ClassVar[str] = "free-decay"
+    title: ClassVar[str] = "Free decay"
+    point_type: ClassVar[type] = DecayPoint
+    axes: ClassVar[tuple[str, str]] = ("edge", "resonance")
+
+    step_v: Annotated[float, Unit("V"), Interval(gt=0, le=2.5), "height of the step above rest, at the input"] = 0.5
+    rise_s: Annotated[
+        float, Unit("s"), Interval(ge=1e-4, le=0.01), "of each edge: short against a period of the resonance"
+    ] = 5e-4
+    dwell_s: Annotated[float, Unit("s"), Interval(ge=0.02, le=5), "after each edge: until the ringing is over"] = 0.15
+    edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "how many, up and down in turn"] = 10
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "the resonance is looked for from here"] = 60.0
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "the resonance is looked for up to here"] = 600.0
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 20_000.0
+
+    @model_validator(mode="after")
+    def _can_be_done(self) -> Self:
+        if not self.low_hz < self.high_hz <= 0.4 * self.sample_rate_hz:
+            raise ValueError(f"low_hz and high_hz must rise and end below {0.4 * self.sample_rate_hz:g} Hz")
+        if self.dwell_s < AFTER_S + 2 / self.low_hz:
+            raise ValueError(f"dwell_s must hold two periods of low_hz, {AFTER_S + 2 / self.low_hz:.3g} s")
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        drive = Steps((rest_v, rest_v + self.step_v, rest_v), self.dwell_s, self.rise_s)
+        pairs = range(1, math.ceil(self.edges / 2) + 1)
+        return tuple(
+            Planned(f"edge {2 * pair - 1 + half}", (drive,), drive.duration_s + 0.3, (2 * pair - 1 + half,))
+            for pair in pairs
+            for half in (0, 1)
+            if 2 * pair - 1 + half <= self.edges
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        yield Record(entry.drives[0].duration_s, entry.drives[0])
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> DecayPoint:
+        from protocols.signals.decay import fit_decay
+
+        recording, edge = recordings[-1], int(float(key[0]))
+        _, moved = self._ringing(recording, edge)
+        decay = fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
+        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        if abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01:
+            quality |= Quality.DRIVE_OFF
+        return DecayPoint(
+            edge=float(edge),
+            resonance=decay.natural_hz,
+            resonance_errors=decay.natural_error_hz,
+            damping=decay.damping_ratio,
+            damping_errors=decay.damping_error,
+            amplitude=decay.amplitude,
+            noise=decay.noise,
+            quality=int(quality),
+        )
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        time, moved = self._ringing(recordings[-1], int(float(key[0])))
+        columns = {"time": Column(time, "s", "time since the edge"), "displacement": Column(moved, "m", "displacement")}
+        return (Curve("free decay", f"after edge {float(key[0]):g}", "time", "displacement", columns),)
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        usable = [p for p in points if Quality(p.quality).usable]
+        if len(usable) < 2:
+            return ()
+        found = []
+        for name, column, unit in (("resonance frequency", "resonance", "Hz"), ("damping ratio", "damping", "1")):
+            values = np.array([getattr(p, column) for p in usable])
+            weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
+            mean = float((weight * values).sum() / weight.sum())
+            spread = float(values.std(ddof=1)) / math.sqrt(len(values))
+            found.append(Estimate(name, mean, max(float(weight.sum() ** -0.5), spread), unit, SOURCE))
+        return tuple(found)
+
+    def _ringing(self, recording: Recording, edge: int) -> tuple[Any, Any]:
+        """Times since an edge and the displacement from `AFTER_S` after it on, up to shortly before the next; (N,) each."""
+        rate, drive = recording.rate_hz, recording.drive_v
+        rest, high = np.median(drive[: max(round(0.01 * rate), 4)]), float(drive.max())
+        up = np.flatnonzero(drive > rest + 0.5 * (high - rest))
+        if high - rest < 0.5 * self.step_v or not up.size:
+            raise ValueError(
+                f"the recorded drive shows no step of {self.step_v:g} V: check the cable from the generator to the card"
+            )
+        begin = int(up[0]) if edge % 2 else int(up[-1])
+        first = begin + math.ceil((0.5 * self.rise_s + AFTER_S + recording.sensor_delay_s) * rate)
+        last = min(begin + math.floor((self.dwell_s - self.rise_s) * rate), len(drive))
+        samples = recording.displacement_m[first:last]
+        return (first - begin + np.arange(len(samples))) / rate, samples

@@ -1,0 +1,212 @@
+"""Hysteresis: loops of displacement over voltage at several rates, each gone through several times.
+
+A loop has two causes. Hysteresis proper does not care how fast it is gone through; damping makes a loop that grows with the
+frequency. The line through the widths at several frequencies tells them apart: what is left at frequency zero is hysteresis.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from drivers.drive import Sine
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Column, Curve, Estimate, Planned, Recording
+from protocols.base.steps import Play, Record, Step
+from protocols.signals import fit_frequency, fit_sine
+from protocols.signals.loop import fold, measure_loops
+
+Array = NDArray[np.float64]
+
+SOURCE = "line through the loop widths of this run over frequency"
+
+PHASES = 128
+"""Of a cycle, each the mean of at least two samples."""
+
+DRIVE_SHARE = 0.05
+"""How far the recorded amplitude may be from the one commanded."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopPoint:
+    """The loop at one frequency, over volts at the amplifier's input. Errors are standard, from cycle to cycle."""
+
+    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    share: Annotated[float, Unit("1"), "width over stroke"]
+    share_errors: Annotated[float, Unit("1"), "standard uncertainty of the share"]
+    width: Annotated[float, Unit("m"), "falling minus rising branch in the middle of the drive"]
+    width_errors: Annotated[float, Unit("m"), "standard uncertainty of the width"]
+    largest: Annotated[float, Unit("m"), "width where it is largest"]
+    largest_errors: Annotated[float, Unit("m"), "standard uncertainty of the largest width"]
+    stroke: Annotated[float, Unit("m"), "displacement at the top of the drive minus that at its bottom"]
+    stroke_errors: Annotated[float, Unit("m"), "standard uncertainty of the stroke"]
+    area: Annotated[float, Unit("m V"), "area of the loop; positive where the displacement lags"]
+    area_errors: Annotated[float, Unit("m V"), "standard uncertainty of the area"]
+    asymmetry: Annotated[float, Unit("1"), "area above the middle minus area below it, over the area"]
+    asymmetry_errors: Annotated[float, Unit("1"), "standard uncertainty of the asymmetry"]
+    cycles: Annotated[float, Unit("1"), "loops that were averaged"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        return (
+            f"{self.frequency:.4g} Hz: loop {1e6 * self.width:.2f} ± {1e6 * self.width_errors:.2g} µm wide, "
+            f"{100 * self.share:.2f} ± {100 * self.share_errors:.2g} % of the stroke of {1e6 * self.stroke:.1f} µm, "
+            f"asymmetry {self.asymmetry:+.2f} ± {self.asymmetry_errors:.2g}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Folded:
+    """The cycles of a recording, each in `PHASES` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
+
+    frequency_hz: float
+    driven_v: Array
+    moved_m: Array
+
+
+class Hysteresis(Protocol):
+    """Loops at several rates: width, area and asymmetry; what is hysteresis and what damping."""
+
+    name: ClassVar[str] = "hysteresis"
+    title: ClassVar[str] = "Hysteresis"
+    point_type: ClassVar[type] = LoopPoint
+    axes: ClassVar[tuple[str, str]] = ("frequency", "share")
+
+    frequencies_hz: Annotated[
+        tuple[Annotated[float, Interval(ge=0.01, le=100)], ...],
+        Unit("Hz"),
+        Len(1, 100),
+        "rates at which the loop is gone through, in order; far below resonance",
+    ] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+    peak_to_peak_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
+    ] = 5.0
+    cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "loops that are averaged"] = 5
+    dropped: Annotated[int, Unit("1"), Interval(ge=1, le=100), "loops before those: the first begins elsewhere"] = 1
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+
+    @model_validator(mode="after")
+    def _rate_suffices(self) -> Self:
+        needed = 2.2 * PHASES * max(self.frequencies_hz)
+        if self.sample_rate_hz < needed:
+            raise ValueError(
+                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for loops at {max(self.frequencies_hz):g} Hz; "
+                f"at least {needed:g} Hz is needed"
+            )
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        return tuple(
+            Planned(f"{f:g} Hz", (self._drive(f, rest_v),), (self.dropped + self.cycles + 0.5) / f + 0.4, (f,))
+            for f in self.frequencies_hz
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        f = float(entry.key[0])
+        yield Play(entry.drives[0], self.dropped / f)
+        yield Record((self.cycles + 0.5) / f)  # the sensor is late, and the clocks differ a little
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
+        return self._point(recordings[-1], self._folded(recordings[-1]), simulated)
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        return (self._curve(key, self._folded(recordings[-1])),)
+
+    def results(
+        self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
+    ) -> Generator[Any, None, None]:
+        folded = self._folded(recordings[-1])
+        yield self._point(recordings[-1], folded, simulated)
+        yield self._curve(key, folded)
+
+    def _folded(self, recording: Recording) -> Folded:
+        drive, rate = recording.drive, recording.rate_hz
+        if not isinstance(drive, Sine):
+            raise ValueError(f"a loop cannot be taken from a recording under {drive.kind}")
+        frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
+        moved = _earlier(recording.displacement_m, recording.sensor_delay_s * rate)
+        cycles = (
+            fold(x, rate, 1 / frequency, PHASES, 0)[: self.cycles] for x in (recording.drive_v[: moved.size], moved)
+        )
+        return Folded(frequency, *cycles)
+
+    def _curve(self, key: tuple[float | str, ...], folded: Folded) -> Curve:
+        """The mean loop, closed; its errors are those of its shape, for where it stands drifts from cycle to cycle."""
+        centre = folded.moved_m.mean()
+        shapes = folded.moved_m - folded.moved_m.mean(axis=1, keepdims=True)
+        errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
+        told = {
+            "drive": Column(_closed(folded.driven_v.mean(axis=0)), "V", "volts at the amplifier's input"),
+            "displacement": Column(_closed(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"),
+            "displacement_errors": Column(_closed(errors), "m", "standard error of the loop's shape"),
+        }
+        return Curve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", told)
+
+    def _point(self, recording: Recording, folded: Folded, simulated: bool) -> LoopPoint:
+        drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
+        assert isinstance(drive, Sine)
+        seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
+        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        if abs(seen_v - drive.amplitude_v) > DRIVE_SHARE * drive.amplitude_v:
+            quality |= Quality.DRIVE_OFF
+        loop = measure_loops(folded.driven_v, folded.moved_m)
+        return LoopPoint(
+            frequency=frequency,
+            share=loop.share,
+            share_errors=math.hypot(loop.width_error / loop.stroke, loop.share * loop.stroke_error / loop.stroke),
+            width=loop.width,
+            width_errors=loop.width_error,
+            largest=loop.largest,
+            largest_errors=loop.largest_error,
+            stroke=loop.stroke,
+            stroke_errors=loop.stroke_error,
+            area=loop.area,
+            area_errors=loop.area_error,
+            asymmetry=loop.asymmetry,
+            asymmetry_errors=loop.asymmetry_error,
+            cycles=loop.degrees_of_freedom + 1.0,
+            quality=int(quality),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        good = [p for p in points if Quality(p.quality).usable and p.share_errors > 0]
+        if len({round(p.frequency, 3) for p in good}) < 3:
+            return ()
+        f, share = np.array([p.frequency for p in good]), np.array([p.share for p in good])
+        weight = 1 / np.array([p.share_errors for p in good])
+        basis = np.stack([np.ones_like(f), f], axis=1) * weight[:, None]
+        inverse = np.linalg.inv(basis.T @ basis)
+        line = inverse @ basis.T @ (share * weight)
+        left = share * weight - basis @ line
+        # Where the widths do not lie on a line (creep, a bend), the errors say so.
+        scale = max(float(left @ left) / (len(good) - 2), 1.0)
+        errors = np.sqrt(np.diag(inverse) * scale)
+        return (
+            Estimate("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
+            Estimate("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
+        )
+
+    def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
+        # Two loops to spare, finite so that a generator left alone comes to rest.
+        cycles = self.dropped + self.cycles + 2 + math.ceil(frequency_hz)
+        return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
+
+
+def _closed(loop: Array) -> Array:
+    """With its first value once more at its end."""
+    return np.append(loop, loop[0])
+
+
+def _earlier(samples: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+    """The samples as they would be `by` samples earlier, on straight lines between them; shorter at the end."""
+    at = np.arange(samples.size, dtype=float) + by
+    inside = at[(at >= 0) & (at <= samples.size - 1)]
+    return np.asarray(np.interp(inside, np.arange(samples.size), samples))

@@ -1,0 +1,233 @@
+"""One weight on one side of a tactor, from the three recordings of it: zero, weight on, zero again.
+
+What the deflections under many weights say together: compliance of each side, their mean, and the departure from a line.
+
+What the person who puts the weights on is asked, and how the laser tells that it was done.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from annotated_types import Unit
+
+from drivers.bench.rest import REST_TOLERANCE_V
+from drivers.drive import Hold
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Recording
+from protocols.base.steps import Prompt
+from protocols.measurements.weights import grams
+from protocols.signals.levels import Level
+from protocols.signals.step_detection import LandingDetector
+
+SOURCE = "static loading, weighted lines through zero"
+
+SIDES = {1.0: "MFC up", -1.0: "aluminium up"}
+
+Value = tuple[float, float]
+"""A value and its standard error."""
+
+
+def estimates(points: Sequence[Any]) -> tuple[Estimate, ...]:
+    """Everything that good points of a static loading tell; what they do not suffice for is left out."""
+    by_side = {side: [p for p in points if p.side == side] for side in SIDES}
+    lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
+    found = [Estimate(f"compliance, {SIDES[side]}", *line, "m/N", SOURCE) for side, line in lines.items()]
+    if len(lines) == len(SIDES):
+        (one, one_error), (other, other_error) = lines.values()
+        error = math.hypot(one_error, other_error)
+        mean = (one + other) / 2
+        found.append(Estimate("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE))
+        found.append(Estimate("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE))
+    for side, group in by_side.items():
+        if (bend := nonlinearity(group)) is not None:
+            source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
+            found.append(Estimate(f"nonlinearity, {SIDES[side]}", *bend, "1", source))
+    return tuple(found)
+
+
+def compliance(points: Sequence[Any]) -> Value | None:
+    """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
+
+    Each point is weighted with its own error, the load's included. What the points scatter more than that widens the
+    standard error (Birge ratio).
+    """
+    if len(points) < 2:
+        return None
+    load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
+    slope = float(load @ moved / (load @ load))
+    for _ in range(2):  # the load's error counts by the slope
+        weight = 1 / _variance(points, slope)
+        slope = float((weight * load) @ moved / ((weight * load) @ load))
+    left = moved - slope * load
+    birge = float(weight @ left**2) / (len(points) - 1)
+    return slope, math.sqrt(max(birge, 1.0) / float((weight * load) @ load))
+
+
+def nonlinearity(points: Sequence[Any]) -> Value | None:
+    """By how much the compliance at the largest load differs from that at none, as a share: d = c F (1 + n F / F_max).
+
+    None for fewer than three different loads.
+    """
+    if len({round(p.load, 9) for p in points}) < 3:
+        return None
+    first = compliance(points)
+    if first is None or not first[0]:
+        return None
+    load, moved = (np.array([getattr(p, name) for p in points]) for name in ("load", "deflection"))
+    most = float(load.max())
+    root = 1 / np.sqrt(_variance(points, first[0]))
+    basis = np.stack((load, load**2 / most), axis=1) * root[:, None]
+    covariance = np.linalg.inv(basis.T @ basis)
+    c, bent = covariance @ basis.T @ (moved * root)
+    left = moved * root - basis @ np.array([c, bent])
+    covariance *= max(float(left @ left) / (len(points) - 2), 1.0)
+    turn = np.array([-bent / c**2, 1 / c])
+    return float(bent / c), math.sqrt(float(turn @ covariance @ turn))
+
+
+def _variance(points: Sequence[Any], slope: float) -> Any:
+    return np.array([p.deflection_errors**2 + (slope * p.load_errors) ** 2 for p in points])
+
+
+@dataclass(frozen=True, slots=True)
+class LoadPoint:
+    """One weight on one side. Errors are standard and statistical; the sensor's gain is common to all."""
+
+    side: Annotated[float, Unit("1"), "1 with the MFC up, -1 with the aluminium up"]
+    mass: Annotated[float, Unit("kg"), "mass of the weight, besides the offset"]
+    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    load: Annotated[float, Unit("N"), "its weight"]
+    load_errors: Annotated[float, Unit("N"), "standard uncertainty of its weight; the same in every repeat"]
+    deflection: Annotated[
+        float, Unit("m"), "displacement under the weight against the mean of the zeros before and after"
+    ]
+    deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, the zero's move included"]
+    zero_before: Annotated[float, Unit("m"), "displacement before, as the sensor tells it"]
+    zero_after: Annotated[float, Unit("m"), "displacement after the weight was taken off"]
+    drift: Annotated[float, Unit("m"), "zero after - zero before"]
+    creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
+    noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave under the weight"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        moved = f"deflection {1e6 * self.deflection:+.2f} ± {1e6 * self.deflection_errors:.2g} µm"
+        return (
+            f"{SIDES.get(self.side, 'either side')}, {grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
+            f"zero moved {1e6 * self.drift:+.2f} µm"
+        )
+
+
+def load_point(
+    key: Sequence[float],
+    recordings: Sequence[Recording],
+    read: Callable[[Recording], Level],
+    load_n: tuple[float, float],
+    zero_limit_m: float,
+    simulated: bool,
+) -> LoadPoint:
+    """The point of one weight; the last three recordings count.
+
+    Args:
+        key: side (1: MFC up, -1: aluminium up), mass in kg, which repeat.
+        recordings: what was recorded for it.
+        read: the level of a recording.
+        load_n: the weight's force and its standard uncertainty.
+        zero_limit_m: a zero that moved further makes the point unsettled.
+        simulated: whether the bench was.
+
+    Raises:
+        ValueError: there are fewer than three recordings.
+    """
+    side, mass_kg, repeat = key
+    if len(recordings) < 3:
+        raise ValueError("a weight needs three recordings: zero, weight on, zero again")
+    parts = recordings[-3:]
+    before, under, after = (read(part) for part in parts)
+    drift = after.value - before.value
+    deflection = under.value - (before.value + after.value) / 2
+    zero_error = math.hypot(before.standard_error, after.standard_error) / 2
+    # When the zero moved in between nobody knows: anywhere from one to the other, a rectangle.
+    error = math.hypot(under.standard_error, zero_error, drift / math.sqrt(12))
+    quality = Quality.SIMULATED if simulated else Quality.GOOD
+    for part in parts:
+        quality |= part.quality
+        if isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V:
+            quality |= Quality.DRIVE_OFF
+    if abs(drift) > zero_limit_m:
+        quality |= Quality.UNSETTLED
+    if abs(deflection) <= 5 * error:
+        quality |= Quality.NO_RESPONSE
+    load, load_error = load_n
+    return LoadPoint(
+        side=side,
+        mass=mass_kg,
+        repeat=repeat,
+        load=load,
+        load_errors=load_error,
+        deflection=deflection,
+        deflection_errors=error,
+        zero_before=before.value,
+        zero_after=after.value,
+        drift=drift,
+        creep=under.drift_per_s,
+        noise=under.noise,
+        quality=int(quality),
+    )
+
+
+DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
+
+ATTEMPTS = 3
+"""So often a weight that does not fit is asked for again before it is taken for what the specimen does."""
+
+
+class Landed:
+    """Watches the laser for a weight that lands or leaves (protocols.base.steps.Detector); knows the level it starts from."""
+
+    def __init__(self, before: Recording, least_m: float, last_s: float) -> None:
+        self._detector = LandingDetector(before.rate_hz, least_m)
+        self._detector.feed(before.displacement_m[-round(last_s * before.rate_hz) :])
+
+    def feed(self, drive_v: Any, displacement_m: Any) -> bool:
+        """Whether what came now, (n,) each, shows it."""
+        return self._detector.feed(displacement_m) is not None
+
+
+def turn_side(side: float, offset_kg: float) -> Prompt:
+    """Lay the tactor on its other side, electrodes shorted."""
+    offset = f" and put the {grams(offset_kg)} offset weight on its centre" if offset_kg else ""
+    return Prompt(
+        "turn-side",
+        f"High voltage is off. Short the electrodes, lay the tactor with the {SIDES[side].replace(' up', ' side')} up{offset}.",
+        {"side": side, "offset_kg": offset_kg, "shorted": 1.0},
+        hands_on=True,
+    )
+
+
+def place(side: float, mass_kg: float, can_go_back: bool) -> Prompt:
+    """Put a weight on; or say that the one before was wrong."""
+    return Prompt(
+        "place-weight",
+        f"Place the {grams(mass_kg)} weight on the centre; the laser sees it land.",
+        {"mass_kg": mass_kg, "side": side},
+        (DONE, PREVIOUS) if can_go_back else (DONE,),
+        hands_on=True,
+    )
+
+
+def lift(side: float, mass_kg: float) -> Prompt:
+    """Take a weight off; or say that it was wrong."""
+    words = f"Take the {grams(mass_kg)} weight off."
+    return Prompt("remove-weight", words, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
+
+
+def doubt(action: str, words: str, attempt: int) -> Prompt:
+    """Again, at first; what comes out the same so often is what the specimen does."""
+    if attempt < ATTEMPTS:
+        return Prompt(action, f"{words} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
+    return Prompt(action, f"{words} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))

@@ -1,0 +1,251 @@
+"""Mass resonance: added masses, a slow linear sweep for each, the peak of the displacement's spectrum (paper, Sec. IV-1).
+
+A sweep that no waveform memory holds is played in pieces, from rest to rest, each over its share of the band at the same
+pace; the pieces' responses overlap and make one. A card's analogue output plays it in one (`piece_s` = `sweep_s`).
+"""
+
+import itertools
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from drivers.drive import LinearSweep
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Curve, Estimate, Planned, Recording
+from protocols.base.rounding import figures
+from protocols.base.steps import Prompt, Record, Step
+from protocols.measurements.response_curve import must_respond, response_curve
+from protocols.signals.response import FrequencyResponse
+from protocols.signals.swept_response import LEAST_BINS
+
+RINGING_S = 0.3
+"""Recorded after a sweep: until what rings has died away."""
+
+OVERLAP_LINES = 6
+"""By how many lines a piece reaches beyond its share on either side: the outermost feel where it begins and ends."""
+
+DRIVE_TOLERANCE = 0.05
+
+NEAR_EDGE = 0.1
+"""A peak this near to the band's edge, as a share of its frequency, is worth a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class MassPoint:
+    """One added mass. Uncertainties are standard and statistical."""
+
+    mass: Annotated[float, Unit("kg"), "added mass"]
+    frequency: Annotated[float, Unit("Hz"), "where the response is largest: the paper's resonance"]
+    frequency_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the peak's frequency"]
+    spectrum_peak: Annotated[float, Unit("Hz"), "peak of the displacement's own spectrum; NaN for a sweep in pieces"]
+    spectrum_peak_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the spectrum's peak"]
+    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency of one mode fitted to the response"]
+    resonance_errors: Annotated[float, Unit("Hz"), "standard uncertainty of the natural frequency"]
+    damping: Annotated[float, Unit("1"), "damping ratio of that mode"]
+    damping_errors: Annotated[float, Unit("1"), "standard uncertainty of the damping ratio"]
+    height: Annotated[float, Unit("m/V"), "response at the peak, per volt at the amplifier's input"]
+    coherence: Annotated[float, Unit("1"), "lowest coherence within the peak's half-power width"]
+    resolution: Annotated[float, Unit("Hz"), "full width of a line"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        return (
+            f"{1e3 * self.mass:.2f} g: peak {figures(self.frequency, self.frequency_errors)} Hz, natural frequency "
+            f"{figures(self.resonance, self.resonance_errors)} Hz, damping ratio {figures(self.damping, self.damping_errors)}"
+        )
+
+
+class MassResonance(Protocol):
+    """Resonance against added mass: a slow sweep for each mass, and the peak of its response."""
+
+    name: ClassVar[str] = "mass-resonance"
+    title: ClassVar[str] = "Mass resonance"
+    point_type: ClassVar[type] = MassPoint
+    axes: ClassVar[tuple[str, str]] = ("mass", "frequency")
+
+    masses_kg: Annotated[
+        tuple[Annotated[float, Interval(ge=0, le=0.1)], ...], Unit("kg"), Len(1, 100), "added masses, in order"
+    ] = (1.75e-3, 2.75e-3, 3.75e-3, 4.75e-3, 5.75e-3, 6.75e-3, 7.75e-3, 8.75e-3, 9.75e-3)
+    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "where the sweep begins"] = 25.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "where the sweep ends"] = 525.0
+    sweep_s: Annotated[
+        float,
+        Unit("s"),
+        Interval(ge=5, le=3600),
+        "one sweep; lines are 32 / piece_s wide, and ten must fit into the peak",
+    ] = 300.0
+    piece_s: Annotated[
+        float,
+        Unit("s"),
+        Interval(ge=1, le=3600),
+        "longest piece: what the generator's memory holds (docs/generators.md)",
+    ] = 20.0
+    peak_to_peak_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
+    ] = 5.0
+    low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "the peak is looked for from here"] = 125.0
+    high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "the peak is looked for up to here"] = 500.0
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+
+    @model_validator(mode="after")
+    def _can_be_done(self) -> Self:
+        if not self.start_hz < self.low_hz < self.high_hz < self.stop_hz:
+            raise ValueError(
+                f"the peak's band {self.low_hz:g}..{self.high_hz:g} Hz must rise and lie within the sweep, "
+                f"{self.start_hz:g}..{self.stop_hz:g} Hz"
+            )
+        if self.sample_rate_hz < 4 * self.stop_hz:
+            raise ValueError(f"sample_rate_hz must be at least four times stop_hz, {4 * self.stop_hz:g} Hz")
+        if len(set(self.masses_kg)) != len(self.masses_kg):
+            raise ValueError("masses_kg names a mass twice")
+        if self._resolution_hz > 0.1 * self.low_hz:
+            raise ValueError(
+                f"pieces of {self._piece_s:.3g} s give lines of {self._resolution_hz:.3g} Hz, too coarse for a peak at "
+                f"{self.low_hz:g} Hz; sweep longer, or in longer pieces"
+            )
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        drives = self._drives(rest_v)
+        seconds = sum(drive.duration_s + RINGING_S + 0.5 for drive in drives)
+        lines = f"lines of {self._resolution_hz:.2g} Hz"
+        return tuple(
+            Planned(
+                f"{1e3 * mass:g} g, {self.sweep_s:g} s, {lines}",
+                drives,
+                seconds,
+                (mass,),
+                Prompt(
+                    "fix-mass",
+                    f"Fix an added mass of {1e3 * mass:g} g in the cylinder." if mass else "Take the added mass off.",
+                    {"mass_kg": mass},
+                    hands_on=True,
+                ),
+            )
+            for mass in self.masses_kg
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        for drive in entry.drives:
+            yield Record(drive.duration_s + RINGING_S, drive)
+
+    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+        return tuple(
+            f"{1e3 * point.mass:g} g: the peak at {point.frequency:.1f} Hz lies near the edge of the band in which it is "
+            f"looked for, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
+            for point in points
+            if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + NEAR_EDGE
+        )
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MassPoint:
+        return self._point(key, recordings, simulated, self._response(recordings))
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        return (response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
+
+    def results(
+        self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
+    ) -> Generator[Any, None, None]:
+        response = self._response(recordings)
+        yield self._point(key, recordings, simulated, response)
+        yield response_curve(response, f"with {1e3 * float(key[0]):g} g")
+
+    def _point(
+        self,
+        key: tuple[float | str, ...],
+        recordings: Sequence[Recording],
+        simulated: bool,
+        response: FrequencyResponse,
+    ) -> MassPoint:
+        from protocols.signals.modal_fit import fit_mode
+        from protocols.signals.peak import response_peak, spectrum_peak
+
+        must_respond(response)
+        peak = response_peak(response, (self.low_hz, self.high_hz))
+        near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
+        mode = fit_mode(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        spectrum = math.nan, math.nan
+        if len(recordings) == 1:
+            found = spectrum_peak(recordings[0].displacement_m, recordings[0].rate_hz, (self.low_hz, self.high_hz))
+            spectrum = found.frequency_hz, found.standard_error_hz
+        quality = Quality.SIMULATED if simulated else Quality.GOOD
+        for recording in recordings:
+            quality |= recording.quality
+            amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
+            if abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v:
+                quality |= Quality.DRIVE_OFF
+        return MassPoint(
+            mass=float(key[0]),
+            frequency=float(peak.frequency_hz),
+            frequency_errors=float(peak.standard_error_hz),
+            spectrum_peak=spectrum[0],
+            spectrum_peak_errors=spectrum[1],
+            resonance=mode.natural_hz,
+            resonance_errors=mode.natural_error_hz,
+            damping=mode.damping_ratio,
+            damping_errors=mode.damping_error,
+            height=float(peak.height),
+            coherence=float(response.within(*peak.band_hz).coherence.min()),
+            resolution=response.resolution_hz,
+            quality=int(quality),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        """None of its own: what the curve against mass tells (k2) needs the model, see `identify`."""
+        return ()
+
+    @property
+    def _pieces(self) -> int:
+        return math.ceil(self.sweep_s / self.piece_s - 1e-9)
+
+    @property
+    def _piece_s(self) -> float:
+        return self.sweep_s / self._pieces
+
+    @property
+    def _resolution_hz(self) -> float:
+        return max(0.5, 1.1 * LEAST_BINS / self._piece_s)
+
+    @property
+    def _shares(self) -> tuple[tuple[float, float], ...]:
+        edges = np.linspace(self.start_hz, self.stop_hz, self._pieces + 1).tolist()
+        return tuple(itertools.pairwise(edges))
+
+    def _drives(self, rest_v: float) -> tuple[LinearSweep, ...]:
+        pace_hz_per_s = (self.stop_hz - self.start_hz) / self.sweep_s
+        beyond = OVERLAP_LINES * self._resolution_hz / 2
+        drives = []
+        for low, high in self._shares:
+            start = low if low == self.start_hz else max(low - beyond, self.start_hz)
+            stop = high if high == self.stop_hz else min(high + beyond, self.stop_hz)
+            seconds = (stop - start) / pace_hz_per_s
+            drives.append(LinearSweep.whole(start, stop, seconds, self.peak_to_peak_v / 2, rest_v))
+        return tuple(drives)
+
+    def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
+        from protocols.signals.response import joined
+        from protocols.signals.swept_response import sweep_response
+
+        found = []
+        for recording, (low, high) in zip(recordings, self._shares, strict=True):
+            drive = recording.drive
+            if not isinstance(drive, LinearSweep):
+                raise ValueError(f"a mass resonance cannot use a recording under {drive.kind}")
+            whole = sweep_response(
+                recording.drive_v,
+                recording.displacement_m,
+                recording.rate_hz,
+                (drive.start_hz, drive.stop_hz),
+                self._resolution_hz,
+                recording.sensor_delay_s,
+            )
+            found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
+        return joined(found)

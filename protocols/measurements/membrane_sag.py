@@ -1,0 +1,209 @@
+"""Sag of the membrane under its own weight, for the modulus of its rubber (paper, Supplementary Information; E_m of Table I).
+
+The sag, some millimetres, is more than a fine laser sensor sees. It is measured against a reference surface that lies a known
+depth below the line of the clamps, under the sensor: sag = depth + what the sensor sees between surface and membrane.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Interval, Unit
+from numpy.typing import NDArray
+
+from model.membrane import linear_modulus, modulus, weight
+from model.parameter_spec import ParameterError
+from model.parameters import Membrane
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Ask, Prompt, Record, Redo, Step
+from protocols.signals.levels import combined, level
+
+SOURCE = "membrane sag, bending with the tension of the deflection itself"
+LINEAR = "membrane sag, linear theory: for comparison only"
+
+ATTEMPTS = 3
+"""So often a sag outside the sensor's range is asked for again."""
+
+
+@dataclass(frozen=True, slots=True)
+class SagPoint:
+    """One sag of the membrane. Its error is standard and statistical; geometry and reference are common to all."""
+
+    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    sag: Annotated[float, Unit("m"), "how far the membrane's centre hangs below the line of its clamps"]
+    sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, the reference's depth left out"]
+    reference: Annotated[float, Unit("m"), "displacement at the reference surface, as the sensor tells it"]
+    hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as the sensor tells it"]
+    noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave of the membrane's trace"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        return f"sag {self.repeat:.0f}: {1e3 * self.sag:.4f} ± {1e3 * self.sag_errors:.2g} mm"
+
+
+class MembraneSag(Protocol):
+    """The membrane's own weight bends and stretches it; the modulus of its rubber follows from how far."""
+
+    name: ClassVar[str] = "membrane-sag"
+    title: ClassVar[str] = "Membrane sag"
+    point_type: ClassVar[type] = SagPoint
+    axes: ClassVar[tuple[str, str]] = ("repeat", "sag")
+    high_voltage: ClassVar[bool] = False
+
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often the membrane is hung"] = 5
+    reference_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.1), "how deep the reference lies below the line of the clamps"
+    ] = 3.5e-3
+    reference_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of that depth"] = (
+        20e-6
+    )
+    length_m: Annotated[float, Unit("m"), Interval(gt=0, le=2), "free length between the clamps"] = 0.17
+    length_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.1), "standard uncertainty of the length"] = 0.3e-3
+    thickness_m: Annotated[float, Unit("m"), Interval(gt=0, le=0.02), "thickness of the membrane"] = 1.4e-3
+    thickness_error_m: Annotated[float, Unit("m"), Interval(ge=0, le=0.01), "standard uncertainty of the thickness"] = (
+        10e-6
+    )
+    width_m: Annotated[float, Unit("m"), Interval(gt=0, le=1), "width; it divides out of the modulus"] = 0.066
+    density_kg_per_m3: Annotated[
+        float, Unit("kg/m^3"), Interval(gt=0, le=20_000), "density of the rubber, from weighing the strip"
+    ] = 1000.0
+    density_error_kg_per_m3: Annotated[
+        float, Unit("kg/m^3"), Interval(ge=0, le=5_000), "standard uncertainty of the density"
+    ] = 10.0
+    elongation_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.5), "by how much the clamps stretch the membrane; 0 is best"
+    ] = 0.0
+    elongation_error_m: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, the clamping's included"
+    ] = 10e-6
+    settle_s: Annotated[float, Unit("s"), Interval(ge=0, le=600), "after the key, before the trace is read"] = 5.0
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"] = 1.0
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
+
+    @property
+    def strip(self) -> Membrane:
+        """The membrane's geometry; its E_m is not used."""
+        return Membrane(L_m=self.length_m, b_m=self.width_m, h_m=self.thickness_m)
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        each_s = 2 * self.record_s + self.settle_s
+        return tuple(
+            Planned(f"sag {repeat}", (), each_s, (float(repeat),), prompts=2) for repeat in range(1, self.repeats + 1)
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        for attempt in range(1, ATTEMPTS + 1):
+            yield Ask(self._reference())
+            surface: Recording = yield Record(self.record_s)
+            yield Ask(self._hang())
+            hanging: Recording = yield Record(self.settle_s + self.record_s)
+            outside = (surface.quality | hanging.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)
+            if not outside or attempt == ATTEMPTS or (yield Ask(self._outside())) == "keep":
+                break
+        return None
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SagPoint:
+        if len(recordings) < 2:
+            raise ValueError("a sag needs two recordings: the reference, and the membrane")
+        parts = recordings[-2:]
+        surface, hanging = (
+            level(part.displacement_m[-round(self.record_s * part.rate_hz) :], part.rate_hz) for part in parts
+        )
+        quality = parts[0].quality | parts[1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        return SagPoint(
+            repeat=float(key[0]),
+            sag=self.reference_m + hanging.value - surface.value,
+            sag_errors=combined(surface, hanging)[0],
+            reference=surface.value,
+            hanging=hanging.value,
+            noise=hanging.noise,
+            quality=int(quality),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        usable = [p for p in points if Quality(p.quality).usable]
+        if not usable:
+            return ()
+        mean_m, error_m = self.mean(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
+        if not mean_m > 0:
+            return ()
+        found = [Estimate("sag", mean_m, error_m, "m", "membrane sag")]
+        try:
+            found.append(Estimate("Young modulus", *self._modulus(mean_m, error_m), "Pa", SOURCE))
+            linear = linear_modulus(self.strip, mean_m, self.load_n_per_m)
+            found.append(Estimate("Young modulus by linear theory", linear, linear * error_m / mean_m, "Pa", LINEAR))
+        except ParameterError:
+            pass  # no modulus explains this sag; the sag itself is told all the same
+        return tuple(found)
+
+    def mean(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:
+        """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""
+        scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
+        own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size
+        return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)
+
+    def error_of_all_m(self, sag_m: float, sag_error_m: float) -> float:
+        """What the errors of the sag and of the membrane's geometry do to its modulus, as one error of the sag (m).
+
+        Raises:
+            ParameterError: no modulus explains this sag.
+        """
+        _, error = self._modulus(sag_m, sag_error_m)
+        low, high = (
+            modulus(self.strip, sag_m * k, self.load_n_per_m, self.elongation_m / self.length_m) for k in (0.999, 1.001)
+        )
+        return error * 2e-3 * sag_m / abs(high - low)
+
+    def _modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
+        """E_m and its standard error: what each uncertain input does to it, in quadrature."""
+
+        def E_m(changed: "MembraneSag", w: float = sag_m) -> float:
+            return modulus(changed.strip, w, changed.load_n_per_m, changed.elongation_m / changed.length_m)
+
+        best = E_m(self)
+        by_sag = (E_m(self, sag_m + sag_error_m) - E_m(self, sag_m - sag_error_m)) / 2
+        steps = [by_sag] + [
+            (E_m(self.model_copy(update={name: value + error})) - E_m(self.model_copy(update={name: value - error})))
+            / 2
+            for name, value, error in (
+                ("length_m", self.length_m, self.length_error_m),
+                ("thickness_m", self.thickness_m, self.thickness_error_m),
+                ("density_kg_per_m3", self.density_kg_per_m3, self.density_error_kg_per_m3),
+            )
+        ]
+        # No membrane is stretched by less than nothing: near 0 only the upper side exists.
+        stretched = self.model_copy(update={"elongation_m": self.elongation_m + self.elongation_error_m})
+        return best, math.hypot(*steps, E_m(stretched) - best)
+
+    @property
+    def load_n_per_m(self) -> float:
+        """Weight of the membrane per length."""
+        return weight(self.strip, self.density_kg_per_m3)
+
+    def _reference(self) -> Prompt:
+        depth = f"{1e3 * self.reference_m:.3f} mm below the line of the clamps"
+        return Prompt("place-reference", f"Put the reference surface under the sensor, {depth}.", self._values)
+
+    def _hang(self) -> Prompt:
+        stretch = f" at {1e3 * self.elongation_m:g} mm elongation" if self.elongation_m else " without stretch"
+        words = (
+            f"Take the reference away; clamp the membrane{stretch}, its centre under the sensor, and let it hang free."
+        )
+        return Prompt("hang-membrane", words, self._values)
+
+    @property
+    def _values(self) -> dict[str, float]:
+        return {"reference_m": self.reference_m, "elongation_m": self.elongation_m}
+
+    def _outside(self) -> Prompt:
+        words = (
+            "The sensor was out of its range: the membrane hangs too far from the reference. Choose another depth "
+            "(reference_m) or move the sensor. Repeat, or keep it as it is?"
+        )
+        return Prompt("out-of-range", words, choices=("repeat", "keep"))

@@ -1,0 +1,187 @@
+"""Membrane series: the sine dwell at several elongations of the membrane that stands for skin (paper, Sec. IV-4).
+
+The free tactor is measured before and after: what changed between the two is drift, not skin. A membrane can only stiffen
+the tactor, and more so the further it is stretched; where the response says otherwise, somebody is told.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, Self
+
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Prompt, Step
+from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
+
+FREE = "free"
+"""In a key in place of an elongation: without a membrane."""
+
+SIGMAS = 5.0
+DRIFT = 0.02
+"""A change of the free tactor between before and after that is worth a sentence, as a share."""
+
+
+@dataclass(frozen=True, slots=True)
+class MembranePoint(SinePoint):
+    """One frequency at one elongation; the free tactor has none (NaN)."""
+
+    elongation: Annotated[float, Unit("m"), "elongation of the membrane; NaN for the free tactor"]
+    part: Annotated[float, Unit("1"), "which pass over the frequencies it belongs to, from 0"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        where = "free" if math.isnan(self.elongation) else f"{1e3 * self.elongation:.2f} mm"
+        return (
+            f"{where}, {self.frequency:.3f} Hz: max - min {1e6 * self.peak_to_peak:.1f} µm, "
+            f"2 x fundamental {2e6 * self.fundamental:.1f} ± {2e6 * self.fundamental_errors:.2g} µm"
+        )
+
+
+class MembraneSeries(SineDwell):
+    """The sine dwell at several elongations of a membrane, between two dwells of the free tactor."""
+
+    name: ClassVar[str] = "membrane-series"
+    title: ClassVar[str] = "Membrane series"
+    point_type: ClassVar[type] = MembranePoint
+
+    elongations_m: Annotated[
+        tuple[Annotated[float, Interval(ge=0, le=0.05)], ...], Unit("m"), Len(1, 50), "elongations, in order"
+    ] = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
+    reference: Annotated[
+        int, Unit("1"), Interval(ge=0, le=1), "1: the free tactor before and after as well; 0: without"
+    ] = 1
+    m_per_turn: Annotated[
+        float, Unit("m"), Interval(ge=0, le=0.01), "what one turn of the micrometer moves; 0: prompts tell no turns"
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _no_refinement(self) -> Self:
+        if self.refine_to_hz:
+            raise ValueError("refine_to_hz must be 0 here: all elongations are measured at the same frequencies")
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        elongations = (None, *self.elongations_m, None) if self.reference else self.elongations_m
+        return tuple(
+            Planned(
+                f"{label_of(elongation)}, {f:g} Hz",
+                (self._drive(f, rest_v),),
+                self._expected_s(f),
+                (part, FREE if elongation is None else elongation, float(f)),
+                self._prompt(elongation),
+            )
+            for part, elongation in enumerate(elongations)
+            for f in self.frequencies_hz
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        yield from super().measure(entry, rest_v)
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MembranePoint:
+        dwelt = sine_point(recordings, simulated)
+        elongation = math.nan if key[1] == FREE else float(key[1])
+        return MembranePoint(
+            **{field.name: getattr(dwelt, field.name) for field in fields(dwelt)},
+            elongation=elongation,
+            part=float(key[0]),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
+        passes = _passes(points)
+        found = [
+            Estimate(
+                f"largest 2 x fundamental, {label_of(elongation)}",
+                2 * top.fundamental,
+                2 * top.fundamental_errors,
+                "m",
+                f"highest of the pass, at {top.frequency:g} Hz",
+            )
+            for elongation, top in ((e, max(p, key=_compliance)) for _, e, p in passes if e is not None)
+        ]
+        free = [p for _, e, p in passes if e is None]
+        if len(free) == 2:
+            change, error = _change(free[0], free[1])
+            source = "free tactor after against before, mean over frequencies"
+            found.append(Estimate("drift of the free response", change, error, "1", source))
+        return tuple(found)
+
+    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+        """What complete passes say against the way the membrane was stretched, and about drift."""
+        told = []
+        parts = [p.part for p in points]
+        passes = _passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])
+        by_elongation = sorted(((e, p) for _, e, p in passes if e is not None), key=lambda pair: pair[0])
+        free = [p for _, e, p in passes if e is None]
+        for i, (elongation, stretched) in enumerate(by_elongation):
+            looser, where = (by_elongation[i - 1][1], label_of(by_elongation[i - 1][0])) if i else (None, "")
+            if looser is None and free:
+                looser, where = free[0], "the free tactor"
+            if looser is None:
+                continue
+            change, error = _change(looser, stretched, below=True)
+            if change > SIGMAS * error and change > DRIFT / 2:
+                told.append(
+                    f"At {label_of(elongation)} the tactor moves {100 * change:.1f} % further at low frequencies than at {where}: a "
+                    "membrane that is stretched more can only be stiffer. Was it stretched the wrong way, or did it slip?"
+                )
+        if len(free) == 2:
+            change, error = _change(free[0], free[1])
+            if abs(change) > max(SIGMAS * error, DRIFT):
+                told.append(
+                    f"The free tactor moves {100 * change:+.1f} % after the series against before: something drifted or was "
+                    "touched; what lies between is known no better than that"
+                )
+        return tuple(told)
+
+    def _prompt(self, elongation: float | None) -> Prompt:
+        if elongation is None:
+            return Prompt("remove-membrane", "Take the membrane off the tactor.", {}, hands_on=True)
+        turns = f", {elongation / self.m_per_turn:.2f} turns of the micrometer from slack" if self.m_per_turn else ""
+        text = f"Put the membrane on and stretch it by {1e3 * elongation:.2f} mm{turns}."
+        return Prompt("stretch-membrane", text, {"elongation_m": elongation}, hands_on=True)
+
+
+def label_of(elongation: float | None) -> str:
+    """`free`, `2.54 mm`."""
+    return FREE if elongation is None else f"{1e3 * elongation:g} mm"
+
+
+def _passes(points: Iterable[Any]) -> list[tuple[int, float | None, list[Any]]]:
+    """Usable points by pass, in order: its number, the elongation (None: free), its points."""
+    passes: dict[int, list[Any]] = {}
+    for point in points:
+        if Quality(point.quality).usable:
+            passes.setdefault(int(point.part), []).append(point)
+    return [
+        (part, None if math.isnan(some[0].elongation) else some[0].elongation, some)
+        for part, some in sorted(passes.items())
+    ]
+
+
+def _compliance(point: Any) -> float:
+    return float(point.fundamental / point.drive_amplitude)
+
+
+def _change(before: Sequence[Any], after: Sequence[Any], below: bool = False) -> tuple[float, float]:
+    """Mean relative change of the response at the frequencies both have, and its error; `below`: in the lowest octave only.
+
+    There a tactor answers with its stiffness alone; near its resonance less damping or mass could look like less stiffness.
+    """
+    top_hz = 2 * min(point.frequency for point in before) if below else math.inf
+    pairs = [
+        (b, a)
+        for b in before
+        for a in after
+        if abs(b.frequency - a.frequency) < 1e-3 * b.frequency and b.frequency <= top_hz
+    ]
+    if not pairs:
+        return 0.0, math.inf
+    changes = [_compliance(a) / _compliance(b) - 1 for b, a in pairs]
+    errors = [math.hypot(a.relative_uncertainty, b.relative_uncertainty) for b, a in pairs]
+    return sum(changes) / len(pairs), math.sqrt(sum(e**2 for e in errors)) / len(pairs)

@@ -1,0 +1,350 @@
+"""Sine dwell: one frequency at a time, settled, whole cycles (paper, Sec. IV-3).
+
+Each point carries the paper's amplitude, max - min, beside the fundamental of a least-squares sine fit: the
+amplifier's two slopes make harmonics, and near half the resonance the two differ by a fifth.
+
+One frequency of a sine dwell: its point, from one recording or the average of several under the same sine.
+
+Resonance frequency and damping ratio from the points of a sine dwell.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from drivers.drive import Sine
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Note, Record, Settle, Step
+from protocols.signals import SettlingDetector, fit_frequency, fit_sine
+
+HARMONICS = 8
+"""Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
+
+SEEN_SIGMAS = 5.0
+"""A fundamental of fewer standard uncertainties than this is no response."""
+
+
+@dataclass(frozen=True, slots=True)
+class SinePoint:
+    """One frequency of a sine dwell. Uncertainties are standard and statistical; the sensor's gain is common to all."""
+
+    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement: the paper's amplitude"]
+    peak_to_peak_errors: Annotated[
+        float, Unit("m"), "standard uncertainty of max - min: noise widens it, sampling narrows it"
+    ]
+    fundamental: Annotated[float, Unit("m"), "peak amplitude of the fundamental by least-squares sine fit"]
+    fundamental_errors: Annotated[float, Unit("m"), "standard uncertainty of the fundamental"]
+    phase: Annotated[float, Unit("rad"), "phase of the fundamental against the recorded drive, sensor delay removed"]
+    phase_errors: Annotated[float, Unit("rad"), "standard uncertainty of the phase"]
+    thd: Annotated[float, Unit("1"), "total harmonic distortion of the displacement"]
+    harmonics: Annotated[tuple[float, ...], Unit("m"), "peak amplitudes of orders 1..8 (NaN beyond the sample rate)"]
+    drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive at the amplifier's input"]
+    drive_offset: Annotated[float, Unit("V"), "mean of the recorded drive"]
+    offset: Annotated[float, Unit("m"), "mean displacement"]
+    drift: Annotated[float, Unit("m/s"), "slope of the mean displacement"]
+    noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
+    cycles: Annotated[float, Unit("1"), "cycles recorded"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard uncertainty of the fundamental over the fundamental."""
+        return self.fundamental_errors / self.fundamental if self.fundamental > 0 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class _One:
+    """What one recording gives. `components` are turned so that the drive has phase 0; (K,), m."""
+
+    frequency: float
+    components: np.ndarray
+    standard_error: float
+    drive_v: float
+    drive_offset_v: float
+    offset: float
+    drift: float
+    noise: float
+    peak_to_peak: float
+    samples: int
+
+
+def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
+    """The point of recordings under one sine; several are averaged as vectors, each against its own drive.
+
+    Raises:
+        ValueError: a recording was not made under a sine, or is too short for the fit.
+    """
+    drive, rate = recordings[-1].drive, recordings[-1].rate_hz
+    if not isinstance(drive, Sine):
+        raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
+    each = [_one(recording, drive.frequency_hz) for recording in recordings]
+    quality = Quality.SIMULATED if simulated else Quality.GOOD
+    for recording, one in zip(recordings, each, strict=True):
+        quality |= recording.quality
+        if abs(one.drive_v - drive.amplitude_v) > SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v:
+            quality |= Quality.DRIVE_OFF
+    components = np.mean([one.components for one in each], axis=0)
+    fundamental, error = float(abs(components[0])), math.sqrt(sum(one.standard_error**2 for one in each)) / len(each)
+    if fundamental < SEEN_SIGMAS * error:
+        quality |= Quality.NO_RESPONSE
+    frequency = float(np.mean([one.frequency for one in each]))
+    noise = math.sqrt(sum(one.noise**2 for one in each) / len(each))
+    turn = np.angle(components[0]) + 2 * np.pi * frequency * recordings[-1].sensor_delay_s
+    harmonics = np.full(HARMONICS, np.nan)
+    harmonics[: len(components)] = np.abs(components)
+    return SinePoint(
+        frequency=frequency,
+        peak_to_peak=float(np.mean([one.peak_to_peak for one in each])),
+        # The extremes of n noisy samples lie up to sigma sqrt(2 ln n) outside on either side, and up to half a
+        # sample beside the true extremes; both taken as rectangular. Averaging lessens neither.
+        peak_to_peak_errors=2
+        * math.hypot(
+            noise * math.sqrt(2 * math.log(each[-1].samples)), fundamental * (1 - math.cos(math.pi * frequency / rate))
+        )
+        / math.sqrt(3),
+        fundamental=fundamental,
+        fundamental_errors=error,
+        phase=float(np.angle(np.exp(1j * turn))),
+        phase_errors=min(error / fundamental, math.pi / math.sqrt(3)) if fundamental > 0 else math.pi / math.sqrt(3),
+        thd=float(np.linalg.norm(components[1:]) / fundamental) if fundamental > 0 else math.nan,
+        harmonics=tuple(harmonics.tolist()),
+        drive_amplitude=float(np.mean([one.drive_v for one in each])),
+        drive_offset=float(np.mean([one.drive_offset_v for one in each])),
+        offset=float(np.mean([one.offset for one in each])),
+        drift=float(np.mean([one.drift for one in each])),
+        noise=noise,
+        cycles=sum(one.samples for one in each) * frequency / rate,
+        quality=int(quality),
+    )
+
+
+def _one(recording: Recording, frequency_hz: float) -> _One:
+    rate = recording.rate_hz
+    frequency = fit_frequency(recording.drive_v, rate, frequency_hz)
+    driven = fit_sine(recording.drive_v, rate, frequency)
+    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONICS)
+    orders = np.arange(1, len(moved.components) + 1)
+    return _One(
+        frequency=frequency,
+        components=moved.components * np.exp(-1j * orders * np.angle(driven.fundamental)),
+        standard_error=moved.standard_error,
+        drive_v=abs(driven.fundamental),
+        drive_offset_v=driven.offset,
+        offset=moved.offset,
+        drift=moved.drift_per_s,
+        noise=moved.noise,
+        peak_to_peak=float(np.ptp(recording.displacement_m)),
+        samples=len(recording.displacement_m),
+    )
+
+
+SAMPLES_A_CYCLE = 20
+"""Least samples in a cycle: what the paper has at 250 Hz and 5 kS/s."""
+
+MOST_RECORDINGS = 20
+"""Recordings averaged at one frequency where no time budget says otherwise."""
+
+SAME_HZ = 0.05
+"""Frequencies nearer than this are one."""
+
+PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
+
+
+class SineDwell(Protocol):
+    """Frequencies one at a time, settled, whole cycles; the paper's 18 by default."""
+
+    name: ClassVar[str] = "sine-dwell"
+    title: ClassVar[str] = "Sine dwell"
+    point_type: ClassVar[type] = SinePoint
+    axes: ClassVar[tuple[str, str]] = ("frequency", "peak_to_peak")
+
+    frequencies_hz: Annotated[
+        tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
+    ] = PAPER_FREQUENCIES_HZ
+    peak_to_peak_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
+    ] = 5.0
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "at least this long is recorded"] = 0.5
+    min_cycles: Annotated[
+        int, Unit("1"), Interval(ge=3, le=100_000), "at least this many whole cycles are recorded"
+    ] = 20
+    settle_tolerance: Annotated[
+        float, Unit("1"), Interval(gt=0, le=0.1), "relative change between windows that counts as settled"
+    ] = 0.005
+    settle_limit_s: Annotated[
+        float, Unit("s"), Interval(ge=0.5, le=600), "after this long it is recorded unsettled, and flagged"
+    ] = 5.0
+    decay_s: Annotated[
+        float,
+        Unit("s"),
+        Interval(ge=0, le=10),
+        "decay time of the resonance, of a sweep: windows are no shorter; 0 unknown",
+    ] = 0.0
+    wanted: Annotated[
+        float,
+        Unit("1"),
+        Interval(ge=0, le=0.5),
+        "relative uncertainty of the fundamental to average for; 0 once is enough",
+    ] = 0.0
+    refine_to_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=0, le=100), "points are added around the peak until they lie this close; 0 none"
+    ] = 0.0
+    budget_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=36_000), "bench time that averaging and added points may fill; 0 unlimited"
+    ] = 0.0
+    sample_rate_hz: Annotated[
+        float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second; a USB-6341 makes 250 kHz of two channels"
+    ] = 5000.0
+
+    @model_validator(mode="after")
+    def _can_be_done(self) -> Self:
+        highest = max(self.frequencies_hz)
+        # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
+        if self.sample_rate_hz < SAMPLES_A_CYCLE * highest:
+            raise ValueError(
+                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a sine of {highest:g} Hz; "
+                f"at least {SAMPLES_A_CYCLE * highest:g} Hz is needed"
+            )
+        for f in self.frequencies_hz:
+            if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
+                raise ValueError(
+                    f"settle_limit_s of {self.settle_limit_s:g} s holds no three windows of {self._window_s(f):.3g} s at "
+                    f"{f:g} Hz, and two changes are needed to see that nothing changes; at least "
+                    f"{3 * self._window_s(f):.3g} s is needed"
+                )
+        least_s = sum(map(self._expected_s, self.frequencies_hz))
+        if 0 < self.budget_s < least_s:
+            raise ValueError(
+                f"budget_s of {self.budget_s:g} s is too short: {len(self.frequencies_hz)} frequencies take about "
+                f"{least_s:.0f} s; measure fewer, or leave the budget at 0"
+            )
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        return tuple(self._entry(f, rest_v) for f in self.frequencies_hz)
+
+    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+        """Halve the gaps to either side of the highest point while they are wider than `refine_to_hz`."""
+        if not self.refine_to_hz:
+            return ()
+        added, left_s = [], self.budget_s - sum(self._expected_s(p.frequency) for p in points)
+        for f in halved(points, self.refine_to_hz):
+            left_s -= self._expected_s(f)
+            if left_s >= 0 or not self.budget_s:
+                added.append(self._entry(f, rest_v))
+        return tuple(added)
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        f = float(entry.key[-1])
+        yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
+        have = [(yield Record(self._record_s(f)))]
+        point = sine_point(have, simulated=False)
+        most = self._most_recordings(f)
+        while self.wanted and point.relative_uncertainty > self.wanted and len(have) < most:
+            needed = math.ceil(len(have) * (point.relative_uncertainty / self.wanted) ** 2)
+            missing = max(min(needed, most) - len(have), 1)
+            limit = "" if needed <= most else f" of {needed - len(have)}, as many as the time allows,"
+            yield Note(
+                f"{entry.label}: {percent(point.relative_uncertainty)} after {len(have)}; {missing} more{limit} "
+                f"to reach {percent(self.wanted)}"
+            )
+            for _ in range(missing):
+                again = yield Record(self._record_s(f))
+                have.append(again)
+            point = sine_point(have, simulated=False)
+        if Quality.NO_RESPONSE in Quality(point.quality):
+            yield Note(
+                f"{entry.label}: no response. The displacement's fundamental is {1e6 * point.fundamental:.2g} µm, within 5 "
+                f"standard uncertainties of nothing ({1e6 * point.fundamental_errors:.2g} µm each), while the drive reads back "
+                f"{point.drive_amplitude:.3g} V. Check that the amplifier's high voltage is on and the laser meets the tactor"
+            )
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Any:
+        return sine_point(recordings, simulated)
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+
+        return fit_resonance([p for p in points if Quality(p.quality).usable])
+
+    def _entry(self, f: float, rest_v: float) -> Planned:
+        return Planned(f"{f:g} Hz", (self._drive(f, rest_v),), self._expected_s(f), (f,))
+
+    def _expected_s(self, f: float) -> float:
+        return 0.4 + 4 * self._window_s(f) + self._record_s(f)
+
+    def _most_recordings(self, f: float) -> int:
+        if not self.wanted:
+            return 1
+        if not self.budget_s:
+            return MOST_RECORDINGS
+        spare_s = self.budget_s - sum(map(self._expected_s, self.frequencies_hz))
+        return 1 + math.floor(spare_s / len(self.frequencies_hz) / self._record_s(f))
+
+    def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
+        # Long enough for the worst case, finite so that a generator left alone comes to rest.
+        longest_s = self.settle_limit_s + self._most_recordings(frequency_hz) * self._record_s(frequency_hz) + 3.0
+        cycles = math.ceil(longest_s * frequency_hz)
+        return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
+
+    def _window_s(self, frequency_hz: float) -> float:
+        # A window much shorter than the decay sees a ringing response hardly change, and takes it for steady.
+        return max(2, math.ceil(max(0.04, self.decay_s) * frequency_hz)) / frequency_hz
+
+    def _record_s(self, frequency_hz: float) -> float:
+        return max(self.min_cycles, math.ceil(self.record_s * frequency_hz)) / frequency_hz
+
+
+def halved(points: Sequence[Any], closest_hz: float) -> list[float]:
+    """Frequencies in the middle between the highest usable point and its neighbours, where those are not close enough."""
+    usable = sorted((p for p in points if Quality(p.quality).usable), key=lambda p: p.frequency)
+    if len(usable) < 3:
+        return []
+    top = max(range(len(usable)), key=lambda i: usable[i].fundamental / usable[i].drive_amplitude)
+    found = []
+    for i in (top - 1, top + 1):
+        if 0 <= i < len(usable) and abs(usable[i].frequency - usable[top].frequency) > closest_hz + SAME_HZ:
+            middle = round(0.5 * (usable[i].frequency + usable[top].frequency), 1)
+            if all(
+                abs(p.frequency - middle) > SAME_HZ for p in points
+            ):  # one without a response is not asked for again
+                found.append(middle)
+    return found
+
+
+def percent(share: float) -> str:
+    """`2 %`, `0.031 %`."""
+    return f"{100 * share:.2g} %" if math.isfinite(share) else "no response"
+
+
+SOURCE = "complex fit of one mode and what higher modes leave to the fundamentals of this run"
+
+
+def fit_resonance(points: Sequence[Any]) -> tuple[Estimate, ...]:
+    """One resonant mode and what the modes above it leave, by least squares; see `fit_mode`.
+
+    Args:
+        points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
+
+    Returns:
+        Resonance frequency in hertz and damping ratio; empty where the points do not span a resonance.
+    """
+    from protocols.signals.modal_fit import fit_mode  # imported here: slow to load
+
+    f = np.array([p.frequency for p in points])
+    response = np.array([p.fundamental / p.drive_amplitude * np.exp(1j * p.phase) for p in points])
+    try:
+        mode = fit_mode(f, response)
+    except ValueError:
+        return ()
+    return (
+        Estimate("resonance frequency", mode.natural_hz, mode.natural_error_hz, "Hz", SOURCE),
+        Estimate("damping ratio", mode.damping_ratio, mode.damping_error, "1", SOURCE),
+    )

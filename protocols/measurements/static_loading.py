@@ -1,0 +1,208 @@
+"""Static loading: weights on the tactor's centre, both sides, electrodes shorted, no high voltage (paper, Sec. IV-1).
+
+Every weight is one entry: zero, weight on, zero again. The laser sees the weight land and leave, so that both hands are free;
+what is on the tactor is held against what that weight should do, and what does not fit is asked about at once.
+"""
+
+from collections.abc import Generator, Iterable, Sequence
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from drivers.bench.rest import REST_TOLERANCE_V
+from drivers.errors import BenchError
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Ask, Await, Record, Redo, Step
+from protocols.measurements.load_point import (
+    ATTEMPTS,
+    KEEP,
+    PREVIOUS,
+    REPEAT,
+    SIDES,
+    Landed,
+    LoadPoint,
+    doubt,
+    estimates,
+    lift,
+    load_point,
+    place,
+    turn_side,
+)
+from protocols.measurements.weights import WeightClass, grams, uncertainty_kg
+from protocols.signals.levels import Level, level
+
+PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
+
+LEAST_SHARE = 0.2
+"""Of what the smallest weight should do: a smaller move is no landing."""
+
+HANDS_S = 3.0
+"""About what a person needs to put a weight on, or to take it off."""
+
+
+class StaticLoading(Protocol):
+    """Deflection of the centre under weights, on both sides; the paper's five weights, ten times each, by default."""
+
+    name: ClassVar[str] = "static-loading"
+    title: ClassVar[str] = "Static loading"
+    point_type: ClassVar[type] = LoadPoint
+    axes: ClassVar[tuple[str, str]] = ("load", "deflection")
+    high_voltage: ClassVar[bool] = False
+
+    weights_kg: Annotated[
+        tuple[Annotated[float, Interval(ge=0.001, le=2)], ...], Unit("kg"), Len(1, 20), "masses of the weights"
+    ] = PAPER_WEIGHTS_KG
+    weight_class: Annotated[WeightClass, "OIML class of the weights; own: as weight_errors_kg says"] = "M1"
+    weight_errors_kg: Annotated[
+        tuple[Annotated[float, Interval(ge=0, le=0.1)], ...],
+        Unit("kg"),
+        Len(1, 20),
+        "standard uncertainty of each weight from its certificate; counts where weight_class is own",
+    ] = (1.4e-6, 1.7e-6, 2.9e-6, 5.8e-6, 14e-6)
+    offset_kg: Annotated[
+        float, Unit("kg"), Interval(ge=0, le=0.1), "weight that stays on, against slack in the mount; 0 for none"
+    ] = 0.01
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
+    sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order of the weights"] = 1
+    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "where the bench stands"] = 9.80665
+    expected_m_per_n: Annotated[
+        float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"
+    ] = 1.379e-4
+    plausible_factor: Annotated[
+        float, Unit("1"), Interval(gt=1, le=100), "a deflection so many times too large or too small does not fit"
+    ] = 1.5
+    zero_limit_m: Annotated[
+        float, Unit("m"), Interval(gt=0), "a zero that moves further over one weight is asked about"
+    ] = 3e-6
+    settle_s: Annotated[
+        float, Unit("s"), Interval(ge=0, le=600), "after hands did something, before a level is read"
+    ] = 1.0
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"] = 0.5
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
+
+    @model_validator(mode="after")
+    def _weights_are_known(self) -> Self:
+        if self.weight_class == "own" and len(self.weight_errors_kg) != len(self.weights_kg):
+            raise ValueError(
+                f"weight_errors_kg holds {len(self.weight_errors_kg)} uncertainties for {len(self.weights_kg)} weights; "
+                "give one for each, or the class of the weights"
+            )
+        if len(set(self.weights_kg)) < len(self.weights_kg):
+            raise ValueError("weights_kg names a weight twice; 'repeats' says how often each is measured")
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        each_s = 3 * (self.settle_s + self.record_s) + 2 * HANDS_S
+        return tuple(
+            Planned(
+                f"{SIDES[side]}, {grams(mass_kg)}, repeat {repeat}",
+                (),
+                each_s,
+                (side, mass_kg, float(repeat)),
+                turn_side(side, self.offset_kg),
+                prompts=2,
+            )
+            for side in SIDES
+            if self.sides in ("both", SIDES[side])
+            for repeat in range(1, self.repeats + 1)
+            for mass_kg in self._shuffled(side, repeat)
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        side, mass_kg, attempt = float(entry.key[0]), float(entry.key[1]), 0
+        can_go_back = self._follows_one(entry, rest_v)
+        while True:
+            attempt += 1
+            # Whatever hands did before, or the key they pressed, has come to rest by the end of it.
+            zero: Recording = yield Record(self.settle_s + self.record_s)
+            _rest_is_seen(zero, rest_v)
+            placed = yield Await(place(side, mass_kg, can_go_back), Landed(zero, self._least_m, self.record_s))
+            if placed.words == PREVIOUS:
+                return Redo.PREVIOUS
+            loaded: Recording = yield Record(self.settle_s + self.record_s)
+            _rest_is_seen(loaded, rest_v)
+            again = False
+            if wrong := self._implausible(mass_kg, zero, loaded):
+                if attempt >= ATTEMPTS and self._backwards(mass_kg, zero, loaded):
+                    raise BenchError(f"{wrong} So it was {attempt} times: correct gain_m_per_v in the bench file")
+                again = (yield Ask(doubt("implausible-step", wrong, attempt))) == REPEAT
+            lifted = yield Await(lift(side, mass_kg), Landed(loaded, self._least_m, self.record_s))
+            after: Recording = yield Record(self.settle_s + self.record_s)
+            if not again and lifted.words != REPEAT:
+                moved = self._read(after).value - self._read(zero).value
+                if abs(moved) <= self.zero_limit_m:
+                    return None
+                if (yield Ask(doubt("zero-moved", self._zero_moved(mass_kg, moved), attempt))) == KEEP:
+                    return None
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoadPoint:
+        side, mass_kg, repeat = (float(value) for value in key)
+        load_n = mass_kg * self.gravity_m_per_s2, self._mass_error_kg(mass_kg) * self.gravity_m_per_s2
+        return load_point((side, mass_kg, repeat), recordings, self._read, load_n, self.zero_limit_m, simulated)
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        return estimates([point for point in points if Quality(point.quality).usable])
+
+    def _shuffled(self, side: float, repeat: int) -> tuple[float, ...]:
+        order = np.random.default_rng([self.seed, int(side > 0), repeat]).permutation(len(self.weights_kg))
+        return tuple(self.weights_kg[i] for i in order)
+
+    def _follows_one(self, entry: Planned, rest_v: float) -> bool:
+        """Whether there is an entry before on the same side."""
+        first = next(planned for planned in self.plan(rest_v) if planned.key[0] == entry.key[0])
+        return first.key != entry.key
+
+    @property
+    def _least_m(self) -> float:
+        return LEAST_SHARE * min(self.weights_kg) * self.gravity_m_per_s2 * self.expected_m_per_n
+
+    def _mass_error_kg(self, mass_kg: float) -> float:
+        if self.weight_class == "own":
+            return self.weight_errors_kg[self.weights_kg.index(mass_kg)]
+        return uncertainty_kg(mass_kg, self.weight_class)
+
+    def _read(self, recording: Recording) -> Level:
+        """The level of the last `record_s` of a recording."""
+        return level(recording.displacement_m[-round(self.record_s * recording.rate_hz) :], recording.rate_hz)
+
+    def _implausible(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
+        """Why what happened is not what this weight does; empty where it is."""
+        weight = f"the {grams(mass_kg)} weight"
+        if (zero.quality | loaded.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED):
+            return f"The sensor is out of its range under {weight}: move it so that both ends are inside."
+        moved_m = self._read(loaded).value - self._read(zero).value
+        expected_m = mass_kg * self.gravity_m_per_s2 * self.expected_m_per_n
+        low_m, high_m = expected_m / self.plausible_factor, expected_m * self.plausible_factor
+        if low_m <= moved_m <= high_m:
+            return ""
+        said = f"{1e6 * moved_m:+.1f} µm under {weight}, {1e6 * low_m:.0f} to {1e6 * high_m:.0f} µm are expected"
+        if self._backwards(mass_kg, zero, loaded):
+            return f"{said}: the wrong way. Either something else moved, or the sensor's gain has the wrong sign."
+        if moved_m < low_m:
+            return f"{said}: too little. Is it {weight}, and does it lie free on the centre?"
+        return f"{said}: too much. Is it {weight} alone, and was the sensor left untouched?"
+
+    def _backwards(self, mass_kg: float, zero: Recording, loaded: Recording) -> bool:
+        """Whether the centre went the other way, as far as this weight moves it."""
+        expected_m = mass_kg * self.gravity_m_per_s2 * self.expected_m_per_n
+        return self._read(loaded).value - self._read(zero).value < -expected_m / self.plausible_factor
+
+    def _zero_moved(self, mass_kg: float, moved_m: float) -> str:
+        return (
+            f"The zero moved by {1e6 * moved_m:+.1f} µm over the {grams(mass_kg)} weight (limit "
+            f"{1e6 * self.zero_limit_m:.1f} µm): was the sensor touched, or did the clamp give?"
+        )
+
+
+def _rest_is_seen(recording: Recording, rest_v: float) -> None:
+    seen_v = float(recording.drive_v.mean())
+    if abs(seen_v - rest_v) > REST_TOLERANCE_V:
+        raise BenchError(
+            f"hands are on the specimen, and the card sees {seen_v:.3f} V at the amplifier's input where {rest_v:g} V is "
+            f"rest (limit ±{REST_TOLERANCE_V:g} V); make sure that high voltage is off, and check the generator's cable"
+        )

@@ -1,0 +1,181 @@
+"""Sweep: the whole frequency response within seconds, with coherence and error bars; Q and decay time for what follows.
+
+A fast linear sweep is repeated without a pause, every other time upside down. What answers to both alike - the amplifier's
+second harmonic above all, 21 % of the fundamental - falls between the lines of the response and cannot spoil them. The first
+period, in which the response becomes periodic, is recorded and not used; the spread of the others gives the error bars.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Unit
+from pydantic import model_validator
+
+from drivers.drive import PeriodicSweep
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Curve, Estimate, Planned, Recording
+from protocols.base.rounding import figures
+from protocols.base.steps import Record, Step
+from protocols.measurements.response_curve import must_respond, response_curve
+from protocols.signals.response import FrequencyResponse
+
+SOURCE = "one mode fitted to the response of a periodic sweep"
+
+EDGE_S = 0.5
+"""How much longer than the recording the drive lasts: until it is begun, and until the card has told."""
+
+DRIVE_TOLERANCE = 0.05
+AROUND = (0.5, 1.8)
+"""Share of the peak's frequency, below and above, within which one mode is fitted: its half-power width for damping up to 0.5."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepPoint:
+    """What one sweep tells of the resonance. Uncertainties are standard, and include what one mode leaves unexplained."""
+
+    repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
+    resonance: Annotated[float, Unit("Hz"), "undamped natural frequency"]
+    resonance_errors: Annotated[float, Unit("Hz"), "standard error of the natural frequency"]
+    damping: Annotated[float, Unit("1"), "damping ratio"]
+    damping_errors: Annotated[float, Unit("1"), "standard error of the damping ratio"]
+    peak: Annotated[float, Unit("Hz"), "line with the largest response"]
+    peak_response: Annotated[float, Unit("m/V"), "response there, per volt at the amplifier's input"]
+    coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
+    lines: Annotated[float, Unit("1"), "lines of the response"]
+    drive_amplitude: Annotated[float, Unit("V"), "half the peak to peak of the recorded drive"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        return (
+            f"resonance {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{figures(self.damping, self.damping_errors)}, "
+            f"Q {0.5 / self.damping:.2f}, coherence at least {self.coherence:.5f}"
+        )
+
+
+class Sweep(Protocol):
+    """The frequency response within seconds, with coherence and error bars; resonance, Q and decay time."""
+
+    name: ClassVar[str] = "sweep"
+    title: ClassVar[str] = "Sweep"
+    point_type: ClassVar[type] = SweepPoint
+    axes: ClassVar[tuple[str, str]] = ("repeat", "resonance")
+
+    start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
+    stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
+    peak_to_peak_v: Annotated[
+        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
+    ] = 5.0
+    sweep_s: Annotated[
+        float, Unit("s"), Interval(ge=0.02, le=60), "one way through the band; lines lie 1 / sweep_s apart"
+    ] = 0.5
+    periods: Annotated[
+        int, Unit("1"), Interval(ge=2, le=1000), "periods used, of two sweeps each; one more is played"
+    ] = 6
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often all of it is done"] = 1
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+
+    @model_validator(mode="after")
+    def _can_be_done(self) -> Self:
+        if self.stop_hz <= self.start_hz + 5 / self.sweep_s:
+            raise ValueError(
+                f"stop_hz of {self.stop_hz:g} Hz must lie at least five lines, {5 / self.sweep_s:g} Hz, above start_hz"
+            )
+        if self.sample_rate_hz < 4 * self.stop_hz:
+            raise ValueError(f"sample_rate_hz must be at least four times stop_hz, {4 * self.stop_hz:g} Hz")
+        samples = 2 * self.sweep_s * self.sample_rate_hz
+        if abs(samples - round(samples)) > 1e-6:
+            raise ValueError(f"two sweeps of {self.sweep_s:g} s are {samples:g} samples: it must be a whole number")
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        drive = self._drive(rest_v)
+        return tuple(Planned(f"sweep {i}", (drive,), drive.duration_s + 0.5, (i,)) for i in range(1, self.repeats + 1))
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        yield Record((self.periods + 1) * 2 * self.sweep_s, entry.drives[0])
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
+        from protocols.signals.modal_fit import fit_mode
+
+        recording = recordings[-1]
+        response = self._response(recording)
+        must_respond(response)
+        top = int(response.modulus.argmax())
+        peak_hz = float(response.frequency_hz[top])
+        near = response.within(AROUND[0] * peak_hz, AROUND[1] * peak_hz)
+        mode = fit_mode(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        half = mode.natural_hz * min(mode.damping_ratio, 0.5)
+        core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
+        amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
+        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        if abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v:
+            quality |= Quality.DRIVE_OFF
+        return SweepPoint(
+            repeat=float(key[0]),
+            resonance=mode.natural_hz,
+            resonance_errors=mode.natural_error_hz,
+            damping=mode.damping_ratio,
+            damping_errors=mode.damping_error,
+            peak=peak_hz,
+            peak_response=float(response.modulus[top]),
+            coherence=float(core.min()) if core.size else math.nan,
+            lines=float(response.frequency_hz.size),
+            drive_amplitude=amplitude_v,
+            quality=int(quality),
+        )
+
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+        return (response_curve(self._response(recordings[-1]), f"of sweep {key[0]:g}" if self.repeats > 1 else ""),)
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        usable = [p for p in points if Quality(p.quality).usable]
+        if not usable:
+            return ()
+        natural, natural_error = _mean([p.resonance for p in usable], [p.resonance_errors for p in usable])
+        zeta, zeta_error = _mean([p.damping for p in usable], [p.damping_errors for p in usable])
+        decay_s = 1 / (2 * math.pi * natural * zeta)
+        relative = zeta_error / zeta
+        return (
+            Estimate("resonance frequency", natural, natural_error, "Hz", SOURCE),
+            Estimate("damping ratio", zeta, zeta_error, "1", SOURCE),
+            Estimate("Q", 0.5 / zeta, 0.5 / zeta * relative, "1", SOURCE),
+            Estimate("decay time", decay_s, decay_s * math.hypot(relative, natural_error / natural), "s", SOURCE),
+            Estimate("lowest coherence", min(p.coherence for p in usable), 0.0, "1", SOURCE),
+        )
+
+    def _response(self, recording: Recording) -> FrequencyResponse:
+        from protocols.signals.periodic_response import periodic_response
+
+        drive = recording.drive
+        if not isinstance(drive, PeriodicSweep):
+            raise ValueError(f"a sweep cannot use a recording under {drive.kind}")
+        # What was recorded before the drive began goes with the period that is dropped.
+        surplus = len(recording.drive_v) - round((self.periods + 1) * drive.period_s * recording.rate_hz)
+        return periodic_response(
+            recording.drive_v[max(surplus, 0) :],
+            recording.displacement_m[max(surplus, 0) :],
+            recording.rate_hz,
+            drive.period_s,
+            (drive.start_hz, drive.stop_hz),
+            delay_s=recording.sensor_delay_s,
+        )
+
+    def _drive(self, rest_v: float) -> PeriodicSweep:
+        # A whole number of cycles: the top gives way, by less than a line, because the period must not.
+        cycles = round(0.5 * (self.start_hz + self.stop_hz) * self.sweep_s)
+        stop_hz = 2 * cycles / self.sweep_s - self.start_hz
+        periods = self.periods + 1 + math.ceil(EDGE_S / (2 * self.sweep_s))
+        return PeriodicSweep(self.start_hz, stop_hz, self.sweep_s, periods, self.peak_to_peak_v / 2, rest_v)
+
+
+def _mean(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
+    """Mean of repeats and its error: the repeats' own, which they share in part, or their spread, whichever is larger."""
+    spread = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
+    return float(np.mean(values)), max(float(np.mean(errors)), spread)

@@ -1,0 +1,270 @@
+"""Voltage steps: held levels at the amplifier's input, each against rest zeroed just before (paper, Sec. IV-2).
+
+Creep is logarithmic in time: a deflection under a held voltage has no end value, so the time at which it is read belongs to
+the number. That time counts from the end of the guard's ramp to the level, as the card saw it.
+
+What the deflections of many voltage steps say together: slope, creep, repeatability, and the width of the loop.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from annotated_types import Interval, Len, Unit
+from pydantic import model_validator
+
+from drivers.drive import Hold
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Play, Record, Step
+from protocols.signals.creep import fit_creep
+from protocols.signals.levels import Ramped, find_ramp, step_value
+
+UP, DOWN, RANDOM = "up", "down", "random"
+DIRECTION = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
+"""The order of levels as a column of a file: rising, falling, shuffled."""
+
+LEVEL_TOLERANCE_V = 0.02
+"""How far the card may see a level from the one commanded: the supply's accuracy and its own."""
+
+
+def slope(points: Sequence[Any]) -> tuple[float, float] | None:
+    """Deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
+    if len(points) < 2:
+        return None
+    v, w = np.array([p.drive_step for p in points]), np.array([p.deflection for p in points])
+    slope = float(v @ w / (v @ v))
+    spread = float(np.sum((w - slope * v) ** 2)) / (len(points) - 1)
+    noise = float(np.sum((v * np.array([p.deflection_errors for p in points])) ** 2)) / float(v @ v) ** 2
+    return slope, math.sqrt(max(spread / float(v @ v), noise))
+
+
+def creep_share(points: Sequence[Any]) -> tuple[float, float] | None:
+    """Creep per decade over the deflection, weighted, and its error from the scatter over the levels."""
+    told = [p for p in points if abs(p.drive_step) > LEVEL_TOLERANCE_V and p.creep_errors > 0]
+    if len(told) < 3:
+        return None
+    share = np.array([p.creep / p.deflection for p in told])
+    weight = np.array([(p.deflection / p.creep_errors) ** 2 for p in told])
+    mean = float(weight @ share / weight.sum())
+    scatter = float(weight @ (share - mean) ** 2 / weight.sum()) / (len(told) - 1)
+    return mean, math.sqrt(max(scatter, 1 / float(weight.sum())))
+
+
+def repeatability(points: Sequence[Any]) -> tuple[float, float] | None:
+    """Standard deviation of a deflection from repeat to repeat, pooled over levels and directions, and its error."""
+    squares, freedom = 0.0, 0
+    for group in _by(points, lambda p: (p.level, p.direction)).values():
+        values = np.array([p.deflection for p in group])
+        squares += float(np.sum((values - values.mean()) ** 2))
+        freedom += len(group) - 1
+    if not freedom:
+        return None
+    deviation = math.sqrt(squares / freedom)
+    return deviation, deviation / math.sqrt(2 * freedom)
+
+
+def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
+    """Deflection with levels falling minus with levels rising, averaged over the levels that have both, and its error."""
+    gaps, variances = [], []
+    for group in _by(points, lambda p: p.level).values():
+        up, down = ([p for p in group if p.direction == d] for d in (DIRECTION[UP], DIRECTION[DOWN]))
+        if up and down:
+            gaps.append(np.mean([p.deflection for p in down]) - np.mean([p.deflection for p in up]))
+            variances.append(sum(_mean_variance(row) for row in (up, down)))
+    if not gaps:
+        return None
+    return float(np.mean(gaps)), math.sqrt(sum(variances)) / len(gaps)
+
+
+def _mean_variance(row: Sequence[Any]) -> float:
+    """Of the mean of repeats: from their scatter where there are some, at least what their own errors make."""
+    own = sum(float(p.deflection_errors) ** 2 for p in row) / len(row) ** 2
+    scatter = float(np.var([p.deflection for p in row], ddof=1)) / len(row) if len(row) > 1 else 0.0
+    return max(own, scatter)
+
+
+def _by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
+    groups: dict[Any, list[Any]] = defaultdict(list)
+    for point in points:
+        groups[key(point)].append(point)
+    return groups
+
+
+SOURCE = "voltage steps"
+
+PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
+
+RAMP_V_PER_S = 5.0
+"""The guard's slope unless the bench file says otherwise; only the expected duration hangs on it."""
+
+GUARD_S = 0.01
+"""Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
+
+RUNG_OUT_S = 0.1
+"""After the ramp, before creep is looked at: the first mode has died down by then."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepPoint:
+    """One level against the rest before it. Errors are standard and statistical; the sensor's gain is common to all."""
+
+    level: Annotated[float, Unit("V"), "level commanded at the amplifier's input"]
+    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    direction: Annotated[float, Unit("1"), "levels rising (1), falling (-1) or in random order (0)"]
+    drive: Annotated[float, Unit("V"), "the level as the card saw it"]
+    drive_step: Annotated[float, Unit("V"), "the same against rest as the card saw it"]
+    deflection: Annotated[float, Unit("m"), "displacement against rest, at the stated time after the ramp"]
+    deflection_errors: Annotated[float, Unit("m"), "standard uncertainty of the deflection, slow noise included"]
+    read_time: Annotated[float, Unit("s"), "the stated time, from the end of the ramp"]
+    ramp_time: Annotated[float, Unit("s"), "how long the ramp lasted, from the recorded drive"]
+    creep: Annotated[float, Unit("m"), "growth of the deflection per decade of time"]
+    creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
+    zero: Annotated[float, Unit("m"), "displacement at rest just before, as the sensor tells it"]
+    drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        arrow = {1.0: "rising", -1.0: "falling"}.get(self.direction, "random")
+        return (
+            f"{self.level:.3g} V ({arrow}, {self.repeat:.0f}): deflection {1e6 * self.deflection:+.2f} ± "
+            f"{1e6 * self.deflection_errors:.2g} µm after {self.read_time:g} s, creep {1e6 * self.creep:+.2f} µm per decade"
+        )
+
+
+class VoltageSteps(Protocol):
+    """Static deflection under held voltages, each against rest just before; the paper's levels by default."""
+
+    name: ClassVar[str] = "voltage-steps"
+    title: ClassVar[str] = "Voltage steps"
+    point_type: ClassVar[type] = StepPoint
+    axes: ClassVar[tuple[str, str]] = ("level", "deflection")
+
+    levels_v: Annotated[
+        tuple[Annotated[float, Interval(ge=0, le=5)], ...], Unit("V"), Len(1, 200), "levels at the amplifier's input"
+    ] = PAPER_LEVELS_V
+    repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every level is measured"] = 5
+    order: Annotated[
+        Literal["up-down", "up", "down", "random"],
+        "levels rising, falling, by turns, or shuffled anew for every repeat; by turns shows the loop",
+    ] = "up-down"
+    seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order"] = 1
+    rest_s: Annotated[float, Unit("s"), Interval(ge=0.2, le=600), "at rest before every level"] = 2.0
+    read_s: Annotated[float, Unit("s"), Interval(gt=0, le=600), "after the ramp: when the deflection is read"] = 1.0
+    window_s: Annotated[
+        float, Unit("s"), Interval(ge=0.04, le=10), "length of what is read; 0.1 s is whole cycles of 50 and 60 Hz"
+    ] = 0.1
+    hold_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=3600), "how long a level is held and its creep watched"] = (
+        5.0
+    )
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+
+    @model_validator(mode="after")
+    def _reading_fits(self) -> Self:
+        if not self.window_s / 2 <= self.read_s <= self.hold_s - self.window_s / 2:
+            raise ValueError(
+                f"read_s of {self.read_s:g} s must lie within hold_s of {self.hold_s:g} s, half of window_s "
+                f"({self.window_s / 2:g} s) away from either end"
+            )
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        return tuple(
+            Planned(
+                f"{level_v:g} V, repeat {repeat} {way}",
+                (self._rest(rest_v), Hold(level_v, self.hold_s)),
+                self.rest_s + self._lead_s + self.hold_s + 2 * abs(level_v - rest_v) / RAMP_V_PER_S + 0.1,
+                (level_v, float(repeat), way),
+            )
+            for repeat in range(1, self.repeats + 1)
+            for way, levels in (self._row(repeat),)
+            for level_v in levels
+        )
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        rest, level = entry.drives
+        yield Play(rest, self.rest_s)
+        yield Record(self.hold_s, level, self._lead_s)
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> StepPoint:
+        recording = recordings[-1]
+        level_v, repeat, way = float(key[0]), float(key[1]), str(key[2])
+        rate, moved = recording.rate_hz, recording.displacement_m
+        ramp = find_ramp(recording.drive_v, rate, self.hold_s, self.window_s)
+        seen = step_value(
+            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + GUARD_S
+        )  # fmt: skip
+        creep, creep_errors = self._creep(moved, rate, ramp, seen.before.value)
+        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        if abs(ramp.level_v - level_v) > LEVEL_TOLERANCE_V:
+            quality |= Quality.DRIVE_OFF
+        return StepPoint(
+            level=level_v,
+            repeat=repeat,
+            direction=DIRECTION[way],
+            drive=ramp.level_v,
+            drive_step=ramp.level_v - ramp.before_v,
+            deflection=seen.value,
+            deflection_errors=seen.standard_error,
+            read_time=self.read_s,
+            ramp_time=ramp.duration_s,
+            creep=creep,
+            creep_errors=creep_errors,
+            zero=seen.before.value,
+            drift=seen.before.drift_per_s,
+            quality=int(quality),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        good = [point for point in points if Quality(point.quality).usable]
+        scatter = repeatability(good)
+        found = [
+            Estimate(f"deflection per volt {side}", *gain, "m/V", SOURCE)
+            for side, gain in (
+                ("above rest", slope([p for p in good if p.drive_step > LEVEL_TOLERANCE_V])),
+                ("below rest", slope([p for p in good if p.drive_step < -LEVEL_TOLERANCE_V])),
+            )
+            if gain is not None
+        ]
+        if (creep := creep_share(good)) is not None:
+            found.append(Estimate("creep per decade", *creep, "1", SOURCE))
+        if scatter is not None:
+            found.append(Estimate("repeatability", *scatter, "m", SOURCE))
+        if (loop := loop_width(good)) is not None:
+            found.append(Estimate("loop width", *loop, "m", SOURCE))
+        if len(good) > 1:
+            error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
+            found.append(Estimate("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))
+        return tuple(found)
+
+    def _row(self, repeat: int) -> tuple[str, tuple[float, ...]]:
+        """The levels of one repeat in their order, and what that order is called."""
+        if self.order == RANDOM:
+            shuffled = np.random.default_rng([self.seed, repeat]).permutation(self.levels_v)
+            return RANDOM, tuple(shuffled.tolist())
+        falls = self.order == DOWN or (self.order == "up-down" and repeat % 2 == 0)
+        return (DOWN if falls else UP), tuple(sorted(self.levels_v, reverse=falls))
+
+    def _rest(self, rest_v: float) -> Hold:
+        return Hold(rest_v, self.rest_s + self._lead_s + 1.0)
+
+    @property
+    def _lead_s(self) -> float:
+        """Recorded before the ramp: the window of the zero, and something to spare."""
+        return self.window_s + 0.05
+
+    def _creep(self, moved: Any, rate: float, ramp: Ramped, zero: float) -> tuple[float, float]:
+        """Growth per decade and its error; NaN where the hold is too short to tell."""
+        first = math.ceil((ramp.end_s + RUNG_OUT_S) * rate)
+        since_s = np.arange(first, moved.size) / rate - ramp.end_s
+        try:
+            creep = fit_creep(ramp.effective_s(since_s), moved[first:], zero)
+        except ValueError:
+            return math.nan, math.nan
+        return creep.per_decade, creep.per_decade_error

@@ -1,0 +1,256 @@
+"""The wiring check: is every wire where the bench file says, seen with a tenth of a volt before anybody drives five.
+
+Rest, a small step to either side and a small sine are recorded. What they tell is compared with limits that are
+parameters like any other; `verdicts` is the table that `tactor-bench check` prints.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+import numpy as np
+from annotated_types import Interval, Unit
+from pydantic import model_validator
+
+from drivers.drive import Drive, Hold, Sine
+from protocols.base.protocol import Protocol
+from protocols.base.quality import Quality
+from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.steps import Play, Record, Step
+from protocols.signals import fit_frequency, fit_sine
+
+SOURCE = "wiring check"
+
+
+@dataclass(frozen=True, slots=True)
+class WiringPoint:
+    """What was seen under one small drive. A held level has no frequency, no amplitude and no latency (NaN)."""
+
+    commanded: Annotated[float, Unit("V"), "level or offset commanded at the amplifier's input"]
+    commanded_amplitude: Annotated[float, Unit("V"), "peak amplitude commanded; 0 for a held level"]
+    commanded_frequency: Annotated[float, Unit("Hz"), "frequency commanded"]
+    drive: Annotated[float, Unit("V"), "mean of the recorded drive"]
+    drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive"]
+    drive_noise: Annotated[float, Unit("V"), "standard deviation of what remains of the recorded drive"]
+    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    displacement: Annotated[float, Unit("m"), "mean displacement"]
+    displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean displacement"]
+    amplitude: Annotated[float, Unit("m"), "peak amplitude of the displacement's fundamental"]
+    latency: Annotated[float, Unit("s"), "displacement behind drive, the sensor's configured delay removed"]
+    latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
+    noise: Annotated[float, Unit("m"), "standard deviation of what remains of the displacement"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+
+    @property
+    def words(self) -> str:
+        """The point in a line, for a log."""
+        drive = f"{self.commanded:.3f} V" if math.isnan(self.frequency) else f"sine of {self.commanded_frequency:g} Hz"
+        seen = f"drive reads back {self.drive:.4f} V, displacement {1e6 * self.displacement:+.2f} µm"
+        return f"{drive}: {seen}, noise {1e6 * self.noise:.2f} µm"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One line of the table: a figure between its limits (None: open on that side), and what to look at where not."""
+
+    name: str
+    value: float
+    unit: str
+    low: float | None
+    high: float | None
+    remedy: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the figure lies between its limits."""
+        return (
+            math.isfinite(self.value)
+            and (self.low is None or self.value >= self.low)
+            and (self.high is None or self.value <= self.high)
+        )
+
+
+class WiringCheck(Protocol):
+    """Small voltages before any high one: polarity, gain, latency, noise, sensor in range, drive read back."""
+
+    name: ClassVar[str] = "wiring-check"
+    title: ClassVar[str] = "Wiring check"
+    point_type: ClassVar[type] = WiringPoint
+    axes: ClassVar[tuple[str, str]] = ("commanded", "displacement")
+
+    level_v: Annotated[float, Unit("V"), Interval(gt=0, le=0.5), "step to either side of rest, and the sine's peak"] = (
+        0.1
+    )
+    frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "of the sine, far below resonance"] = 20.0
+    wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "before each recording"] = 0.3
+    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of each recording"] = 1.0
+    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    polarity: Annotated[
+        int, Unit("1"), Interval(ge=-1, le=1), "sign of displacement per volt that is right; 0 where both are"
+    ] = 1
+    drive_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest deviation"] = 0.02
+    drive_noise_limit_v: Annotated[float, Unit("V"), Interval(gt=0), "drive read back: largest noise"] = 0.01
+    gain_low_m_per_v: Annotated[float, Unit("m/V"), Interval(gt=0), "smallest displacement per volt at the input"] = (
+        1e-6
+    )
+    gain_high_m_per_v: Annotated[float, Unit("m/V"), Interval(gt=0), "largest displacement per volt at the input"] = (
+        1e-3
+    )
+    slopes_low: Annotated[float, Unit("1"), Interval(gt=0), "smallest ratio of the gains above and below rest"] = 1.5
+    slopes_high: Annotated[float, Unit("1"), Interval(gt=0), "largest ratio of the gains above and below rest"] = 6.0
+    latency_limit_s: Annotated[float, Unit("s"), Interval(gt=0), "largest latency beyond the sensor's own"] = 5e-3
+    noise_limit_m: Annotated[float, Unit("m"), Interval(gt=0), "largest noise of the displacement"] = 5e-6
+    frequency_limit: Annotated[float, Unit("1"), Interval(gt=0), "relative difference of the two clocks"] = 2e-4
+
+    @model_validator(mode="after")
+    def _limits_are_open(self) -> Self:
+        if self.sample_rate_hz < 20 * self.frequency_hz:
+            raise ValueError(
+                f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low to see the latency of a sine of "
+                f"{self.frequency_hz:g} Hz; at least {20 * self.frequency_hz:g} Hz is needed"
+            )
+        for low, high in (("gain_low_m_per_v", "gain_high_m_per_v"), ("slopes_low", "slopes_high")):
+            if getattr(self, low) >= getattr(self, high):
+                raise ValueError(f"{low} must lie below {high}")
+        return self
+
+    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+        each_s = self.wait_s + self.record_s + 0.2
+        return tuple(Planned(label, (drive,), each_s, (label,)) for label, drive in self._drives(rest_v))
+
+    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+        yield Play(entry.drives[0], self.wait_s)
+        yield Record(self._recorded_s)
+
+    def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> WiringPoint:
+        recording = recordings[-1]
+        drive, rate, n = recording.drive, recording.rate_hz, len(recording.drive_v)
+        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
+        seen_v, moved = float(recording.drive_v.mean()), float(recording.displacement_m.mean())
+        drive_noise, noise = float(recording.drive_v.std()), float(recording.displacement_m.std())
+        amplitude_v = amplitude = 0.0
+        commanded_v, commanded_amplitude_v, commanded_hz = drive.ends_v[0], 0.0, math.nan
+        frequency = latency = latency_errors = math.nan
+        if isinstance(drive, Sine):
+            commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
+            driven = fit_sine(recording.drive_v, rate, commanded_hz)
+            amplitude_v = abs(driven.fundamental)
+            if amplitude_v > 0.5 * drive.amplitude_v:  # where hardly anything is driven, there is no phase to fit
+                frequency = fit_frequency(recording.drive_v, rate, commanded_hz)
+                driven = fit_sine(recording.drive_v, rate, frequency)
+                answer = fit_sine(recording.displacement_m, rate, frequency, 4)
+                amplitude, noise, drive_noise = abs(answer.fundamental), answer.noise, driven.noise
+                # A tactor that moves away from the sensor, or a swapped sign, is half a turn and no latency.
+                turn = float(np.angle(driven.fundamental / answer.fundamental))
+                turn -= 2 * math.pi * frequency * recording.sensor_delay_s
+                latency = math.remainder(turn, math.pi) / (2 * math.pi * frequency)
+                latency_errors = answer.standard_error / max(amplitude, 1e-12) / (2 * math.pi * frequency)
+        if abs(seen_v - commanded_v) > self.drive_limit_v:
+            quality |= Quality.DRIVE_OFF
+        return WiringPoint(
+            commanded=commanded_v,
+            commanded_amplitude=commanded_amplitude_v,
+            commanded_frequency=commanded_hz,
+            drive=seen_v,
+            drive_amplitude=amplitude_v,
+            drive_noise=drive_noise,
+            frequency=frequency,
+            displacement=moved,
+            displacement_errors=noise / math.sqrt(n),
+            amplitude=amplitude,
+            latency=latency,
+            latency_errors=latency_errors,
+            noise=noise,
+            quality=int(quality),
+        )
+
+    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+        found = _Found.of(list(points))
+        if found is None:
+            return ()
+        return (
+            Estimate("gain above rest", *found.above, "m/V", SOURCE),
+            Estimate("gain below rest", *found.below, "m/V", SOURCE),
+            Estimate("latency", found.sine.latency, found.sine.latency_errors, "s", SOURCE),
+            Estimate("noise floor", found.rest.noise, 0.0, "m", SOURCE),
+        )
+
+    def verdicts(self, points: Sequence[Any]) -> tuple[Verdict, ...]:
+        """The table; empty where the check was not carried to its end."""
+        found = _Found.of(points)
+        if found is None:
+            return ()
+        rest, sine = found.rest, found.sine
+        cable = "check the cable from the generator to the amplifier and to the card's drive channel"
+        optics = "check the sensor's distance and wiring, [sensor] in the bench file, and that high voltage is on"
+        worst = max(points, key=lambda p: abs(p.drive - p.commanded))
+        flagged = sum(bool(Quality(p.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)) for p in points)
+        gains = [abs(found.above[0]), abs(found.below[0])]
+        agreed = found.above[0] * found.below[0] > 0 and self.polarity * found.above[0] >= 0
+        limit = self.drive_limit_v
+        return (
+            Verdict("rest, read back", rest.drive, "V", rest.commanded - limit, rest.commanded + limit, cable),
+            Verdict("drive read back - commanded, worst", worst.drive - worst.commanded, "V", -limit, limit, cable),
+            Verdict("sine read back / commanded", sine.drive_amplitude / sine.commanded_amplitude, "1", 0.95, 1.05, cable),
+            Verdict("drive noise", rest.drive_noise, "V", None, self.drive_noise_limit_v, f"{cable}; look for a loose shield"),
+            Verdict(
+                "clock difference", sine.frequency / sine.commanded_frequency - 1, "1", -self.frequency_limit,
+                self.frequency_limit, "compare the generator's reference clock with the card's",
+            ),
+            Verdict("recordings out of range", float(flagged), "1", None, 0.0, "move the sensor until its target is in range"),
+            Verdict("noise floor", rest.noise, "m", None, self.noise_limit_m, "look for vibration, light, a loose shield"),
+            Verdict(
+                "polarity (1 right, -1 wrong)", 1.0 if agreed else -1.0, "1", 1.0, None,
+                "swap the sign of gain_m_per_v under [sensor], or the tactor's wires with high voltage off",
+            ),
+            Verdict("gain above rest", gains[0], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
+            Verdict("gain below rest", gains[1], "m/V", self.gain_low_m_per_v, self.gain_high_m_per_v, optics),
+            Verdict(
+                "gain above / below", gains[0] / gains[1] if gains[1] else math.nan, "1", self.slopes_low,
+                self.slopes_high, "check the amplifier's range and [amplifier] in the bench file",
+            ),
+            Verdict(
+                "latency beyond the sensor's", sine.latency, "s", -0.2 * self.latency_limit_s, self.latency_limit_s,
+                "check the sensor's averaging and delay_s under [sensor]",
+            ),
+        )  # fmt: skip
+
+    def _drives(self, rest_v: float) -> tuple[tuple[str, Drive], ...]:
+        hold_s = self.wait_s + self._recorded_s + 1.0
+        cycles = math.ceil(hold_s * self.frequency_hz)
+        return (
+            ("rest", Hold(rest_v, hold_s)),
+            ("above rest", Hold(rest_v + self.level_v, hold_s)),
+            ("below rest", Hold(rest_v - self.level_v, hold_s)),
+            ("sine", Sine(self.frequency_hz, self.level_v, rest_v, cycles)),
+        )
+
+    @property
+    def _recorded_s(self) -> float:
+        """Whole cycles of the sine."""
+        return math.ceil(self.record_s * self.frequency_hz) / self.frequency_hz
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """The recordings by what they were for, and displacement per volt on either side with its standard error."""
+
+    rest: WiringPoint
+    sine: WiringPoint
+    above: tuple[float, float]
+    below: tuple[float, float]
+
+    @classmethod
+    def of(cls, points: Sequence[Any]) -> "_Found | None":
+        if len(points) < 4:
+            return None
+        rest, above, below, sine = points[:4]
+        gains = []
+        for point in (above, below):
+            step_v = point.drive - rest.drive
+            error = math.hypot(point.displacement_errors, rest.displacement_errors)
+            gains.append(
+                ((point.displacement - rest.displacement) / step_v, error / abs(step_v)) if step_v else (math.nan,) * 2
+            )
+        return cls(rest, sine, *gains)

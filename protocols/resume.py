@@ -1,0 +1,196 @@
+"""Going on with a run that was stopped, failed or lost its program; or measuring some of its entries again.
+
+The new file carries every point over, links to the raw data of the old one, and is one run to its readers. Before it
+goes on, the last good entry is measured again: what changed meanwhile - temperature, a bumped sensor, creep - shows.
+"""
+
+import contextlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from model.amplifier_map import AmplifierMap
+from protocols.base.events import Status
+from protocols.base.protocol import Protocol, extended
+from protocols.base.quality import Quality
+from protocols.base.records import Curve, Planned, Recording
+from protocols.base.steps import Prompt
+from protocols.registry import PROTOCOLS
+from protocols.runfile.reader import Run, RunError, intact
+from protocols.runfile.schema import ENTRY
+
+DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
+"""A change counts as drift if it is larger than both: than errors explain, and than would matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """What a run begins with: points by entry, which entry to check first, and which to measure again."""
+
+    points: tuple[tuple[int, Any], ...] = ()
+    check: int | None = None
+    again: frozenset[int] = frozenset()
+    words: str = ""
+    curves: tuple[Curve, ...] = ()
+    """What the carried points' entries gave beside them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """A run that can be gone on with."""
+
+    path: Path
+    protocol: Protocol
+    specimen: str
+    continuation: Continuation
+
+
+def protocol_of(run: Run, called: str) -> Protocol:
+    """The protocol of a run with its parameters; `called` is the run's name in what is said.
+
+    Raises:
+        RunError: it is not known here, or its parameters are none of this version's.
+    """
+    kind = PROTOCOLS.get(run.protocol)
+    if kind is None:
+        raise RunError(f"{called} is a run of '{run.protocol}', a protocol that is not known here")
+    try:
+        return kind(**run.parameters)
+    except ValidationError as error:
+        raise RunError(f"{called} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+
+
+def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
+    """What `path` has measured, to go on with the rest, or to measure the entries `again` once more.
+
+    Raises:
+        RunError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
+    """
+    with Run(path) as run, intact(path):
+        if run.status is Status.RUNNING and not run.crashed:
+            raise RunError(f"{path} is still being written; stop that run first")
+        if run.imported:
+            raise RunError(f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own")
+        protocol = protocol_of(run, str(path))
+        rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
+        points = {int(entry): point for entry, point in points_of(run, protocol.point_type)}
+        begun = run.entries()
+        plan = extended(protocol, protocol.plan(rest_v), points, rest_v)
+        # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.
+        stale = [i for i in points if i >= len(plan) or (i in begun and begun[i].key != plan[i].key)]
+        points = {i: point for i, point in points.items() if i not in stale}
+        if unknown := [i for i in again if not 0 <= i < len(plan)]:
+            raise RunError(f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points")
+        if run.status is Status.COMPLETED and not again and not stale and len(points) == len(plan):
+            raise RunError(f"{path} is complete: there is nothing to resume")
+        words = f"Goes on with {path.name} ({run.state}), {len(points)} points carried over"
+        if stale:
+            words += f", {len(stale)} left behind: the plan has other entries in their place now"
+        check = max(points) if points and not again else None
+        curves = run.curves() or _found_again(run, protocol, plan)
+        kept = tuple(curve for curve in curves if curve.entry in points)
+        continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words, kept)
+        return Earlier(path, protocol, run.specimen, continuation)
+
+
+FLAGGED = "flagged"
+"""What stands for all entries whose point no fit may use, or that have none."""
+
+
+def named(path: Path, wanted: Sequence[str]) -> tuple[int, ...]:
+    """Entries of a run by what a person calls them: `155`, `2.54 mm`, `2.54 mm, 155 Hz`, or `flagged`.
+
+    A number means all entries with a part of their label that begins with it.
+
+    Raises:
+        RunError: the file is no run, or has no such entry; the sentence names those there are.
+    """
+    with Run(path) as run:
+        begun, columns = run.entries(), run.points()
+    good = {
+        int(entry)
+        for entry, quality in zip(columns[ENTRY], columns.get("quality", [0] * len(columns[ENTRY])), strict=True)
+        if Quality(int(quality)).usable
+    }
+    found: set[int] = set()
+    for words in wanted:
+        if words == FLAGGED:
+            found |= begun.keys() - good
+            continue
+        meant = {i for i, entry in begun.items() if _is_called(entry.label, words)}
+        if not meant:
+            labels = "; ".join(entry.label for _, entry in sorted(begun.items())) or "none"
+            raise RunError(f"{path} has no entry '{words}'; it has: {labels}")
+        found |= meant
+    if not found:
+        raise RunError(f"{path} has no flagged points: there is nothing to measure again")
+    return tuple(sorted(found))
+
+
+def _is_called(label: str, words: str) -> bool:
+    parts = [part.casefold() for part in (label, *label.split(", "))]
+    words = words.strip().casefold()
+    if words in parts:
+        return True
+    try:
+        number = float(words)
+    except ValueError:
+        return False
+    for part in parts:
+        with contextlib.suppress(ValueError):
+            if math.isclose(float(part.split()[0]), number, rel_tol=1e-9, abs_tol=1e-12):
+                return True
+    return False
+
+
+def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str, Prompt | None]:
+    """What an entry measured twice says about the time between, and what to ask where it is too much."""
+    column = protocol.axes[1]
+    old, new = float(getattr(before, column)), float(getattr(now, column))
+    error = math.hypot(float(getattr(before, f"{column}_errors", 0.0)), float(getattr(now, f"{column}_errors", 0.0)))
+    change = new - old
+    relative = abs(change / old) if old else math.inf
+    sigmas = abs(change) / error if error > 0 else math.inf
+    words = f"Drift check at {label}: {column} changed by {100 * math.copysign(relative, change):+.2f} %"
+    words += f" ({sigmas:.1f} standard errors)" if math.isfinite(sigmas) else ""
+    if relative <= DRIFT_FRACTION or sigmas <= DRIFT_SIGMAS:
+        return words, None
+    question = f"{words}. More than errors explain: was the sensor or the specimen moved? Go on, or stop?"
+    return words, Prompt("drifted", question, choices=("go on", "stop"))
+
+
+def _found_again(run: Run, protocol: Protocol, plan: Sequence[Planned]) -> tuple[Curve, ...]:
+    """The curves of a run that never came to write them, from its raw data."""
+    if type(protocol).curves is Protocol.curves:
+        return ()
+    latest: dict[int, list[Recording]] = {}
+    for recording in run.recordings():
+        of_entry = latest.setdefault(recording.entry, [])
+        if of_entry and of_entry[-1].index + 1 != recording.index:
+            of_entry.clear()  # the entry was measured again later
+        of_entry.append(recording)
+    found: list[Curve] = []
+    for entry, recordings in sorted(latest.items()):
+        with contextlib.suppress(ValueError):
+            found += [replace(curve, entry=entry) for curve in protocol.curves(plan[entry].key, recordings)]
+    return tuple(found)
+
+
+def points_of(run: Run, kind: type) -> Sequence[tuple[int, Any]]:
+    """Points with their entries, in the order they were measured; a later one of the same entry counts."""
+    columns = run.points()
+    entries = columns.pop(ENTRY)
+    found = []
+    for row, entry in enumerate(entries):
+        values: dict[str, Any] = {}
+        for field in fields(kind):
+            value = columns[field.name][row]
+            values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
+        if "quality" in values:
+            values["quality"] = int(values["quality"])
+        found.append((int(entry), kind(**values)))
+    return found

@@ -1,0 +1,1 @@
+"""Run files: schema, writer, reader, traces and studies in HDF5."""

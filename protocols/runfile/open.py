@@ -1,0 +1,120 @@
+"""Opening a run file to read it, whatever state it is in; what is wrong with it becomes a sentence."""
+
+import ctypes
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from protocols.base.events import Status
+from protocols.runfile.schema import is_hdf5
+
+if TYPE_CHECKING:
+    import h5py
+
+ATTEMPTS = 24
+"""At reading a piece of a growing file; together they take some ten milliseconds."""
+
+
+class RunError(Exception):
+    """A file cannot be read as a run. The sentence says which and why."""
+
+
+class NoRunError(RunError):
+    """An HDF5 file of another kind."""
+
+
+class NewerRunError(RunError):
+    """A run from a newer version of this program."""
+
+
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """Around all that reads a run: what a damaged file raises, wherever it is touched, becomes a RunError."""
+    try:
+        yield
+    except (
+        OSError,
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        RuntimeError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise RunError(f"{path} is damaged inside ({_line(error)}); take another copy of it") from error
+
+
+def opened(path: Path) -> "h5py.File":
+    """The file, read-only: finished, being written, or left behind by a crash.
+
+    Raises:
+        RunError: it is missing, no HDF5 file, cut off, or damaged.
+    """
+    _check(path)
+    import h5py  # the window is painted, and many a command done, before a file is opened
+
+    # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
+    # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
+    try:
+        return h5py.File(path, "r", libver="latest", locking=False)
+    except (OSError, ValueError) as error:
+        failure: Exception = error
+    cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
+    file = None
+    try:
+        file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
+        # A full disk leaves a short file too, but never one that says it ended in order.
+        if not cut_off or file["entry/status"][()].decode() in (Status.RUNNING, Status.FAILED):
+            return file
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        failure = failure if cut_off else error
+    if file is not None:
+        file.close()  # HDF5 would give it again, damaged as it is, to whoever opens it next
+    if cut_off:
+        have, want = cut_off.groups()
+        raise RunError(f"{path} is cut off, as a half-copied file is: {have} of {want} bytes are there; copy it again")
+    raise RunError(f"{path} is damaged and cannot be opened ({_line(failure)}); take another copy of it")
+
+
+def _check(path: Path) -> None:
+    """Refuse what HDF5 need not be asked about."""
+    if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a name is too long
+        raise RunError(f"there is no file {path}")
+    if not path.is_file():
+        raise RunError(f"{path} is {'a folder' if path.is_dir() else 'no file'}; give a run file")
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise RunError(f"{path} cannot be read: {error.strerror or error}") from error
+    if not is_hdf5(path):
+        raise RunError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
+
+
+def _patience() -> "h5py.h5p.PropFAID":
+    """How a growing file is read: what does not fit together is read again a few times, and then given up.
+
+    HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
+    """
+    import h5py
+
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_LATEST, h5py.h5f.LIBVER_LATEST)
+    access.set_file_locking(False, True)
+    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
+    for library in (h5py.h5.__file__, "hdf5"):  # the symbols of a dependency are found through it; by name on Windows
+        try:
+            limit = ctypes.CDLL(library).H5Pset_metadata_read_attempts
+        except (OSError, AttributeError):
+            continue
+        limit.argtypes, limit.restype = (ctypes.c_int64, ctypes.c_uint), ctypes.c_int
+        limit(access.id, ATTEMPTS)
+        break
+    return access
+
+
+def _line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

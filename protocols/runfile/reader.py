@@ -1,0 +1,272 @@
+"""Reading a run: finished, still being written, or left behind by a crash."""
+
+import json
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.closing import Closing
+from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.events import EntryBegan, Status
+from protocols.base.records import Column, Curve, Estimate, Recording
+from protocols.runfile.open import NewerRunError, NoRunError, RunError, intact, opened
+from protocols.runfile.schema import ENTRY, FORMAT, FORMAT_VERSION
+from protocols.runfile.trace import Trace, sensor_of
+
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = ["Happened", "NewerRunError", "NoRunError", "Run", "RunError", "intact"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """One event as the file tells it."""
+
+    time_s: float
+    row: int
+    kind: str
+    fields: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """An entry of the plan as it was begun."""
+
+    label: str
+    key: tuple[float | str, ...]
+
+
+class Run(Closing):
+    """An open run file, read-only.
+
+    Raises:
+        RunError: the file is missing, is no run, or comes from a newer version of this program.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = opened(path)
+        try:
+            with intact(path):
+                kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
+        except RunError:
+            self.close()
+            raise
+        if kind != FORMAT or version > FORMAT_VERSION:
+            self.close()
+            if kind != FORMAT:
+                raise NoRunError(f"{path} is an HDF5 file, but not a run of this program")
+            raise NewerRunError(
+                f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
+            )
+
+    def close(self) -> None:
+        """Close the file; nothing can be read of it then."""
+        self._file.close()
+
+    @property
+    def status(self) -> Status:
+        """How it stands, as the file says."""
+        return Status(self._text("status"))
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the file says `running` but the program that wrote it is gone (told on the same computer only)."""
+        if self.status is not Status.RUNNING or self._text("host") != socket.gethostname():
+            return False
+        return not _alive(int(self._entry["process_id"][()]))
+
+    @property
+    def state(self) -> str:
+        """The status in words, a crash included; `imported` where nothing was run."""
+        if self.imported and self.status is Status.COMPLETED:
+            return "imported"
+        return "crashed" if self.crashed else str(self.status)
+
+    @property
+    def imported(self) -> dict[str, Any]:
+        """Source files, hashes and columns of a run that was imported; empty for one that was measured."""
+        return dict(json.loads(self._text("imported"))) if "imported" in self._entry else {}
+
+    @property
+    def reason(self) -> str:
+        """How it ended and why, in a sentence; empty until then."""
+        return self._text("reason")
+
+    @property
+    def continues(self) -> Path | None:
+        """The run this one goes on with."""
+        earlier = self._text("continues") if "continues" in self._entry else ""
+        return self.path.parent / earlier if earlier else None
+
+    @property
+    def protocol(self) -> str:
+        """The name of its protocol."""
+        return self._text("protocol")
+
+    @property
+    def specimen(self) -> str:
+        """What was measured."""
+        return self._text("specimen")
+
+    @property
+    def title(self) -> str:
+        """What was measured of what, in words."""
+        return self._text("title")
+
+    @property
+    def start_time(self) -> str:
+        """When it began, ISO 8601, UTC."""
+        return self._text("start_time")
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The protocol's parameters by name, SI."""
+        return dict(json.loads(self._text("parameters")))
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """The bench file's tables as they were then."""
+        return dict(json.loads(self._text("configuration")))
+
+    @property
+    def software(self) -> dict[str, str]:
+        """Versions of everything that had a hand in the numbers, by name."""
+        return dict(json.loads(self._text("software")))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the bench was."""
+        return bool(self._entry["simulated"][()])
+
+    @property
+    def sensor(self) -> LaserSensor:
+        """The displacement sensor with its calibration."""
+        return sensor_of(self._entry)
+
+    @property
+    def trace(self) -> Trace:
+        """What the card sampled."""
+        return Trace(self._entry, lambda: self.sensor)
+
+    def recordings(self) -> Iterator[Recording]:
+        """What was kept, in order, exactly as the live run had it; first that of the run this one goes on with."""
+        if (earlier := self.continues) is not None and earlier.exists():
+            with Run(earlier) as before:
+                yield from before.recordings()
+        yield from self.trace.recordings()
+
+    def points(self) -> dict[str, Array]:
+        """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""
+        group = self._entry["points"]
+        length = min((data.shape[0] for data in group.values()), default=0)
+        columns = {name: np.asarray(data[:length]) for name, data in group.items()}
+        columns.setdefault(ENTRY, np.arange(length))  # format 1: one after the other
+        return columns
+
+    @property
+    def point_count(self) -> int:
+        """How many points there are, without reading any."""
+        return next((int(column.shape[0]) for column in self._entry["points"].values()), 0)
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """The columns of the points that are drawn: x and y."""
+        group = self._entry["points"]
+        return str(group.attrs["axes"][0]), str(group.attrs["signal"])
+
+    def units(self) -> dict[str, str]:
+        """Units of the points' columns."""
+        return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}
+
+    def events(self) -> Iterator[Happened]:
+        """What happened, in order."""
+        pending: tuple[Any, bytes] | None = None
+        for row in self._entry["events"][:]:
+            if row["kind"] == b"+" and pending:
+                pending = (pending[0], pending[1] + row["text"])
+                continue
+            if pending:
+                yield _happened(*pending)
+            pending = (row, bytes(row["text"]))
+        if pending:
+            yield _happened(*pending)
+
+    def entries(self) -> dict[int, Begun]:
+        """The entries that were begun, by their place in the plan, those of the run this one goes on with included."""
+        found: dict[int, Begun] = {}
+        if (earlier := self.continues) is not None and earlier.exists():
+            with Run(earlier) as before:
+                found = before.entries()
+        for event in self.events():
+            if event.kind == EntryBegan.kind:
+                found[event.fields["index"]] = Begun(event.fields["label"], tuple(event.fields["key"]))
+        return found
+
+    def curves(self) -> tuple[Curve, ...]:
+        """What entries gave beside their points; none in a run that was never finished."""
+        return tuple(
+            Curve(
+                name=str(group.attrs["name"]),
+                label=str(group.attrs["label"]),
+                x=str(group.attrs["axes"][0]),
+                y=str(group.attrs["signal"]),
+                columns={
+                    name: Column(
+                        np.asarray(data[:], float),
+                        str(data.attrs["units"]),
+                        str(data.attrs["long_name"]).rpartition(" (")[0],
+                    )
+                    for name, data in group.items()
+                    if name != "title"
+                },
+                entry=int(group.attrs["entry"]),
+            )
+            for group in self._entry.get("curves", {}).values()
+        )
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        group = self._entry.get("estimates", {})
+        return tuple(
+            Estimate(
+                name.replace("_", " "),
+                float(one["value"][()]),
+                float(one["standard_error"][()]),
+                str(one["value"].attrs["units"]),
+                one["source"].asstr()[()],
+            )
+            for name, one in group.items()
+        )
+
+    @property
+    def _entry(self) -> "h5py.Group":
+        return self._file["entry"]
+
+    def _text(self, name: str) -> str:
+        value = self._entry[name][()]
+        return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _happened(row: Any, text: bytes) -> Happened:
+    return Happened(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

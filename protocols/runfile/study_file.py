@@ -1,0 +1,269 @@
+"""A parameter study on disk: one HDF5 file, NeXus at heart, written chunk by chunk.
+
+`/entry/data` (NXdata) holds the values over their named axes, units on each, so that a NeXus viewer opens it to a plot;
+`/entry/parameters` holds what was not varied, `/entry/process` the program, its versions and the study's description. While
+computing, the file has another name: one that bears its name is whole.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from math import prod
+from pathlib import Path
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from model.specimen import variables
+from model.studies.parameter_study import UNITS, Axis, Study
+from protocols.runfile.errors import StoreError
+from protocols.runfile.schema import RESERVE_BYTES
+from protocols.runfile.writer import software
+
+FORMAT = "tactor-bench-study"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter that was not varied: SI value, unit, meaning."""
+
+    name: str
+    value: float
+    unit: str
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyHeader:
+    """What a study is, known before it is computed."""
+
+    title: str
+    signal: str
+    unit: str
+    axes: tuple[Axis, ...]
+    complex: bool = False
+    parameters: tuple[Parameter, ...] = ()
+    description: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of(cls, study: Study) -> Self:
+        """Return the header of a study."""
+        known = variables()
+        return cls(
+            title=study.title,
+            signal=study.measure,
+            unit=UNITS[study.measure],
+            axes=study.axes,
+            complex=study.measure == "receptance",
+            parameters=tuple(Parameter(n, v, known[n].unit, known[n].words) for n, v in study.fixed.items()),
+            description={
+                "measure": study.measure,
+                "n": study.n,
+                "amplitude_v": study.amplitude_v,
+                "offset_v": study.offset_v,
+                "amplifier": asdict(study.amplifier),
+            },
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values along each axis."""
+        return tuple(len(axis.values) for axis in self.axes)
+
+
+class StudyFile:
+    """The writer, a context manager: left in order it puts the file in place, left by an error it leaves nothing."""
+
+    def __init__(self, path: Path, header: StudyHeader) -> None:
+        """Create the file under its working name.
+
+        Raises:
+            StoreError: the folder, the disk or what stands there already does not allow it.
+        """
+        check_place(path)
+        names = [header.signal, *(axis.name for axis in header.axes)]
+        if len({*names}) < len(names):
+            raise StoreError(f"a study file needs names that differ, not {', '.join(names)}; rename one")
+        need = prod(header.shape) * (16 if header.complex else 8) + RESERVE_BYTES
+        free = shutil.disk_usage(path.parent).free
+        if free < need:
+            raise StoreError(
+                f"the study needs {need / 1e6:.0f} MB but the disk of {path.parent} has {free / 1e6:.0f} MB left; "
+                "free some space, choose another folder, or vary less"
+            )
+        self.path, self._part = path, path.with_name(path.name + ".part")
+        self._shape = header.shape
+        with self._storing():
+            self._file = h5py.File(self._part, "w")
+            self._values = self._create(header)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            with self._storing():
+                self._file.close()
+                if error is None:
+                    self._part.replace(self.path)
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    def write(self, start: int, block: NDArray[Any]) -> None:
+        """Store rows `start`.. of the values seen as (sets, last axis), in the order of their index.
+
+        Raises:
+            StoreError: the disk does not take it.
+        """
+        with self._storing():
+            row = 0
+            for box in boxes(start, start + len(block), self._shape[:-1]):
+                shape = tuple(s.stop - s.start for s in box)
+                count = prod(shape)
+                self._values[(*box, slice(None))] = block[row : row + count].reshape(*shape, self._shape[-1])
+                row += count
+
+    def _create(self, header: StudyHeader) -> h5py.Dataset:
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "tactor-bench", "file_time": now})
+        self._file.attrs.update({"format": FORMAT, "format_version": FORMAT_VERSION})
+        entry = _group(self._file, "entry", "NXentry", default="data")
+        entry["title"] = header.title
+        process = _group(entry, "process", "NXprocess")
+        versions = software()
+        process["program"], process["version"] = "tactor-bench", versions["tactor-bench"]
+        process["software"] = json.dumps(versions)
+        process["study"] = json.dumps(dict(header.description or {}))
+        parameters = _group(entry, "parameters", "NXcollection")
+        for p in header.parameters:
+            parameters[p.name] = p.value
+            parameters[p.name].attrs.update({"units": p.unit, "long_name": p.words})
+        data = _group(entry, "data", "NXdata", signal=header.signal, axes=[axis.name for axis in header.axes])
+        for i, axis in enumerate(header.axes):
+            data[axis.name] = np.asarray(axis.values, float)
+            data[axis.name].attrs.update({"units": axis.unit, "long_name": _long_name(axis.name, axis.unit)})
+            data.attrs[f"{axis.name}_indices"] = [i]
+        values = data.create_dataset(header.signal, header.shape, "c16" if header.complex else "f8")
+        values.attrs.update({"units": header.unit, "long_name": _long_name(header.signal, header.unit)})
+        return values
+
+    def _storing(self) -> "_Storing":
+        return _Storing(self.path)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredStudy:
+    """A study as it was read: values over `axes`, the last of them frequency."""
+
+    title: str
+    signal: str
+    unit: str
+    axes: tuple[Axis, ...]
+    values: NDArray[Any]
+    parameters: tuple[Parameter, ...]
+    description: Mapping[str, Any]
+    software: Mapping[str, str]
+
+
+def read_study(path: Path) -> StoredStudy:
+    """All of a study file.
+
+    Raises:
+        StoreError: there is none, it is damaged, or it is of another kind or of a newer version.
+    """
+    try:
+        with h5py.File(path) as file:
+            if file.attrs.get("format") != FORMAT:
+                raise StoreError(
+                    f"{path} is no study of this program; give a file that 'tactor-bench study --out' wrote"
+                )
+            if file.attrs["format_version"] > FORMAT_VERSION:
+                raise StoreError(f"{path} was written by a newer version of this program; update it")
+            entry, data = file["entry"], file["entry/data"]
+            signal = str(data.attrs["signal"])
+            axes = (Axis(n, str(data[n].attrs["units"]), tuple(data[n][:].tolist())) for n in data.attrs["axes"])
+            parameters = (
+                Parameter(n, float(p[()]), str(p.attrs["units"]), str(p.attrs["long_name"]))
+                for n, p in entry["parameters"].items()
+            )
+            return StoredStudy(
+                entry["title"].asstr()[()],
+                signal,
+                str(data[signal].attrs["units"]),
+                tuple(axes),
+                data[signal][...],
+                tuple(parameters),
+                json.loads(entry["process/study"].asstr()[()]),
+                json.loads(entry["process/software"].asstr()[()]),
+            )
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise StoreError(f"{path} cannot be read as a study: {error}") from error
+
+
+def check_place(path: Path) -> None:
+    """Refuse a place where a study cannot go: no folder, or a file there that is none (a run is never overwritten).
+
+    Raises:
+        StoreError: why not, and what to do.
+    """
+    if not path.parent.is_dir():
+        raise StoreError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
+    if path.exists():
+        try:
+            with h5py.File(path) as file:
+                ours = file.attrs.get("format") == FORMAT
+        except OSError:
+            ours = False
+        if not ours:
+            raise StoreError(f"{path} exists and is no study, so it is left as it is; choose another name")
+
+
+def boxes(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
+    """The flat indices start..stop of an array as few slices of it, in order."""
+    if start >= stop:
+        return
+    if not shape:
+        yield ()
+        return
+    row = prod(shape[1:])
+    first, last = -(-start // row), stop // row
+    if first > last:  # all within one row
+        yield from ((slice(last, last + 1), *box) for box in boxes(start - last * row, stop - last * row, shape[1:]))
+        return
+    if start < first * row:
+        yield from ((slice(first - 1, first), *box) for box in boxes(start - (first - 1) * row, row, shape[1:]))
+    if first < last:
+        yield (slice(first, last), *(slice(0, n) for n in shape[1:]))
+    yield from ((slice(last, last + 1), *box) for box in boxes(0, stop - last * row, shape[1:]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Storing:
+    """Turns what HDF5 raises into one sentence."""
+
+    path: Path
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
+            number = getattr(error, "errno", None)
+            reason = os.strerror(number) if number else str(error)
+            raise StoreError(f"the study file {self.path} cannot be written: {reason}; choose another place") from error
+
+
+def _group(parent: h5py.Group, name: str, kind: str, **attributes: Any) -> h5py.Group:
+    group = parent.create_group(name)
+    group.attrs["NX_class"] = kind
+    group.attrs.update(attributes)
+    return group
+
+
+def _long_name(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit else name

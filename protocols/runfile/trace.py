@@ -1,0 +1,126 @@
+"""What the card sampled in a run, read from its file: counts, volts, metres, and the recordings cut from them."""
+
+import json
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.bench.bench import channel_skew_s
+from drivers.drive import from_record
+from drivers.interfaces import Scale
+from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.quality import Quality
+from protocols.base.records import Recording, converted
+from protocols.runfile.schema import CHANNELS, ENTRY
+
+if TYPE_CHECKING:
+    import h5py
+
+Array = NDArray[np.float64]
+
+
+def sensor_of(entry: "h5py.Group") -> LaserSensor:
+    """The displacement sensor as a run's file has it."""
+    group = entry["instrument/displacement_sensor"]
+    number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
+    return LaserSensor(
+        name=group["name"].asstr()[()],
+        gain_m_per_v=number["gain"],
+        zero_v=number["zero"],
+        valid_low_v=float(group["valid_low"][()]),
+        valid_high_v=float(group["valid_high"][()]),
+        delay_s=number["delay"],
+        gain_relative_uncertainty=number["gain_relative_uncertainty"],
+        serial=group["serial"].asstr()[()],
+        calibrated=group["calibrated"].asstr()[()],
+    )
+
+
+class Trace:
+    """The samples of one run file. Rows are counted from its first sample; a growing file has more of them each time.
+
+    Args:
+        entry: the file's /entry.
+        sensor: by whose calibration volts become metres.
+    """
+
+    def __init__(self, entry: "h5py.Group", sensor: Callable[[], LaserSensor]) -> None:
+        self._entry, self._sensor = entry, sensor
+
+    @property
+    def rate_hz(self) -> float:
+        """Scans a second; 0 in a run whose card never ran."""
+        return float(self._entry["trace/sample_rate"][()])
+
+    @property
+    def samples(self) -> int:
+        """Rows that every channel has."""
+        return min(int(self._entry[f"trace/{name}"].shape[0]) for name in CHANNELS)
+
+    @property
+    def duration_s(self) -> float:
+        """How much was sampled; where nothing was kept no time passes."""
+        rate_hz = self.rate_hz
+        return self.samples / rate_hz if rate_hz else 0.0
+
+    def scale(self, channel: str) -> Scale:
+        """From the card's counts to volts."""
+        coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
+        skew = f"trace/{channel}_skew"  # not in files of format 1
+        return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
+
+    def raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
+        """Integers as the card gave them, rows start..stop, (N,)."""
+        stop = self.samples if stop is None else min(stop, self.samples)
+        return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
+
+    def time_s(self, start: int = 0, stop: int | None = None) -> Array:
+        """When rows start..stop were scanned, seconds since the stream began, (N,); where nothing was kept it jumps."""
+        rows = np.arange(start, self.samples if stop is None else min(stop, self.samples))
+        blocks = self._entry["blocks"][:]
+        if not len(blocks):
+            return rows / self.rate_hz
+        at = np.searchsorted(blocks["row"], rows, side="right") - 1
+        return np.asarray((blocks["scan"][at] + rows - blocks["row"][at]) / self.rate_hz)
+
+    def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
+        """Volts at the amplifier's input, rows start..stop, (N,)."""
+        return converted(self.scale("drive").volts, self.raw("drive", start, stop))
+
+    def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
+        """Displacement as the sensor tells it, (N,); a Recording's quality says where not to believe it."""
+        sensor, scale = self._sensor(), self.scale("displacement")
+        return converted(
+            lambda counts: sensor.displacement_m(scale.volts(counts)), self.raw("displacement", start, stop)
+        )
+
+    def recordings(self) -> Iterator[Recording]:
+        """What was recorded in this very file, in order, exactly as the live run had it."""
+        delay_s = self._delay_s()
+        for index, row in enumerate(self._entry["recordings"][:]):
+            yield self._recording(index, row, delay_s)
+
+    def last_recording(self) -> Recording | None:
+        """The last of what was recorded, without reading the rest; None where nothing was."""
+        table = self._entry["recordings"]
+        return self._recording(len(table) - 1, table[-1], self._delay_s()) if len(table) else None
+
+    def _delay_s(self) -> float:
+        """How late displacement is against the drive: the sensor's delay, less what the card converts it later."""
+        return self._sensor().delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
+
+    def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
+        rows = (int(row["start_row"]), int(row["stop_row"]))
+        return Recording(
+            index=index,
+            rows=rows,
+            rate_hz=self.rate_hz,
+            drive=from_record(json.loads(row["drive"].decode())),
+            drive_v=self.drive_v(*rows),
+            displacement_m=self.displacement_m(*rows),
+            quality=Quality(int(row["quality"])),
+            sensor_delay_s=delay_s,
+            entry=int(row[ENTRY]) if ENTRY in row.dtype.names else index,  # format 1: one each
+        )

@@ -1,0 +1,1 @@
+"""The runner: executes a protocol on an armed bench."""

@@ -1,0 +1,255 @@
+"""A level and a step: means whose standard errors know that neighbouring samples are not independent.
+
+The spectrum of the noise at frequency zero, not its variance, makes the error of a mean. It is taken from the lowest cosine
+components of what a straight line and the mains leave (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
+gives a known number of degrees of freedom for the interval. They hold for noise that forgets within a fiftieth of the stretch.
+
+The ramp from one held level to another, found in the recorded drive: when it began, when it ended, and between what.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from protocols.signals.checks import check_positive, check_samples
+
+Array = NDArray[np.float64]
+
+MAINS_HZ = 50.0
+MAINS_ORDERS = 3
+"""Mains and its harmonics that are fitted; the third is strong where transformers saturate."""
+
+COMPONENTS = 12
+"""Most cosine components that tell the noise: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
+
+LEAST = 24
+"""Fewest samples of a level."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """The level of a stretch of samples at its middle, in the unit of the samples.
+
+    Attributes:
+        value: at the middle, drift and mains removed.
+        standard_error: of the value, slow noise included.
+        degrees_of_freedom: of the standard error; see `coverage_factor`.
+        drift_per_s: slope of the straight line.
+        noise: standard deviation of what line and mains leave.
+    """
+
+    value: float
+    standard_error: float
+    degrees_of_freedom: float
+    drift_per_s: float
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepValue:
+    """What a step did at a stated time after it, against the level just before; in the unit of the samples.
+
+    Attributes:
+        value: after - before.
+        standard_error: of the value.
+        degrees_of_freedom: of the standard error (Welch, Satterthwaite).
+        before, after: the two levels.
+    """
+
+    value: float
+    standard_error: float
+    degrees_of_freedom: float
+    before: Level
+    after: Level
+
+
+def level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ) -> Level:
+    """The level of a stretch, (N,), with its standard error.
+
+    Args:
+        samples: evenly spaced; 0.1 s is whole cycles of both 50 and 60 Hz.
+        rate_hz: samples per second.
+        mains_hz: fitted and removed with two harmonics; None where there is none.
+
+    Raises:
+        ValueError: fewer than 24 samples, not finite, or shorter than a cycle of the mains.
+    """
+    from scipy.fft import dct
+
+    check_positive(rate_hz=rate_hz)
+    x = check_samples("the level", samples, LEAST)
+    n = x.size
+    q, inverse, components, freedom = _design(n, rate_hz, mains_hz)
+    middle = float(x.mean())
+    projected = q.T @ (x - middle)
+    residual = x - middle - q @ projected
+    power = float((dct(residual, norm="ortho")[1 : components + 1] ** 2).sum())
+    value, slope = (inverse[:2] @ projected).tolist()
+    return Level(
+        value=middle + value,
+        standard_error=math.sqrt(power / freedom) * float(np.linalg.norm(inverse[0])),
+        degrees_of_freedom=freedom,
+        drift_per_s=slope * 2 * rate_hz / (n - 1),
+        noise=float(np.sqrt(residual @ residual / (n - q.shape[1]))),
+    )
+
+
+def step_value(
+    samples: ArrayLike,
+    rate_hz: float,
+    step_s: float,
+    read_s: float,
+    window_s: float = 0.1,
+    guard_s: float = 0.0,
+    mains_hz: float | None = MAINS_HZ,
+) -> StepValue:
+    """What stands `read_s` after a step, against what stood just before it.
+
+    Creep is logarithmic, so a step has no end value: the time at which it is read belongs to the number.
+
+    Args:
+        samples: (N,), before and after the step, evenly spaced.
+        rate_hz: samples per second.
+        step_s: when the step began, from the first sample.
+        read_s: after the step; the middle of the window that is read.
+        window_s: length of both windows.
+        guard_s: kept between the end of the first window and the step, for a step whose time is not known to a sample.
+        mains_hz: see `level`.
+
+    Raises:
+        ValueError: a window lies outside the samples or on the step, or holds too little.
+    """
+    check_positive(rate_hz=rate_hz, read_s=read_s, window_s=window_s)
+    x = np.asarray(samples, float)
+    length = round(window_s * rate_hz)
+    end_before = math.floor((step_s - guard_s) * rate_hz)
+    begin_after = round((step_s + read_s) * rate_hz - length / 2)
+    if end_before - length < 0:
+        raise ValueError(
+            f"only {max(end_before, 0) / rate_hz:g} s were recorded before the step, {window_s:g} s are needed to take its zero"
+        )
+    if begin_after < math.ceil(step_s * rate_hz):
+        raise ValueError(
+            f"a window of {window_s:g} s around {read_s:g} s after the step begins before the step: read later, or shorten it"
+        )
+    if begin_after + length > x.size:
+        raise ValueError(
+            f"the record ends {x.size / rate_hz - step_s:g} s after the step, {read_s + window_s / 2:g} s are needed to read it"
+        )
+    before = level(x[end_before - length : end_before], rate_hz, mains_hz)
+    after = level(x[begin_after : begin_after + length], rate_hz, mains_hz)
+    return StepValue(after.value - before.value, *combined(before, after), before, after)
+
+
+def combined(first: Level, second: Level) -> tuple[float, float]:
+    """Standard error and degrees of freedom of a sum or difference of two levels (Welch, Satterthwaite)."""
+    one, two = first.standard_error**2, second.standard_error**2
+    if one + two == 0:
+        return 0.0, first.degrees_of_freedom + second.degrees_of_freedom
+    freedom = (one + two) ** 2 / (one**2 / first.degrees_of_freedom + two**2 / second.degrees_of_freedom)
+    return math.sqrt(one + two), freedom
+
+
+@lru_cache(maxsize=8)
+def _design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Array, int, float]:
+    """What the length alone decides: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
+
+    Line and mains took their share of the lowest cosine components: what is left counts, in power and in freedom.
+    """
+    from scipy.fft import dct
+
+    q, r = np.linalg.qr(_basis(n, rate_hz, mains_hz))
+    components = min(COMPONENTS, max(4, int(0.4 * n ** (2 / 3))))
+    taken = float((dct(q, norm="ortho", axis=0)[1 : components + 1] ** 2).sum())
+    return q, np.linalg.inv(r), components, components - taken
+
+
+def _basis(n: int, rate_hz: float, mains_hz: float | None) -> Array:
+    """1, the time from -1 to 1, and the mains; (n, 2 + 2 orders)."""
+    columns = [np.ones(n), np.linspace(-1, 1, n)]
+    if mains_hz is not None:
+        if n / rate_hz < 1 / mains_hz:
+            raise ValueError(
+                f"{1e3 * n / rate_hz:.3g} ms are shorter than a cycle of the mains ({mains_hz:g} Hz): "
+                "take a longer window, or give mains_hz=None"
+            )
+        t = (np.arange(n) - 0.5 * (n - 1)) / rate_hz
+        for order in range(1, MAINS_ORDERS + 1):
+            if order * mains_hz < 0.45 * rate_hz:
+                columns += [np.sin(2 * np.pi * order * mains_hz * t), np.cos(2 * np.pi * order * mains_hz * t)]
+    return np.stack(columns, axis=1)
+
+
+NEAR_SHARE = 0.01
+"""Of the step: as near as that counts as there, if noise is less."""
+
+NOISE_FACTOR = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ramped:
+    """A ramp in a record; times from its first sample.
+
+    Attributes:
+        begin_s, end_s: the last moment at the old level, the first at the new one. Equal where nothing moved.
+        before_v, level_v: the two levels.
+    """
+
+    begin_s: float
+    end_s: float
+    before_v: float
+    level_v: float
+
+    @property
+    def duration_s(self) -> float:
+        """How long the way took."""
+        return self.end_s - self.begin_s
+
+    def effective_s(self, since_s: Array) -> Array:
+        """Times since an ideal step that would have crept as far as the ramp did by `since_s` after its end.
+
+        What creeps as the logarithm of time under a step, creeps under a straight ramp as its average over the ramp:
+        ln t_eff = ((t + T) ln (t + T) - t ln t) / T - 1 for a ramp of T that ended t ago.
+        """
+        ramp = self.duration_s
+        if ramp <= 0:
+            return since_s
+        whole = since_s + ramp
+        return np.asarray(np.exp((whole * np.log(whole) - since_s * np.log(since_s)) / ramp - 1))
+
+
+def find_ramp(drive_v: Array, rate_hz: float, held_s: float, rest_s: float) -> Ramped:
+    """The one ramp of a record that begins with at least `rest_s` at one level and ends with `held_s` at another.
+
+    Args:
+        drive_v: (N,), volts.
+        rate_hz: samples per second.
+        held_s: how much of its end surely is at a level.
+        rest_s: how much of its begin surely is.
+
+    Raises:
+        ValueError: the record is shorter than that.
+    """
+    first, last = round(rest_s * rate_hz), round(held_s * rate_hz)
+    if first < 2 or last < 4 or first + last > drive_v.size:
+        raise ValueError(
+            f"a record of {drive_v.size / rate_hz:g} s holds no {rest_s:g} s of rest and {held_s:g} s of level"
+        )
+    before, after = drive_v[:first], drive_v[-(last // 2) :]
+    before_v, level_v = float(before.mean()), float(after.mean())
+    step_v = level_v - before_v
+    noise_v = max(float(before.std()), float(after.std()))
+    near_v = max(NOISE_FACTOR * noise_v, NEAR_SHARE * abs(step_v))
+    if abs(step_v) <= 2 * near_v:  # a level that is rest itself: taken to begin where the hold does
+        at_s = (drive_v.size - last) / rate_hz
+        return Ramped(at_s, at_s, before_v, level_v)
+    half = int(np.argmax(np.sign(step_v) * (drive_v - before_v) > abs(step_v) / 2))
+    left = np.flatnonzero(np.abs(drive_v[:half] - before_v) <= near_v)
+    reached = np.flatnonzero(np.abs(drive_v[half:] - level_v) <= near_v)
+    begin_s, end_s = float(left[-1] + 1) / rate_hz, float(half + reached[0]) / rate_hz
+    # As near as can be told from noise is a little inside the ramp: the straight line is drawn out to its ends.
+    inside_s = (end_s - begin_s) * near_v / (abs(step_v) - 2 * near_v)
+    return Ramped(max(begin_s - inside_s, 0.0), end_s + inside_s, before_v, level_v)

@@ -1,0 +1,216 @@
+"""What any bench function generator does to its output, whatever dialect it speaks.
+
+A dialect's model keeps the error messages and the limits of its box; this core turns settings into segments: bursts that
+start and idle at their phase, sines whose phase nobody knows, relays that drop the output to 0 V. Voltages are those of
+the open output (electromotive force): what a box *displays* depends on the load it was told of, the output does not.
+"""
+
+import hashlib
+import math
+import random
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from sim_hardware.plant.segments import Chirp, Glitch, Level, Open, Segment, Tone, Wave
+
+Make = Callable[[float], Segment]
+"""Given the instant of the change, the segment that begins there."""
+
+RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
+"""Attenuator ranges, peak to peak at the open output; a relay switches between two of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings that shape the output; the defaults are a Trueform box after reset.
+
+    `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
+    the amplitude; None is at its start phase.
+    """
+
+    on: bool = False
+    function: Literal["SIN", "DC", "ARB"] = "SIN"
+    wave: Wave | None = None
+    frequency_hz: float = 1e3
+    emf_vpp: float = 0.2
+    emf_offset_v: float = 0.0
+    auto_range: bool = True
+    burst: bool = False
+    cycles: float = 1.0
+    phase_deg: float = 0.0
+    idle: float | None = None
+    period_s: float = 10e-3
+    trigger: Literal["IMM", "BUS", "EXT"] = "IMM"
+    sweep: bool = False
+    start_hz: float = 100.0
+    stop_hz: float = 1e3
+    sweep_s: float = 1.0
+
+
+class Generator:
+    """The output of one function generator.
+
+    Args:
+        emit: takes what makes the next segment and puts it where the output goes.
+        seed: decides the phases that a real box would leave to chance.
+    """
+
+    def __init__(
+        self,
+        emit: Callable[[Make], None],
+        seed: int = 0,
+        clock_ppm: float = 0.0,
+        relay_s: float = 5e-3,
+        pulled_v: float = 0.0,
+    ) -> None:
+        self._emit = emit
+        self._chance = random.Random(seed)
+        self._clock = self._next_clock = 1 + clock_ppm * 1e-6
+        self._relay_s = relay_s
+        self._open = Open(pulled_v)
+        self._powered = True
+        self._glitch_until = -math.inf
+        self._burst: Tone | None = None
+        self._carrier: Tone | Chirp | None = None
+        self.settings = Settings()
+        self._waves: dict[tuple[bytes, bool], Wave] = {}
+
+    def change(self, **settings: Any) -> None:
+        """New settings, all at one instant."""
+        if (wave := settings.get("wave")) is not None:  # the history is kept for ever: the same waveform once
+            key = hashlib.sha256(wave.points.tobytes()).digest(), wave.smooth
+            settings["wave"] = self._waves.setdefault(key, wave)
+
+        def make(t: float) -> Segment:
+            old, self.settings = self.settings, replace(self.settings, **settings)
+            self._follow(old, t)
+            return self._segment(t)
+
+        self._emit(make)
+
+    def reset(self) -> None:
+        """Factory state: output off, whatever hangs on it."""
+
+        def make(t: float) -> Segment:
+            self.settings, self._burst, self._carrier, self._glitch_until = Settings(), None, None, -math.inf
+            return self._segment(t)
+
+        self._emit(make)
+
+    def power(self, on: bool) -> None:
+        """The mains plug. Power comes back with the factory state."""
+        self._powered = on
+        self.reset()
+
+    def drift(self, ppm: float) -> None:
+        """Let the clock run faster from the next trigger on; what plays goes on as it began."""
+        self._next_clock *= 1 + ppm * 1e-6
+
+    def ready_for_trigger(self, now: float) -> bool:
+        """Whether a bus trigger would start something."""
+        s = self.settings
+        return s.trigger == "BUS" and (s.burst or s.sweep) and self.busy_s(now) == 0
+
+    def busy_s(self, now: float) -> float:
+        """Seconds until the running burst or sweep ends."""
+        if self._burst is not None:
+            return max(0.0, self._burst.end_s - now)
+        if isinstance(self._carrier, Chirp):
+            return max(0.0, self._carrier.origin_s + self._carrier.duration_s - now)
+        return 0.0
+
+    def trigger(self) -> None:
+        """Start the armed burst or sweep."""
+
+        def make(t: float) -> Segment:
+            self._clock = self._next_clock
+            s = self.settings
+            if s.burst:
+                self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
+            elif s.sweep:
+                phase = self._carrier.phase_at(t) if self._carrier else 0.0
+                self._carrier = Chirp(
+                    t,
+                    s.start_hz * self._clock,
+                    s.stop_hz * self._clock,
+                    s.sweep_s,
+                    s.emf_vpp / 2,
+                    s.emf_offset_v,
+                    phase,
+                )
+            return self._segment(t)
+
+        self._emit(make)
+
+    def abort(self) -> None:
+        """End a running burst or sweep at once."""
+
+        def make(t: float) -> Segment:
+            self._burst = None
+            if isinstance(self._carrier, Chirp):
+                self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
+            return self._segment(t)
+
+        self._emit(make)
+
+    def _tone(self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf) -> Tone:
+        s = self.settings
+        f = (s.start_hz if s.sweep else s.frequency_hz) * self._clock
+        wave = s.wave if s.function == "ARB" else None
+        start = math.sin(math.radians(s.phase_deg))
+        if wave:  # its first point, whatever is drawn between the points
+            start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
+        idle = s.emf_offset_v + s.emf_vpp / 2 * (start if s.idle is None else s.idle)
+        return Tone(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s, wave)
+
+    def _follow(self, old: Settings, t: float) -> None:
+        """Carry phase and remaining cycles through a change of settings."""
+        s = self.settings
+        if s.auto_range and _range(s.emf_vpp) != _range(old.emf_vpp):
+            self._glitch_until = t + self._relay_s
+        if {s.function, old.function} == {"SIN", "ARB"}:
+            # Sines and waveforms leave through different filters (33120A guide, theory of operation): relays again.
+            self._glitch_until = t + self._relay_s
+        if s.burst != old.burst:
+            self._burst = None
+        if self._burst is not None:
+            run = self._burst
+            if t >= run.end_s:
+                self._burst = None
+            elif s.frequency_hz == old.frequency_hz:
+                self._burst = self._tone(run.origin_s, run.phase_rad, run.cycles)
+            else:
+                left = run.cycles - (t - run.origin_s) * run.frequency_hz
+                self._burst = self._tone(t, run.phase_at(t), left)
+        continuous = s.function != "DC" and not s.burst
+        if not continuous:
+            self._carrier = None
+        elif self._carrier is None:
+            # The oscillator has been running all the time; where it stands nobody knows.
+            self._carrier = self._tone(t, self._chance.uniform(-math.pi, math.pi), math.inf)
+        elif isinstance(self._carrier, Chirp) and s.sweep:
+            self._carrier = replace(self._carrier, amplitude_v=s.emf_vpp / 2, offset_v=s.emf_offset_v)
+        else:
+            self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
+
+    def _segment(self, t: float) -> Segment:
+        segment = self._wanted(t)
+        return Glitch(self._glitch_until, 0.0, segment) if t < self._glitch_until else segment
+
+    def _wanted(self, t: float) -> Segment:
+        s = self.settings
+        if not (self._powered and s.on):
+            return self._open
+        if s.function == "DC":
+            return Level(s.emf_offset_v)
+        if s.burst and s.trigger == "IMM":
+            return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
+        if s.burst:
+            return self._burst or Level(self._tone(t, 0.0, 1.0).idle_v)
+        return self._carrier or self._tone(t, 0.0, math.inf)
+
+
+def _range(vpp: float) -> int:
+    return bisect_left(RANGES_VPP, vpp * (1 - 1e-9))

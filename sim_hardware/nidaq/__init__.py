@@ -1,0 +1,1 @@
+"""The simulated NI card."""

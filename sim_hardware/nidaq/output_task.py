@@ -1,0 +1,188 @@
+"""What NI-DAQmx does with an analogue output task, without its wire: buffer, start trigger, rewriting, stopping.
+
+Stopping a task in mid-wave leaves the output at the sample it had reached, and samples that have already left for the
+card's own memory are played whatever is written over them (NI-DAQmx help: regeneration; X Series manual, AO).
+"""
+
+import math
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_hardware.nidaq.analog_output import FIFO_SAMPLES, RANGE_V, AnalogOutput, counts_of
+from sim_hardware.nidaq.card import TIMEBASE_HZ
+from sim_hardware.nidaq.errors import NiError
+from sim_hardware.nidaq.input_task import FINITE, Channel, NiDevice
+
+FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
+MAX_RATE_HZ = 900e3
+NEVER = math.inf
+
+
+class NiOutputTask:
+    """One analogue output task on one channel."""
+
+    def __init__(self, device: NiDevice, name: str) -> None:
+        self.name = name
+        self.device = device
+        self.channels: list[Channel] = []
+        self.rate_hz: float | None = None
+        self.mode = FINITE
+        self.scans = 0
+        self.relative_to = CURRENT_WRITE_POSITION
+        self.offset = 0
+        self.trigger = ""
+        self._counts = np.zeros(0, np.int16)
+        self._written = 0
+        self._origin_s: float | None = None
+
+    @property
+    def running(self) -> bool:
+        return self._origin_s is not None
+
+    def add_voltage(self, text: str, name: str, low_v: float, high_v: float) -> None:
+        """Add the output. Raises NiError for what the card does not have or cannot do."""
+        device, _, line = text.partition("/")
+        found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
+        if device.lower() != self.device.name.lower():
+            raise NiError(-200220, f"Device Specified: {device}")
+        if not found or int(found[1]) >= len(self.device.card.outputs):
+            raise NiError(-200170, f"Physical Channel Name: {text}")
+        if not -RANGE_V <= low_v < high_v <= RANGE_V:
+            raise NiError(-200077, f"Property: AO.Max\nRequested Value: {high_v}\nMaximum Value: {RANGE_V}")
+        self.channels = [Channel(name or text, int(found[1]), low_v, high_v)]
+
+    def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
+        """Set the sample clock. Raises NiError for a rate that the converter can never do."""
+        if not 0 < rate_hz <= MAX_RATE_HZ:
+            raise NiError(-200077, f"Property: SampClk.Rate\nRequested Value: {rate_hz}\nMaximum Value: {MAX_RATE_HZ}")
+        self.rate_hz, self.mode, self.scans = rate_hz, mode, scans
+        self.set_buffer(scans)
+
+    def configure_trigger(self, source: str) -> None:
+        """Start at an edge of the input's sample clock. Raises NiError for a terminal without a route."""
+        if source.lower() != f"/{self.device.name}/ai/SampleClock".lower():
+            raise NiError(-89136, f"Source Terminal: {source}")
+        self.trigger = source
+
+    def set_property(self, number: int, value: int) -> None:
+        """Where the next write begins. Raises NiError for any other property."""
+        match number:
+            case 0x190C:
+                self.relative_to = value
+            case 0x190D:
+                self.offset = value
+            case _:
+                raise NiError(-200452, f"Property: {number:#x}")
+
+    def actual_rate(self) -> float:
+        """The rate the divider makes."""
+        if self.rate_hz is None:
+            raise NiError(-200452, "Property: SampClk.Rate")
+        return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / self.rate_hz * (1 + 1e-12)))
+
+    def set_buffer(self, scans: int) -> None:
+        """Room for this many samples."""
+        self._counts = np.zeros(scans, np.int16)
+
+    def write(self, volts: NDArray[np.float64], auto_start: bool) -> int:
+        """Write samples, or one level at once where there is no clock; how many were written.
+
+        Raises:
+            NiError: out of range, in use, beyond the last sample, or already played.
+        """
+        output, channel = self._output(), self._channel()
+        if volts.size and not channel.low_v <= float(volts.min()) <= float(volts.max()) <= channel.high_v:
+            raise NiError(-200561, f"Task Name: {self.name}")
+        if self.rate_hz is None:
+            self.device.check()
+            if output.owner not in (None, self):
+                raise NiError(-50103, f"Task Name: {self.name}")
+            output.hold(float(volts[-1]))
+            return volts.size
+        first = self.offset + (0 if self.relative_to == FIRST_SAMPLE else self._written)
+        if first + volts.size > self._counts.size:
+            raise NiError(-201132, f"Task Name: {self.name}")
+        counts = counts_of(volts)
+        if self._origin_s is not None:
+            self._rewrite(output, first, counts)
+        else:
+            self._counts[first : first + counts.size] = counts
+        self._written = first + counts.size
+        if auto_start:
+            self.start()
+        return volts.size
+
+    def _rewrite(self, output: AnalogOutput, first: int, counts: NDArray[np.int16]) -> None:
+        """Change samples of a running generation; those in the card's own memory are out of reach."""
+        done = self.generated()
+        if first < done:
+            raise NiError(-200289, f"Task Name: {self.name}")
+        late = max(done + FIFO_SAMPLES - first, 0)
+        fresh = self._counts.copy()
+        fresh[first + late : first + counts.size] = counts[late:]
+        self._counts = fresh
+        origin = self._origin_s if self._origin_s is not None else NEVER
+        output.play(self._counts, self.actual_rate(), lambda _: origin)
+
+    def start(self) -> None:
+        """Begin, or wait for the trigger. Raises NiError: no samples, in use, or unplugged."""
+        if self._origin_s is not None or self.rate_hz is None:
+            return
+        output = self._output()
+        if self._written < self._counts.size:
+            raise NiError(-200462, f"Task Name: {self.name}")
+        self.device.check()
+        if output.owner not in (None, self):
+            raise NiError(-50103, f"Task Name: {self.name}")
+        output.owner = self
+        edge = self.device.next_scan if self.trigger else lambda t: t
+        self._origin_s = output.play(self._counts, self.actual_rate(), edge)
+
+    def stop(self) -> None:
+        """Stop: the output stays at the sample it has reached."""
+        if self._origin_s is None:
+            return
+        output = self._output()
+        if self._played() < self._counts.size:
+            output.freeze()
+        self._origin_s = None
+        self._written = 0
+        if output.owner is self:
+            output.owner = None
+
+    def generated(self) -> int:
+        """Samples played since the start."""
+        self.device.check(-88705)
+        return self._played()
+
+    def _played(self) -> int:
+        if self._origin_s is None or self._origin_s == NEVER:
+            return 0
+        played = math.floor((self.device.clock.now() - self._origin_s) * self.actual_rate() + 1e-6) + 1
+        return min(max(played, 0), self._counts.size)
+
+    def done(self) -> bool:
+        """Whether a finite generation has played its last sample."""
+        return self._origin_s is None or self.generated() >= self._counts.size
+
+    def wait_done(self, timeout_s: float) -> bool:
+        """Wait until everything is played; whether it is. The time-out is the caller's own, real time."""
+        clock, speed = self.device.clock, self.device.speed
+        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
+        while not self.done():
+            now = clock.now()
+            if now >= given_up or self.device.stopping.is_set():
+                return False
+            left = (self._origin_s or 0.0) + self._counts.size / self.actual_rate() - now
+            clock.sleep(min(max(left, 1e-4 * speed), 0.02 * speed))
+        return True
+
+    def _channel(self) -> Channel:
+        if not self.channels:
+            raise NiError(-200478)
+        return self.channels[0]
+
+    def _output(self) -> AnalogOutput:
+        return self.device.card.outputs[self._channel().terminal]

@@ -1,0 +1,169 @@
+"""The properties of NI-DAQmx that `nidaqmx` asks for around analogue tasks, by NI's numbers (nidaqmx source)."""
+
+from typing import Any
+
+from sim_hardware.nidaq.card import convert_time
+from sim_hardware.nidaq.errors import NiError
+from sim_hardware.nidaq.input_task import FINITE, NiDevice, NiTask
+from sim_hardware.nidaq.output_task import MAX_RATE_HZ, NiOutputTask
+
+DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
+"""Major, minor, update: what a driver of that year would say."""
+
+_ABSENT = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
+"""Digital lines and counters of a device: not simulated."""
+
+
+def of_system(device: NiDevice, number: int) -> Any:
+    """A property of the driver or its device list. Raises NiError for one that is not simulated."""
+    match number:
+        case 0x1272 | 0x1923 | 0x2F22:
+            return DRIVER_VERSION[number]
+        case 0x193B:  # devices
+            return device.name
+        case 0x1267 | 0x1268:  # saved tasks and channels
+            return ""
+    raise NiError(-200452, f"Property: {number:#x}")
+
+
+def of_device(device: NiDevice, name: str, number: int) -> Any:
+    """A property of the card. Raises NiError: another device, not simulated, or unplugged."""
+    truth = device.card.truth
+    if name.lower() != device.name.lower():
+        raise NiError(-200220, f"Device Specified: {name}")
+    match number:
+        case 0x631:  # product type
+            return truth.product
+        case 0x632:  # serial number
+            device.check()
+            return truth.serial
+        case 0x22CA:  # simulated
+            return True
+        case 0x231E:  # physical AI channels
+            return ", ".join(f"{device.name}/ai{i}" for i in range(truth.channels))
+        case 0x231F:  # physical AO channels
+            return ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs)))
+        case 0x2A40:  # terminals
+            names = ("PFI0", "PFI1", "ai/SampleClock", "ai/ConvertClock", "ai/StartTrigger", "100MHzTimebase")
+            return ", ".join(f"/{device.name}/{t}" for t in names)
+        case _ if number in _ABSENT:
+            return ""
+        case 0x298C | 0x298D:  # largest AI rate, one channel and all together
+            return truth.max_rate_hz
+        case 0x298F:  # simultaneous sampling
+            return truth.convert_s == 0
+        case 0x2990:  # voltage ranges
+            return [-truth.range_v, truth.range_v]
+        case 0x2326:  # bus: USB
+            return 12588
+        case 0x29A9:  # category: X series
+            return 15858
+    raise NiError(-200452, f"Property: {number:#x}")
+
+
+def of_terminal(device: NiDevice, name: str, number: int) -> Any:
+    """A property of a physical channel. Raises NiError: no such channel, or not simulated."""
+    device.terminals(name)
+    if number == 0x2342:  # terminal configurations: RSE, NRSE, differential
+        return [10083, 10078, 10106]
+    raise NiError(-200452, f"Property: {number:#x}")
+
+
+def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
+    """A property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
+    if isinstance(task, NiOutputTask):
+        return _of_output(task, number)
+    match number:
+        case 0x1276:  # name
+            return task.name
+        case 0x1273 | 0x1823:  # channels in the task, channels to read
+            return ", ".join(c.name for c in task.channels)
+        case 0x230E:  # devices
+            return task.device.name
+        case 0x2181 | 0x217B:  # number of channels
+            return len(task.channels)
+        case 0x1344:  # sample rate
+            return task.actual_rate()
+        case 0x22C8:  # largest sample rate
+            return task.max_rate()
+        case 0x1848:  # conversions a second
+            return 1 / convert_time(task.device.card.truth, task.actual_rate(), len(task.channels))
+        case 0x1300:  # mode
+            return task.mode
+        case 0x1310:  # samples per channel
+            return task.scans
+        case 0x1347:  # timing: on demand, or sample clock
+            return 10390 if task.rate_hz is None else 10388
+        case 0x186C:  # buffer
+            return task.buffer()
+        case 0x230A:  # the card's own buffer
+            return 4095
+        case 0x1223:  # available
+            return task.available()
+        case 0x192A:  # acquired
+            return task.acquired()
+        case 0x1808:  # read position
+            return task.position
+        case 0x31E8:  # samples a read of "all available" takes
+            return 1 if task.rate_hz is None else task.scans if task.mode == FINITE else task.available()
+        case 0x1215:  # read all available
+            return False
+    return _of_channel(task, number, channel)
+
+
+def _of_channel(task: NiTask, number: int, name: str) -> Any:
+    if not task.channels:
+        raise NiError(-200478)
+    channel = next((c for c in task.channels if c.name == name), task.channels[0])
+    truth = task.device.card.truth
+    match number:
+        case 0x187F:  # kind of channel: AI
+            return 10100
+        case 0x695:  # measures: voltage
+            return 10322
+        case 0x18F5:  # physical channel
+            return task.device.terminal_name(channel.terminal)
+        case 0x1930:  # scaling coefficients
+            return list(truth.coefficients)
+        case 0x17DD:  # max
+            return channel.high_v
+        case 0x17DE:  # min
+            return channel.low_v
+        case 0x1815:  # range, high
+            return truth.range_v
+        case 0x1816:  # range, low
+            return -truth.range_v
+        case 0x1765:  # resolution in bits
+            return 16.0
+        case 0x1097:  # terminal configuration: differential
+            return 10106
+    raise NiError(-200452, f"Property: {number:#x}")
+
+
+def _of_output(task: NiOutputTask, number: int) -> Any:
+    match number:
+        case 0x1276:  # name
+            return task.name
+        case 0x1273:  # channels in the task
+            return ", ".join(c.name for c in task.channels)
+        case 0x230E:  # devices
+            return task.device.name
+        case 0x2181 | 0x217E:  # number of channels
+            return len(task.channels)
+        case 0x187F:  # kind of channel: AO
+            return 10102
+        case 0x1344:  # sample rate
+            return task.actual_rate()
+        case 0x22C8:  # largest sample rate
+            return MAX_RATE_HZ
+        case 0x1300:  # mode
+            return task.mode
+        case 0x1310:  # samples per channel
+            return task.scans
+        case 0x192B:  # samples generated
+            return task.generated()
+        case 0x190C:  # where a write begins
+            return task.relative_to
+        case 0x190D:
+            return task.offset
+    raise NiError(-200452, f"Property: {number:#x}")

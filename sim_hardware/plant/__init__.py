@@ -1,0 +1,1 @@
+"""The simulated plant: parameters, beam, laser view, faults, voltage history."""

@@ -1,0 +1,154 @@
+"""The facts a safety test asks of the world: what the specimen's amplifier was really given while high voltage was on.
+
+Nothing here knows what the program believed. Extremes are taken on the plant's grid and at every change; jumps are
+the discontinuities between and inside segments, those within one grid step added up (a staircase that takes no time
+is one jump).
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_hardware.plant.voltage_history import Piece
+
+Array = NDArray[np.float64]
+
+_CHUNK = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryReport:
+    """Facts about one history; voltages at the amplifier's input, all but the last two while high voltage was on.
+
+    Attributes:
+        live_s: seconds with high voltage on; the extremes are rest and the jumps zero if there were none.
+        lowest_v, highest_v: extremes, volts that stood for no time at all included.
+        largest_jump_v: largest discontinuity, continuous slopes excluded.
+        steepest_v_per_s: steepest continuous slope.
+        outside_rest_s: seconds further from rest than the tolerance.
+        switched_at_rest: at every switching of high voltage the input stood still at rest.
+        end_v: volts at the input at the end.
+        ends_at_rest: the input stands still at rest at the end, and nothing will move it.
+    """
+
+    live_s: float
+    lowest_v: float
+    highest_v: float
+    largest_jump_v: float
+    steepest_v_per_s: float
+    outside_rest_s: float
+    switched_at_rest: bool
+    end_v: float
+    ends_at_rest: bool
+
+
+def _at(piece: Piece, t: float) -> float:
+    return float(piece.segment.volts(np.array([t]))[0])
+
+
+def _before(piece: Piece, t: float) -> float:
+    return _at(piece, math.nextafter(t, -math.inf))
+
+
+def _resting(piece: Piece, t: float, rest_v: float, tolerance_v: float) -> bool:
+    return t >= piece.segment.still_from_s and abs(_at(piece, t) - rest_v) <= tolerance_v
+
+
+def _grids(piece: Piece, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Array]:
+    """Times from begin to just before end, in chunks that share their end points; two points where it is still."""
+    edges = [begin_s, *sorted(k for k in piece.segment.knots_s if begin_s < k < end_s), end_s]
+    for a, b in pairwise(edges):
+        last = math.nextafter(b, -math.inf)
+        if a >= piece.segment.still_from_s or last <= a:
+            yield np.array([a, max(a, last)])
+            continue
+        low, high = math.floor(a * rate_hz) + 1, math.ceil(b * rate_hz)
+        previous = a
+        for k in range(low, high, _CHUNK):
+            inner = np.arange(k, min(k + _CHUNK, high)) / rate_hz
+            yield np.concatenate(([previous], inner))
+            previous = float(inner[-1])
+        yield np.array([previous, last])
+
+
+def _jumps(pieces: Sequence[Piece], until_s: float) -> Iterator[tuple[float, float, float]]:
+    """Time, volts before and volts after of every discontinuity under high voltage."""
+    for i, piece in enumerate(pieces):
+        if i and piece.hv and pieces[i - 1].hv and piece.start_s <= until_s:
+            earlier = pieces[i - 1]
+            # A piece that stood for no time counts with what it would have put out.
+            stood = earlier.start_s < piece.start_s
+            yield (
+                piece.start_s,
+                _before(earlier, piece.start_s) if stood else _at(earlier, piece.start_s),
+                _at(piece, piece.start_s),
+            )
+        end = pieces[i + 1].start_s if i + 1 < len(pieces) else math.inf
+        for knot in piece.segment.knots_s:
+            if piece.hv and piece.start_s < knot < min(end, until_s):
+                yield knot, _before(piece, knot), _at(piece, knot)
+
+
+def _largest_jump(pieces: Sequence[Piece], until_s: float, rate_hz: float) -> float:
+    largest, step, first_v = 0.0, -1, 0.0
+    for t, before_v, after_v in _jumps(pieces, until_s):
+        if math.floor(t * rate_hz) != step:
+            step, first_v = math.floor(t * rate_hz), before_v
+        largest = max(largest, abs(after_v - first_v))
+    return largest
+
+
+@lru_cache(maxsize=4096)
+def _stood(
+    piece: Piece, end_s: float, rate_hz: float, rest_v: float, tolerance_v: float
+) -> tuple[float, float, float, float]:
+    """Lowest and highest volts, steepest slope and seconds outside rest of a piece until `end_s`.
+
+    Remembered, because what is past does not change and a report is asked for again and again while a bench runs.
+    """
+    low, high, steepest, outside = math.inf, -math.inf, 0.0, 0.0
+    for t in _grids(piece, piece.start_s, end_s, rate_hz):
+        volts = piece.segment.volts(t)
+        low, high = min(low, float(volts.min())), max(high, float(volts.max()))
+        spans = np.diff(t)
+        outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
+        wide = spans > 1e-3 / rate_hz  # shorter chords would divide rounding by next to nothing
+        if wide.any():
+            steepest = max(steepest, float(np.max(np.abs(np.diff(volts)[wide]) / spans[wide])))
+    return low, high, steepest, outside
+
+
+def report_on(
+    pieces: Sequence[Piece], until_s: float, rate_hz: float, rest_v: float, tolerance_v: float
+) -> HistoryReport:
+    """The report of a history up to `until_s`, sampled at the plant's rate."""
+    low, high, steepest, live, outside = math.inf, -math.inf, 0.0, 0.0, 0.0
+    switched_at_rest = True
+    for i, piece in enumerate(pieces):
+        if piece.start_s > until_s:
+            break
+        if i and piece.hv != pieces[i - 1].hv:
+            switched_at_rest &= _resting(piece, piece.start_s, rest_v, tolerance_v)
+        if not piece.hv:
+            continue
+        end = min(pieces[i + 1].start_s if i + 1 < len(pieces) else until_s, until_s)
+        live += end - piece.start_s
+        lowest, highest, slope, away = _stood(piece, end, rate_hz, rest_v, tolerance_v)
+        low, high, steepest, outside = min(low, lowest), max(high, highest), max(steepest, slope), outside + away
+    last = [piece for piece in pieces if piece.start_s <= until_s][-1]
+    return HistoryReport(
+        live_s=live,
+        lowest_v=rest_v if math.isinf(low) else low,
+        highest_v=rest_v if math.isinf(high) else high,
+        largest_jump_v=_largest_jump(pieces, until_s, rate_hz),
+        steepest_v_per_s=steepest,
+        outside_rest_s=outside,
+        switched_at_rest=switched_at_rest,
+        end_v=_at(last, until_s),
+        ends_at_rest=_resting(last, until_s, rest_v, tolerance_v),
+    )

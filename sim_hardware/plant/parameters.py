@@ -1,0 +1,287 @@
+"""The truth of a simulated bench: every number a real bench would hide, as values that come from its bench file."""
+
+import math
+import types
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from typing import Any, Self, Union, get_args, get_origin, get_type_hints
+
+from model.amplifier_map import AmplifierMap
+from model.parameters import Membrane, Tactor
+from model.skin import Skin
+from sim_hardware.plant.nonidealities import BeyondTruth
+
+GENERATORS = {
+    "335": "Keysight Technologies",
+    "336": "Keysight Technologies",
+    "33210": "Agilent Technologies",
+    "33220": "Agilent Technologies",
+    "33250": "Agilent Technologies",
+    "DG10": "Rigol Technologies",
+    "DG8": "Rigol Technologies",
+    "SDG1": "Siglent Technologies",
+    "SDG2": "Siglent Technologies",
+    "AFG3": "TEKTRONIX",
+    "AFG1": "TEKTRONIX",
+}
+"""How the names of the function generators begin that can be simulated, and who made them."""
+
+SOURCES = ("generator", "ao0", "ao1", "supply")
+"""Outputs that can stand at the near end of the cable to the amplifier."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratorTruth:
+    """The function generator.
+
+    Attributes:
+        clock_ppm: how much faster its clock runs than the card's.
+        command_s: time one message takes it, real boxes need milliseconds.
+        relay_s: how long an attenuator relay leaves the output at 0 V.
+        high_z_by_hand: whether a person has set High Z on the front panel of a box whose wire cannot (AFG1000).
+    """
+
+    model: str = "33511B"
+    serial: str = "MY00000001"
+    firmware: str = "5.02-3.02-2.15-52-00"
+    clock_ppm: float = 0.0
+    command_s: float = 1e-3
+    relay_s: float = 5e-3
+    high_z_by_hand: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.model.upper().startswith(tuple(GENERATORS)):
+            known = ", ".join(GENERATORS)
+            raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {known}")
+        _not_negative("generator", command_s=self.command_s, relay_s=self.relay_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SupplyTruth:
+    """The programmable DC supply.
+
+    Attributes:
+        fall_tau_s: time constant of its falling output without a load.
+        off_v: where its output goes when it is off; an E3631A may show 0.6 V of the other sign.
+        ovp, ovp_v: its over-voltage protection at power-on.
+    """
+
+    model: str = "E36312A"
+    serial: str = "MY00000002"
+    fall_tau_s: float = 0.05
+    off_v: float = 0.0
+    ovp: bool = False
+    ovp_v: float = 6.0
+
+    def __post_init__(self) -> None:
+        _positive("supply", fall_tau_s=self.fall_tau_s)
+
+
+@dataclass(frozen=True, slots=True)
+class AmplifierTruth:
+    """The high-voltage amplifier: static map, slew limit, and what its input does when nothing drives it.
+
+    Attributes:
+        slew_v_per_s: fastest change on the high-voltage side, volts per second.
+        open_v: where the input is pulled when the generator's output is open or the cable is off.
+        enabled: whether high voltage is on at the start.
+    """
+
+    map: AmplifierMap = field(default_factory=AmplifierMap)
+    slew_v_per_s: float = 2e7
+    open_v: float = 0.0
+    enabled: bool = False
+
+    def __post_init__(self) -> None:
+        _positive("amplifier", slew_v_per_s=self.slew_v_per_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTruth:
+    """The laser displacement sensor's analogue output: volts = zero_v + displacement / gain_m_per_v, delayed.
+
+    Attributes:
+        noise_m: rms noise per sample in metres.
+        delay_s: from the motion to the voltage.
+        range_m: half the measuring range; beyond it the output shows `invalid_v`.
+    """
+
+    gain_m_per_v: float = 1e-4
+    zero_v: float = 0.0
+    noise_m: float = 1e-7
+    delay_s: float = 1e-4
+    range_m: float = 1e-3
+    invalid_v: float = 10.3
+
+    def __post_init__(self) -> None:
+        if self.gain_m_per_v == 0:
+            raise ValueError("sensor.gain_m_per_v must not be 0")
+        _positive("sensor", range_m=self.range_m)
+        _not_negative("sensor", noise_m=self.noise_m, delay_s=self.delay_s)
+
+
+@dataclass(frozen=True, slots=True)
+class CardTruth:
+    """The multifunction card: one 16-bit converter, multiplexed.
+
+    Attributes:
+        range_v: half the input range; NI's rails lie 5 % outside it.
+        noise_v: rms noise per sample at the card's input.
+        max_rate_hz: samples per second of all channels together.
+        convert_s: time between the conversions of two channels of one scan where the rate leaves it; 0 samples them
+            together. NI's default is the converter's fastest and 10 us more for the inputs to settle.
+        latency_s: from the start of a task to its first sample.
+        coefficients: counts to volts, c0 + c1 n + c2 n^2 + c3 n^3.
+    """
+
+    product: str = "USB-6341"
+    serial: int = 0x01A2B3C4
+    channels: int = 16
+    range_v: float = 10.0
+    noise_v: float = 2.7e-4
+    max_rate_hz: float = 500e3
+    convert_s: float = 12e-6
+    latency_s: float = 0.0
+    coefficients: tuple[float, ...] = (-1.7e-4, 3.2054e-4, 2.0e-14, -3.1e-19)
+
+    def __post_init__(self) -> None:
+        _positive("card", range_v=self.range_v, max_rate_hz=self.max_rate_hz, channels=self.channels)
+        _not_negative("card", noise_v=self.noise_v, convert_s=self.convert_s, latency_s=self.latency_s)
+        if len(self.coefficients) < 2 or self.coefficients[1] == 0:
+            raise ValueError("card.coefficients must hold at least an offset and a gain that is not 0")
+
+
+@dataclass(frozen=True, slots=True)
+class HandsTruth:
+    """The operator's hands.
+
+    Attributes:
+        reach_s: from being asked for a weight until it touches the tactor.
+        release_s: from the first touch until the whole weight lies there, and the same to lift it off.
+        landing_m_per_s: how fast a weight comes down at the first touch.
+        patience_s: after a weight was placed or lifted, so long until the operator presses the key.
+        reference_m: how much deeper than it says the reference for the membrane's sag lies.
+    """
+
+    reach_s: float = 1.0
+    release_s: float = 0.3
+    landing_m_per_s: float = 5e-3
+    patience_s: float = 10.0
+    reference_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        _not_negative(
+            "hands",
+            reach_s=self.reach_s,
+            release_s=self.release_s,
+            landing_m_per_s=self.landing_m_per_s,
+            patience_s=self.patience_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BenchTruth:
+    """One simulated bench.
+
+    Attributes:
+        source: whose output the cable brings to the amplifier, one of `SOURCES`.
+        skin: what the tactor presses against at the start; None is free.
+        membrane: the rubber that hands may put on it.
+        modes: shapes in the Galerkin model of the plant.
+        plant_rate_hz: the plant's fixed time grid.
+        window_s: how much of the past the plant keeps.
+        speed: bench seconds per wall second where a wall clock drives the bench.
+    """
+
+    tactor: Tactor = field(default_factory=Tactor)
+    skin: Skin | None = None
+    membrane: Membrane = field(default_factory=Membrane)
+    hands: HandsTruth = field(default_factory=HandsTruth)
+    beyond: BeyondTruth = field(default_factory=BeyondTruth)
+    modes: int = 7
+    generator: GeneratorTruth = field(default_factory=GeneratorTruth)
+    amplifier: AmplifierTruth = field(default_factory=AmplifierTruth)
+    source: str = "generator"
+    supply: SupplyTruth = field(default_factory=SupplyTruth)
+    sensor: SensorTruth = field(default_factory=SensorTruth)
+    card: CardTruth = field(default_factory=CardTruth)
+    seed: int = 1
+    plant_rate_hz: float = 100e3
+    window_s: float = 30.0
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCES)}")
+        _positive("simulation", speed=self.speed)
+        _not_negative("simulation", seed=self.seed)
+        _within("simulation.modes", self.modes, 3, 40)
+        _within("simulation.plant_rate_hz", self.plant_rate_hz, 1e4, 1e6)
+        _within("simulation.window_s", self.window_s, 0.1, 60)
+
+    def as_record(self) -> dict[str, Any]:
+        """Plain nested values, ready for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> Self:
+        """The truth that `as_record` described; what is left out keeps its default.
+
+        Raises:
+            ValueError: a key is unknown or a value does not fit.
+        """
+        truth = _build(cls, record, "simulation")
+        if not isinstance(truth, cls):
+            raise ValueError("simulation: expected a table")
+        return truth
+
+
+def _build(kind: Any, value: Any, where: str) -> Any:
+    """A value of type `kind` out of JSON: dataclasses from tables, tuples from lists."""
+    if get_origin(kind) in (Union, types.UnionType):
+        if value is None:
+            return None
+        (kind,) = (k for k in get_args(kind) if k is not type(None))
+    if get_origin(kind) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{where}: expected a list, not {value!r}")
+        return tuple(_scalar(float, item, where) for item in value)
+    if not is_dataclass(kind):
+        return _scalar(kind, value, where)
+    if not isinstance(value, dict):
+        raise ValueError(f"{where}: expected a table, not {value!r}")
+    hints = get_type_hints(kind)
+    known = {f.name for f in fields(kind)}
+    if unknown := sorted(set(value) - known):
+        raise ValueError(f"{where}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    built: dict[str, Any] = {name: _build(hints[name], item, f"{where}.{name}") for name, item in value.items()}
+    try:
+        return kind(**built)  # type: ignore[operator]
+    except TypeError as error:  # something without a default was left out
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _scalar(kind: Any, value: Any, where: str) -> Any:
+    """A bool, int, float or str as it was declared; a whole number will do for a float."""
+    if kind is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        return float(value)
+    if kind is not float and type(value) is kind:
+        return value
+    names = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
+    raise ValueError(f"{where}: expected {names.get(kind, kind)}, not {value!r}")
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{name} must be from {low:g} to {high:g}, not {value:g}")
+
+
+def _positive(table: str, **values: float) -> None:
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{table}.{name} must be positive, not {value:g}")
+
+
+def _not_negative(table: str, **values: float) -> None:
+    for name, value in values.items():
+        if not value >= 0:
+            raise ValueError(f"{table}.{name} must not be negative, not {value:g}")

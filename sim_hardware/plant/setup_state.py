@@ -1,0 +1,134 @@
+"""How things stand on a simulated bench while it runs: what a person has put on, taken off, turned or clamped."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from model.skin import Skin, skin
+from sim_hardware.plant.parameters import BenchTruth
+
+GRAVITY = 9.80665
+
+SPECIMEN: Mapping[str, tuple[str, ...]] = {
+    "place-weight": ("mass_kg",),
+    "remove-weight": (),
+    "turn-side": ("side",),
+    "short-electrodes": (),
+    "connect-electrodes": (),
+    "fix-mass": ("mass_kg",),
+    "stretch-membrane": ("elongation_m",),
+    "remove-membrane": (),
+    "tidy-up": (),
+}
+"""What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
+
+Nobody asks for `tidy-up`: whoever begins another run brings the specimen back to how it stood when the bench was opened.
+
+All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
+"""
+
+SENSOR: Mapping[str, tuple[str, ...]] = {
+    "zero-sensor": (),
+    "bump-sensor": ("by_m",),
+    "place-reference": ("reference_m",),
+    "hang-membrane": ("reference_m",),
+}
+"""What hands can do to the sensor and under it. Nobody asks for a bump; it happens."""
+
+HANDS = {**SPECIMEN, **SENSOR}
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What stands on the bench.
+
+    Attributes:
+        fixed_kg: mass in the cylinder.
+        skin: what the tactor presses against; None is free.
+        side: +1 with the MFC up, -1 with the aluminium up. The sensor stays where it is: what lies on the tactor pushes it
+            the same way on both sides, a voltage bends it the other way.
+        shorted: the electrodes are shorted; no voltage of the amplifier reaches them.
+        weights_kg: nominal masses that lie on the centre, in the order in which they were placed.
+    """
+
+    fixed_kg: float = 0.0
+    skin: Skin | None = None
+    side: int = 1
+    shorted: bool = False
+    weights_kg: tuple[float, ...] = ()
+
+    @property
+    def mass_kg(self) -> float:
+        """Everything that moves with the centre."""
+        return self.fixed_kg + sum(self.weights_kg)
+
+
+def opening(truth: BenchTruth) -> Situation:
+    """What stands on the bench before anybody has touched it."""
+    return Situation(truth.tactor.m_add, truth.skin)
+
+
+def check(action: str, values: Mapping[str, float]) -> None:
+    """Raise ValueError where there is no such action, or a number it needs is missing."""
+    if action not in HANDS:
+        raise ValueError(f"there is no action {action!r}: choose from {', '.join(HANDS)}")
+    if missing := [name for name in HANDS[action] if name not in values]:
+        raise ValueError(f"{action}: {', '.join(missing)} is missing")
+
+
+def altered(now: Situation, action: str, values: Mapping[str, float], truth: BenchTruth) -> Situation:
+    """The situation after one of the actions of `SPECIMEN`.
+
+    Raises:
+        ValueError: a number is missing or makes no sense, or there is nothing to take off.
+    """
+    match action:
+        case "place-weight":
+            return replace(now, weights_kg=(*now.weights_kg, _positive(action, values, "mass_kg")))
+        case "remove-weight":
+            return replace(now, weights_kg=_without(now.weights_kg, values.get("mass_kg")))
+        case "turn-side":
+            side = values["side"]
+            if side not in (1, -1):
+                raise ValueError(f"turn-side: side is {side:g}; it is +1 (MFC up) or -1 (aluminium up)")
+            weights_kg = (_positive(action, values, "offset_kg"),) if values.get("offset_kg") else ()
+            shorted = bool(values.get("shorted", now.shorted))
+            return replace(now, side=int(side), weights_kg=weights_kg, shorted=shorted)
+        case "short-electrodes" | "connect-electrodes":
+            return replace(now, shorted=action == "short-electrodes")
+        case "fix-mass":
+            return replace(now, fixed_kg=truth.beyond.mass_share * _not_negative(action, values, "mass_kg"))
+        case "stretch-membrane":
+            elongation_m = _not_negative(action, values, "elongation_m") * (1 - truth.beyond.membrane_slip)
+            return replace(now, skin=skin(truth.membrane, elongation_m / truth.membrane.L_m, tactor=truth.tactor))
+        case "tidy-up":
+            return opening(truth)
+    return replace(now, skin=None)
+
+
+def force_n(situation: Situation, truth: BenchTruth) -> float:
+    """What the weights weigh: each has its own error, always the same one."""
+    return GRAVITY * sum(truth.beyond.true_kg(mass_kg, truth.seed) for mass_kg in situation.weights_kg)
+
+
+def _without(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[float, ...]:
+    """Without that weight, or without the one placed last."""
+    if not weights_kg:
+        raise ValueError("remove-weight: no weight lies on the tactor")
+    if mass_kg is None:
+        return weights_kg[:-1]
+    for place in reversed(range(len(weights_kg))):
+        if abs(weights_kg[place] - mass_kg) <= 1e-9:
+            return weights_kg[:place] + weights_kg[place + 1 :]
+    raise ValueError(f"remove-weight: no weight of {1e3 * mass_kg:g} g lies on the tactor")
+
+
+def _positive(action: str, values: Mapping[str, float], name: str) -> float:
+    if not values[name] > 0:
+        raise ValueError(f"{action}: {name} must be positive, not {values[name]:g}")
+    return float(values[name])
+
+
+def _not_negative(action: str, values: Mapping[str, float], name: str) -> float:
+    if not values[name] >= 0:
+        raise ValueError(f"{action}: {name} must not be negative, not {values[name]:g}")
+    return float(values[name])

@@ -1,0 +1,170 @@
+"""The tactor's modes on a fixed time grid, stepped exactly for a voltage and a load that are linear between grid points.
+
+Whole blocks of the grid are computed at once: w = T_V V + T_F F + O z, with one small recursion from block to block.
+
+The slew limit of a simulated amplifier.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.parameters import Tactor
+from model.response.frequency_response import modal, system
+from model.response.statics import load_compliance
+from model.skin import Skin
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+BLOCK = 128
+"""Grid steps simulated together; nothing is known of a block before it is complete."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stepper:
+    """Matrices of one block for one situation: displacement and next state from the drives at steps -1..BLOCK-1."""
+
+    R_V: Array  # (BLOCK + 1, BLOCK + 2 m), volts to displacement and to the state after the block, real and imaginary
+    R_F: Array  # (BLOCK + 1, BLOCK + 2 m), of newtons
+    O: Array  # (2 m, BLOCK), real and imaginary part of the state to displacement  # noqa: E741
+    advance: Complex  # (m,), state over one block
+    poles: Complex  # (k,), those that are stepped lead, those beyond the grid follow
+    b_V: Complex  # (k,), z' = s z + b_V V + b_F F
+    b_F: Complex  # (k,)
+    shapes: Complex  # (2n, k), Re(shapes z) are coordinates and velocities
+    inverse: Complex  # (k, 2n)
+    slowest: float
+    """Decay of the mode that remembers longest, 1/s."""
+
+    @classmethod
+    def of(cls, tactor: Tactor, skin: Skin | None, n: int, step_s: float) -> "Stepper":
+        """The stepper of a tactor in `n` shapes, with first-order hold."""
+        m = system(tactor, skin, n)
+        # Both sides by the root of M: the eigenvectors keep their digits.
+        root = np.linalg.inv(np.linalg.cholesky(m.M))
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [-root @ m.K @ root.T, -root @ m.C @ root.T]])
+        s, X = np.linalg.eig(A)
+        inverse = np.linalg.inv(X)
+        X = np.kron(np.eye(2), root.T) @ X
+        inverse = inverse @ np.kron(np.eye(2), np.linalg.inv(root.T))
+        keep = np.flatnonzero(s.imag >= 0)
+        # Modes beyond the grid follow the drive at once; their oscillation could not be sampled anyway.
+        keep = keep[np.argsort(np.abs(s[keep]) * step_s > 1.0, kind="stable")]
+        twice = np.where(s.imag > 0, 2.0, 1.0)[keep]
+        s, X, inverse = s[keep].astype(complex), X[:, keep] * twice, inverse[keep]
+        both = np.stack((m.B, m.B_F), axis=-1)
+        b_V, b_F = (inverse[:, n:] @ np.linalg.solve(m.M, both)).T
+        c = 2 * m.B_F @ X[:n]
+        slow = int(np.sum(np.abs(s) * step_s <= 1.0))
+        held = s[:slow]
+        T_V, W_V = _block(held, b_V[:slow], c[:slow], step_s)
+        T_F, W_F = _block(held, b_F[:slow], c[:slow], step_s)
+        for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _missing(tactor, n))):
+            T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += more - float((c[slow:] * b[slow:] / s[slow:]).real.sum())
+        powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
+        advance = np.exp(held * step_s * BLOCK)
+        slowest = float(np.min(-s.real))
+        # Real matrices, side by side: a product of real and complex ones costs several times as much.
+        R_V, R_F = np.hstack((T_V, W_V.real, W_V.imag)), np.hstack((T_F, W_F.real, W_F.imag))
+        return cls(R_V, R_F, np.vstack((powers.real, -powers.imag)), advance, s, b_V, b_F, X, inverse, slowest)
+
+    def settled(self, volts: float, newtons: float) -> Complex:
+        """The state after `volts` and `newtons` stood for ever."""
+        slow = self.advance.size
+        return (-(self.b_V * volts + self.b_F * newtons) / self.poles)[:slow]
+
+    def stands(self, volts: float, newtons: float) -> float:
+        """The displacement under what stood for ever."""
+        w, _ = self.run(np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.settled(volts, newtons))
+        return float(w[-1])
+
+    def taken_over(self, before: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
+        """The state of this stepper with the coordinates and velocities that another one's state stands for."""
+        slow = before.advance.size
+        z = -(before.b_V * volts + before.b_F * newtons) / before.poles
+        z[:slow] = state
+        return (self.inverse @ (before.shapes @ z).real)[: self.advance.size]
+
+    def run(
+        self, volts: Array, before_v: float, newtons: Array, before_n: float, state: Complex
+    ) -> tuple[Array, Complex]:
+        """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
+        m = self.advance.size
+        both = np.zeros((volts.size // BLOCK, BLOCK + 2 * m))
+        for drive, before, R in ((volts, before_v, self.R_V), (newtons, before_n, self.R_F)):
+            if before or drive.any():  # half of a bench's time nothing drives it
+                both += _led(drive, before) @ R
+        states = _recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
+        w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
+        w += both[:, :BLOCK]
+        return w.ravel(), states[-1]
+
+
+def _recursion(advance: Complex, state: Complex, pushes: Complex) -> Complex:
+    """All states of z' = advance z + push, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
+    states = np.concatenate((state[None], pushes))
+    reach, power = 1, advance
+    while reach < len(states):
+        states[reach:] += power * states[:-reach]
+        reach, power = 2 * reach, power * power
+    return states
+
+
+def _led(drive: Array, before: float) -> Array:
+    """Blocks (n, BLOCK + 1), each led by the value before it."""
+    blocks = drive.reshape(-1, BLOCK)
+    return np.concatenate((np.concatenate(([before], blocks[:-1, -1]))[:, None], blocks), axis=1)
+
+
+def _block(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:
+    """First-order hold of z' = s z + b u, w = Re c z over a block: T (BLOCK + 1, BLOCK) and W (BLOCK + 1, m)."""
+    a, z = np.exp(s * step_s), s * step_s
+    new = (a - 1 - z) / (s * z)  # weight of the drive at the end of a step
+    old = (a - 1) / s - new  # and of the one at its beginning
+    k = np.arange(BLOCK)
+    powers = a[:, None] ** k
+    both = powers * (a * new + old)[:, None]
+    r = c * b
+    later = (r @ both).real  # response `lag` + 1 steps after a drive
+    T = np.zeros((BLOCK + 1, BLOCK))
+    T[0] = (r @ (powers * old[:, None])).real
+    for j in range(BLOCK):
+        T[j + 1, j] = float((r @ new).real)
+        T[j + 1, j + 1 :] = later[: BLOCK - 1 - j]
+    W = np.zeros((BLOCK + 1, s.size), complex)
+    W[0] = a ** (BLOCK - 1) * old
+    W[1:BLOCK] = both[:, : BLOCK - 1][:, ::-1].T
+    W[BLOCK] = new
+    return T, W * b
+
+
+def _missing(tactor: Tactor, n: int) -> float:
+    """What the shapes beyond the n-th would yield to a point load, m/N: the kink under it takes many of them."""
+    form = modal(tactor, None, n, source="load")
+    return float(load_compliance(tactor) + np.sum((form.residues / form.poles).real))
+
+
+def slewed(target: Array, start_v: float, step_v: float) -> Array:
+    """`target` followed from `start_v` with at most `step_v` per sample; untouched where it is slow enough."""
+    rises = target.copy()
+    rises[1:] -= target[:-1]
+    rises[0] -= start_v
+    if rises.max() <= step_v and rises.min() >= -step_v:
+        return target
+    jumps = np.flatnonzero(np.abs(rises) > step_v)
+    out, wanted = target.copy(), target.tolist()
+    i, n = int(jumps[0]), target.size
+    while True:
+        at = float(out[i - 1]) if i else start_v
+        while i < n and abs(wanted[i] - at) > step_v:
+            at += math.copysign(step_v, wanted[i] - at)
+            out[i] = at
+            i += 1
+        # Caught up: sample i is admissible; go on to the next one that is not.
+        later = int(np.searchsorted(jumps, i, side="right"))
+        if later >= jumps.size:
+            return out
+        i = int(jumps[later])

@@ -1,0 +1,116 @@
+"""The time-stamped history of what reached the amplifier's input, and whether its high voltage was on.
+
+Append only. A reader who asks for the past gets the past: the setting of this moment is never used for a sample that
+was taken before it. Commands and samples come from different threads, so a change is stamped under the same lock
+that readers take, and never earlier than what has already been read.
+"""
+
+import math
+import threading
+from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from drivers.clock import Clock
+from sim_hardware.plant.segments import Open, Segment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """From `start_s` on: this segment at the input, high voltage on or off."""
+
+    start_s: float
+    segment: Segment
+    hv: bool
+
+
+class History:
+    """Every change of the amplifier's input and of its high-voltage switch, in order.
+
+    Args:
+        pulled_v: where the input stands before anything is connected.
+    """
+
+    def __init__(self, pulled_v: float = 0.0) -> None:
+        self._lock = threading.RLock()
+        self._pieces = [Piece(-math.inf, Open(pulled_v), hv=False)]
+        self._starts = [-math.inf]
+        self._read_until = 0.0
+
+    @contextmanager
+    def instant(self, clock: Clock) -> Iterator[float]:
+        """Now, as a stamp that no reader has passed and none will pass until the block is left."""
+        with self._lock:
+            yield max(clock.now(), self._read_until, self._starts[-1])
+
+    def append(self, start_s: float, segment: Segment) -> None:
+        """The input follows `segment` from `start_s` on.
+
+        Raises:
+            ValueError: that time has already been read or is before the last change.
+        """
+        with self._lock:
+            self._put(Piece(start_s, segment, self._pieces[-1].hv))
+
+    def switch(self, start_s: float, hv: bool) -> None:
+        """The amplifier's high voltage is on or off from `start_s` on. Raises ValueError as `append`."""
+        with self._lock:
+            self._put(Piece(start_s, self._pieces[-1].segment, hv))
+
+    @property
+    def live(self) -> bool:
+        """Whether the amplifier's high voltage is on."""
+        with self._lock:
+            return self._pieces[-1].hv
+
+    def _put(self, piece: Piece) -> None:
+        if piece.start_s < max(self._read_until, self._starts[-1]):
+            raise ValueError(f"the past cannot be changed: {piece.start_s} s has been read or written already")
+        self._pieces.append(piece)
+        self._starts.append(piece.start_s)
+
+    def pieces(self) -> list[Piece]:
+        """All pieces so far, the first from minus infinity."""
+        with self._lock:
+            return list(self._pieces)
+
+    def standing(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
+        """Volts at the input and high voltage, where neither changes between two past times; else None, and nothing is read."""
+        with self._lock:
+            piece = self._pieces[bisect_right(self._starts, first_s) - 1]
+            if (
+                piece is not self._pieces[bisect_right(self._starts, last_s) - 1]
+                or piece.segment.still_from_s > first_s
+            ):
+                return None
+            self._read_until = max(self._read_until, last_s)
+        return float(piece.segment.volts(np.array([first_s]))[0]), piece.hv
+
+    def volts(self, t: ArrayLike) -> Array:
+        """Volts at the amplifier's input at past times `t`, ascending, shape (n,)."""
+        return self.read(t)[0]
+
+    def read(self, t: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Volts at the input, and whether high voltage was on, at past times `t`, ascending, both shape (n,)."""
+        times = np.asarray(t, float)
+        volts, hv = np.zeros(times.shape), np.zeros(times.shape, bool)
+        if not times.size:
+            return volts, hv
+        with self._lock:
+            self._read_until = max(self._read_until, float(times[-1]))
+            first = bisect_right(self._starts, float(times[0])) - 1
+            last = bisect_right(self._starts, float(times[-1])) - 1
+            pieces, starts = self._pieces[first : last + 1], self._starts[first : last + 1]
+        edges = [0, *np.searchsorted(times, starts[1:], side="left"), times.size]
+        for piece, (begin, end) in zip(pieces, pairwise(edges), strict=True):
+            if end > begin:
+                volts[begin:end] = piece.segment.volts(times[begin:end])
+                hv[begin:end] = piece.hv
+        return volts, hv

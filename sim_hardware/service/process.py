@@ -1,0 +1,162 @@
+"""The parent's side of a simulated bench in a process of its own."""
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from drivers.closing import Closing
+from drivers.errors import BenchError
+from drivers.watchdog.subprocesses import end
+from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.plant.parameters import BenchTruth
+
+HOST = "127.0.0.1"
+
+
+class BenchProcess(Closing):
+    """A simulated bench that serves SCPI and NI's gRPC from another process; use it with `with`, or close it.
+
+    Args:
+        truth: what the bench is made of.
+        speed: bench seconds per wall second; default is the truth's.
+        patience_s: how long starting or any answer may take.
+
+    Raises:
+        BenchError: the process did not start; the sentence carries its own last words.
+    """
+
+    def __init__(self, truth: BenchTruth | None = None, speed: float | None = None, patience_s: float = 20.0) -> None:
+        truth = truth or BenchTruth()
+        truth = truth if speed is None else replace(truth, speed=speed)
+        self._patience_s = patience_s
+        self._lock = threading.Lock()
+        self._words = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
+        root = str(Path(__file__).resolve().parents[2])
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "sim_hardware.service"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            text=True,
+            encoding="utf-8",
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH")))),
+                "OPENBLAS_NUM_THREADS": "1",  # its matrices are small; a second thread only gets in the way
+            },
+            start_new_session=True,  # a Ctrl-C at the terminal is ours to handle
+        )
+        self._answers: queue.Queue[str | None] = queue.Queue()
+        self._reader = threading.Thread(target=self._listen, name="simulated bench answers", daemon=True)
+        self._reader.start()
+        try:
+            ports = self._exchange({"truth": truth.as_record()})
+        except BaseException:
+            self.close()
+            raise
+        self.scpi_port = int(ports["scpi_port"])
+        self.card_port = int(ports["card_port"])
+
+    @property
+    def resource(self) -> str:
+        """VISA resource string of the generator."""
+        return f"TCPIP::{HOST}::{self.scpi_port}::SOCKET"
+
+    @property
+    def server(self) -> str:
+        """host:port of the card's gRPC service."""
+        return f"{HOST}:{self.card_port}"
+
+    @property
+    def pid(self) -> int:
+        """Process id of the bench."""
+        return self._child.pid
+
+    def control(self, verb: str, **arguments: Any) -> Any:
+        """Carry out a verb of `sim_hardware.service.served_bench.ServedBench.control`.
+
+        Raises:
+            BenchError: the bench refused it, or has died.
+        """
+        return self._exchange({"verb": verb, **arguments})
+
+    def enable_hv(self) -> None:
+        """The operator turns high voltage on."""
+        self.control("enable_hv")
+
+    def disable_hv(self) -> None:
+        """The operator turns high voltage off."""
+        self.control("disable_hv")
+
+    def hands(self, action: str, values: Mapping[str, float]) -> float:
+        """Do something by hand; bench time when it is done. Raises BenchError where it makes no sense."""
+        return float(self.control("hands", action=action, values=dict(values)))
+
+    def now(self) -> float:
+        """Bench time."""
+        return float(self.control("now"))
+
+    def inject(self, fault: str) -> None:
+        """Break something. Raises BenchError for an unknown name."""
+        self.control("inject", fault=fault)
+
+    def clear(self, fault: str | None = None) -> None:
+        """Repair one fault, or all."""
+        self.control("clear", fault=fault)
+
+    def broken(self) -> tuple[str, ...]:
+        """Names of the faults that are present."""
+        return tuple(self.control("faults"))
+
+    def report(self, tolerance_v: float = 0.02) -> HistoryReport:
+        """What the amplifier's input really saw until now."""
+        return HistoryReport(**self.control("report", tolerance_v=tolerance_v))
+
+    def close(self) -> None:
+        """End the process; nothing is left of it afterwards."""
+        end(self._child)
+        self._reader.join()
+        if self._child.stdout is not None:
+            self._child.stdout.close()
+        self._words.close()
+
+    def _listen(self) -> None:
+        if self._child.stdout is not None:
+            for line in self._child.stdout:
+                self._answers.put(line)
+        self._answers.put(None)
+
+    def _exchange(self, request: dict[str, Any]) -> Any:
+        with self._lock:
+            try:
+                if self._child.stdin is None or self._child.stdin.closed:
+                    raise BenchError("the simulated bench has been closed")
+                self._child.stdin.write(json.dumps(request) + "\n")
+                self._child.stdin.flush()
+                line = self._answers.get(timeout=self._patience_s)
+            except (OSError, queue.Empty):
+                line = None
+            if line is None:
+                raise BenchError(f"the simulated bench does not answer{self._last_words()}")
+            answer = json.loads(line)
+        if "error" in answer:
+            raise BenchError(answer["error"])
+        return answer["result"]
+
+    def _last_words(self) -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._child.wait(1.0)
+        if self._child.poll() is None:
+            return f" within {self._patience_s:g} s"
+        self._words.seek(0)
+        said = self._words.read().strip().splitlines()
+        return f": it ended with code {self._child.returncode}" + (f" ({said[-1][:300]})" if said else "")

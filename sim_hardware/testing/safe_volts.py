@@ -1,0 +1,16 @@
+"""What every source and every run owe the specimen, read from the volts that left the simulated source."""
+
+from sim_hardware.plant.history_report import HistoryReport
+
+STEP_V = 0.05
+"""Largest jump the guard's limits allow; what is measured on the plant's grid may exceed it by rounding only."""
+
+
+def volts_are_safe(report: HistoryReport) -> None:
+    """Raise AssertionError unless the history kept to the amplifier's range, without jumps, switched and ended at rest."""
+    assert report.lowest_v >= -1e-9, report
+    assert report.highest_v <= 5 + 1e-9, report
+    assert report.largest_jump_v <= STEP_V + 1e-6, report
+    assert report.steepest_v_per_s <= 10_000, report
+    assert report.switched_at_rest, report
+    assert report.ends_at_rest or report.live_s == 0, report  # a bench that never went live owes nothing

@@ -1,0 +1,1 @@
+"""Simulated wires: SCPI engine, TCP server, serial pseudo-terminal."""

@@ -1,0 +1,75 @@
+"""The generator's wire without a wire: same messages, same faults, on the bench's own clock."""
+
+from drivers.clock import Clock
+from drivers.errors import LinkError
+from sim_hardware.wires.port import Port
+
+
+class DirectLink:
+    """A link to an SCPI instrument in this process. Answers queue up, so a late one poisons the next query.
+
+    Args:
+        command_s: bench time each message takes.
+        timeout_s: bench time `read` waits before it gives up.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        clock: Clock,
+        name: str = "generator (direct)",
+        command_s: float = 1e-3,
+        timeout_s: float = 2.0,
+    ) -> None:
+        self.name = name
+        self._port = port
+        self._clock = clock
+        self._command_s = command_s
+        self._timeout_s = timeout_s
+        self._pending: list[tuple[float, str, bool]] = []
+        self._open = True
+
+    def write(self, message: str) -> None:
+        """Send one message. Raises LinkError if nobody is connected."""
+        self._check()
+        self._clock.sleep(self._command_s)
+        reply = self._port.handle(message)
+        if reply is not None:
+            self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.ended))
+
+    def read(self) -> str:
+        """The next answer without its end of line. Raises LinkError if none comes in time."""
+        self._check()
+        if not self._pending or self._pending[0][0] > self._clock.now() + self._timeout_s:
+            self._give_up("did not answer")
+        ready, text, ended = self._pending[0]
+        self._clock.sleep(max(0.0, ready - self._clock.now()))
+        if not ended:
+            self._give_up("began an answer and did not end it")
+        del self._pending[0]
+        return text
+
+    def clear(self) -> None:
+        """Drop every answer that is still on its way."""
+        self._pending.clear()
+
+    def reopen(self) -> None:
+        """Close and open again. Raises LinkError if nobody takes the call."""
+        self._pending.clear()
+        self._open = True
+        self._check()
+
+    def close(self) -> None:
+        """Let go of the instrument; its output stays as it is."""
+        self._open = False
+        self._pending.clear()
+
+    def _check(self) -> None:
+        if not self._open:
+            raise LinkError(f"{self.name}: the connection is closed; open it again")
+        if not self._port.connected:
+            raise LinkError(f"{self.name}: the connection was lost; check its power and its cable, then reconnect")
+
+    def _give_up(self, what: str) -> None:
+        self._clock.sleep(self._timeout_s)
+        raise LinkError(f"{self.name} {what} within {self._timeout_s:g} s; check that it is on and its cable is in")

@@ -1,0 +1,163 @@
+"""An SCPI instrument on a TCP socket: lines in, lines out, on one thread, with the faults a wire can have."""
+
+import heapq
+import itertools
+import selectors
+import socket
+import threading
+import time
+
+from drivers.closing import Closing
+from sim_hardware.wires.port import Port
+from sim_hardware.wires.scpi_engine import messages_in
+
+HOST = "127.0.0.1"
+_LONGEST_LINE = 1 << 24
+_SHORTEST_WAIT_S = 2e-4
+"""The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
+
+
+class ScpiServer(Closing):
+    """Serves a port on loopback until closed; any number of connections, one after the other or together.
+
+    Args:
+        speed: bench seconds per wall second, for answers that take the instrument time.
+        command_s: bench seconds until the answer to any message is ready.
+
+    Attributes:
+        port: the TCP port.
+    """
+
+    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+        self._instrument = instrument
+        self._speed = speed
+        self._command_s = command_s
+        self._selector = selectors.DefaultSelector()
+        self._wake, self._waker = socket.socketpair()
+        self._selector.register(self._wake, selectors.EVENT_READ)
+        self._lines: dict[socket.socket, bytes] = {}
+        self._due: list[tuple[float, int, socket.socket, bytes]] = []
+        self._order = itertools.count()
+        self._listener: socket.socket | None = None
+        self.port = 0
+        self._listen()
+        self._closing = False
+        self._looked = threading.Condition()
+        self._asked = self._done = 0
+        self._thread = threading.Thread(target=self._run, name="simulated generator", daemon=True)
+        self._thread.start()
+
+    @property
+    def resource(self) -> str:
+        """VISA resource string."""
+        return f"TCPIP::{HOST}::{self.port}::SOCKET"
+
+    @property
+    def connections(self) -> int:
+        """How many hold a connection now."""
+        return len(self._lines)
+
+    def poke(self) -> None:
+        """Look again at what is broken, and return when that is done; call it after a fault has come or gone."""
+        if self._closing or threading.current_thread() is self._thread:  # it looks itself when it has answered
+            return
+        with self._looked:
+            self._asked += 1
+            mine = self._asked
+            self._waker.send(b"!")
+            self._looked.wait_for(lambda: self._done >= mine, timeout=5.0)
+
+    def close(self) -> None:
+        """Close everything and wait for the thread."""
+        self._closing = True
+        self._waker.send(b"!")
+        self._thread.join()
+        self._selector.close()
+        self._wake.close()
+        self._waker.close()
+
+    def _listen(self) -> None:
+        listener = socket.create_server((HOST, self.port))
+        listener.setblocking(False)
+        self.port = listener.getsockname()[1]
+        self._selector.register(listener, selectors.EVENT_READ)
+        self._listener = listener
+
+    def _run(self) -> None:
+        while not self._closing:
+            wait = max(0.0, self._due[0][0] - time.monotonic()) if self._due else None
+            for key, _ in self._selector.select(wait):
+                sock = key.fileobj
+                if sock is self._wake:
+                    self._wake.recv(64)
+                elif sock is self._listener:
+                    self._accept()
+                elif isinstance(sock, socket.socket) and sock in self._lines:
+                    self._receive(sock)
+            asked = self._asked  # only who asked before we look may be told that we have looked
+            self._follow_connection()
+            with self._looked:
+                self._done = asked
+                self._looked.notify_all()
+            while self._due and self._due[0][0] <= time.monotonic():
+                _, _, sock, data = heapq.heappop(self._due)
+                self._send(sock, data)
+        for sock in [*self._lines]:
+            self._drop(sock)
+        self._refuse()
+
+    def _follow_connection(self) -> None:
+        """Close everything while the instrument is unreachable, and listen again afterwards."""
+        if not self._instrument.connected:
+            for sock in [*self._lines]:
+                self._drop(sock)
+            self._refuse()
+        elif self._listener is None:
+            self._listen()
+
+    def _refuse(self) -> None:
+        if self._listener is not None:
+            self._selector.unregister(self._listener)
+            self._listener.close()
+            self._listener = None
+
+    def _accept(self) -> None:
+        if self._listener is None:
+            return
+        sock, _ = self._listener.accept()
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._lines[sock] = b""
+        self._selector.register(sock, selectors.EVENT_READ)
+
+    def _drop(self, sock: socket.socket) -> None:
+        del self._lines[sock]
+        self._selector.unregister(sock)
+        sock.close()
+
+    def _receive(self, sock: socket.socket) -> None:
+        try:
+            data = sock.recv(65536)
+        except OSError:
+            data = b""
+        if not data or len(self._lines[sock]) > _LONGEST_LINE:
+            self._drop(sock)
+            return
+        lines, self._lines[sock] = messages_in(self._lines[sock] + data)
+        for line in lines:
+            reply = self._instrument.handle(line)
+            if reply is None:
+                continue
+            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+            wait = (reply.delay_s + self._command_s) / self._speed + reply.late_s
+            if wait > _SHORTEST_WAIT_S:
+                heapq.heappush(self._due, (time.monotonic() + wait, next(self._order), sock, out))
+            else:
+                self._send(sock, out)
+
+    def _send(self, sock: socket.socket, data: bytes) -> None:
+        if sock not in self._lines:
+            return
+        try:
+            sock.sendall(data)
+        except OSError:
+            self._drop(sock)
