@@ -2,7 +2,8 @@
 
     python3 start.py              sets up, then the main job: the window with the simulated bench running a sine dwell;
                                   where there is no screen the same job with a progress bar, leaving a file and a picture
-    python3 start.py test         sets up, then every check and test
+    python3 start.py test         sets up, then every check and the quick tests: about two minutes
+    python3 start.py test --all   the same with the deep tests: less than half an hour
     python3 start.py docs         sets up, then makes the handbook for the browser in build/handbook; no network is needed for that
     python3 start.py ARGUMENTS    sets up, then the command `tactor-bench ARGUMENTS`
 
@@ -22,14 +23,11 @@ VENV = HERE / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 
-CHECKS = (
-    ("ruff", "check", "."),
-    ("ruff", "format", "--check", "."),
-    ("mypy",),
-    ("lint-imports",),
-    # A worker a core; tests of one file stay together, because they share what they measured. '-n0' does without.
-    ("pytest", "-n", "logical", "--dist", "loadfile", "--no-loadscope-reorder"),
-)
+CHECKS = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("lint-imports",))
+TYPES = ("mypy",)
+# A worker a core; each takes half of the tests in order, so that what a file measured is mostly shared, and steals at the end.
+TESTS = ("pytest", "-n", "logical", "--dist", "worksteal")
+ALL = "--all"
 
 
 def main(arguments: list[str]) -> int:
@@ -38,15 +36,16 @@ def main(arguments: list[str]) -> int:
             f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; install it and run this again with it"
         )
     extra = arguments[0] if arguments[:1] in (["test"], ["docs"]) else ""
+    deep = extra == "test" and ALL in arguments
     try:
-        set_up(extra)
+        set_up("test,docs" if deep else extra)
     except (subprocess.CalledProcessError, OSError) as error:
         return fail(f"the set-up failed: {error}; the lines above say why. Mend that and run this again")
     if extra == "docs":
         return make_handbook()
     if extra == "test":
         provide_system_libraries(always=True)
-        return run_checks(arguments[1:])
+        return run_checks([each for each in arguments[1:] if each != ALL], deep)
     if not arguments:
         provide_system_libraries(always=False)
     return subprocess.call([BIN / "tactor-bench", *(arguments or ["demo"])])
@@ -97,17 +96,23 @@ def provide_system_libraries(*, always: bool) -> None:
         say(f"Qt needs system libraries that are missing here: sudo apt-get install {' '.join(packages)}")
 
 
-def run_checks(arguments: list[str]) -> int:
-    """All checks, in order, stopping at the first that fails; `arguments` go to pytest."""
+def run_checks(arguments: list[str], deep: bool) -> int:
+    """Run every check and say which failed; `arguments` go to pytest. Types are checked beside the others."""
     # Every worker would compile every test anew: a third of the time it takes to collect them.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    for tool, *options in CHECKS:
-        say(f"--- {tool} {' '.join(options)}".rstrip())
-        extra = arguments if tool == "pytest" else []
-        code = subprocess.call([BIN / tool, *options, *extra], cwd=HERE, env=environment)
-        if code:
-            return code
-    return 0
+    tests = (*TESTS, *(("-m", "") if deep else ()), *arguments)
+    failed = []
+    with subprocess.Popen([BIN / TYPES[0]], cwd=HERE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as types:
+        for check in (*CHECKS, tests):
+            say(f"--- {' '.join(check)}".rstrip())
+            if subprocess.call([BIN / check[0], *check[1:]], cwd=HERE, env=environment):
+                failed.append(check[0])
+        said, _ = types.communicate()
+    say(f"--- {' '.join(TYPES)}\n{said.decode(errors='replace').rstrip()}")
+    if types.returncode:
+        failed.append(TYPES[0])
+    say(f"--- failed: {', '.join(failed)}" if failed else "--- every check passed")
+    return int(bool(failed))
 
 
 def make_handbook() -> int:

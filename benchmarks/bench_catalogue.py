@@ -12,7 +12,7 @@ from timing import seconds
 
 from app.archive.catalogue import Catalogue
 from app.archive.run_summary import Wanted, read_entry
-from tests.runs import finished_run
+from tests.helpers.run_files import finished_run
 
 MANY = 10_000
 REAL = 200

@@ -31,7 +31,7 @@ from protocols.runfile.reader import Run
 from protocols.runfile.writer import Header, RunFile
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
 from protocols.signals.swept_response import sweep_response
-from tests.model.sampled import march
+from tests.helpers.sampled import march
 
 RATE = 5000.0
 BAND = (25.0, 525.0)

@@ -14,7 +14,7 @@ sys.path.insert(0, str(HERE.parent))
 
 from protocols.registry import PROTOCOLS  # noqa: E402
 from sim_hardware.plant.faults import FAULTS  # noqa: E402
-from tests.safety.fault_matrix import MOMENTS, ON_WIRES_ONLY, Cell, cell, moments_of  # noqa: E402
+from tests.helpers.fault_matrix import MOMENTS, ON_WIRES_ONLY, Cell, cell, moments_of  # noqa: E402
 
 ON_WIRES = (
     *(("grpc-gone", moment) for moment in MOMENTS),

@@ -82,7 +82,7 @@ def run_file() -> str:
     """What stands in a run file, taken from one."""
     from protocols.base.quality import Quality
     from protocols.measurements.sine_dwell import SineDwell
-    from tests.support import laboratory, run
+    from tests.helpers.simulated_bench import laboratory, run
 
     lines = [
         "# The run file",

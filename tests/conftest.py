@@ -7,13 +7,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from sim_hardware.bench import VirtualBench
 from sim_hardware.plant.history_report import HistoryReport
 from sim_hardware.service.process import BenchProcess
-from tests.support import volts_are_safe
+from tests.helpers.simulated_bench import volts_are_safe
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter
+
+
+settings.register_profile("quick", max_examples=10, deadline=None)  # a busy computer is no failure
+settings.register_profile("deep", max_examples=100, deadline=None)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hypothesis tries ten examples of everything where the deep tests are left out, and a hundred where they are not."""
+    settings.load_profile("quick" if config.option.markexpr == "not deep" else "deep")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -24,8 +24,8 @@ from protocols.runfile.reader import Run
 from sim_hardware.bench import VirtualBench
 from sim_hardware.plant.faults import FAULTS
 from sim_hardware.service.served_bench import ServedBench
-from sim_hardware.usbtmc import PRODUCT, SERIAL, VENDOR, UsbTmcBus
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
+from tests.wires.usbtmc_bus import PRODUCT, SERIAL, VENDOR, UsbTmcBus
 
 QUICK = ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1")
 

@@ -12,7 +12,7 @@ from drivers.errors import DriveRefused
 from drivers.sensors.laser_sensor import PRESETS
 from protocols.base.events import Status
 from protocols.measurements.sine_dwell import SineDwell
-from tests.support import run, simulated, volts_are_safe
+from tests.helpers.simulated_bench import run, simulated, volts_are_safe
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "docs" / "benches").glob("*.toml"))
 

@@ -23,7 +23,7 @@ from protocols.base.steps import Prompt
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import volts_are_safe
-from tests.support import laboratory
+from tests.helpers.simulated_bench import laboratory
 
 QUICK = (
     Item("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
@@ -146,6 +146,7 @@ def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
         campaign.move("dwell", before="lunch")
 
 
+@pytest.mark.deep
 def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps = replace(QUICK[1], settings={**QUICK[1].settings, "repeats": 8}, needs=())
     Campaign.new(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))

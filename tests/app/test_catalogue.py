@@ -9,7 +9,7 @@ import pytest
 from app.archive.catalogue import Catalogue, Scanned, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
 from app.archive.run_summary import Entry, State, Wanted, read_since
-from tests.runs import crashed_run, finished_run, newer_run
+from tests.helpers.run_files import crashed_run, finished_run, newer_run
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck, WiringPoint
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
 
@@ -208,7 +208,7 @@ def test_the_rows_of_a_run_file_are_json_too(tmp_path: Path) -> None:
     assert b"NaN" not in rows
 
 
-@pytest.mark.parametrize(("gone", "more"), [("stderr", []), ("stdout", ["--json"])])
+@pytest.mark.parametrize(("gone", "more"), [pytest.param("stderr", [], marks=pytest.mark.deep), ("stdout", ["--json"])])
 def test_a_run_goes_on_when_nobody_listens_any_more(gone: str, more: list[str], tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)

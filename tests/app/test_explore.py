@@ -27,7 +27,7 @@ from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen, changed, variables
 from model.studies.parameter_study import PRESETS
 from protocols.runfile.reader import RunError
-from tests.runs import crashed_run, finished_run
+from tests.helpers.run_files import crashed_run, finished_run
 
 
 def test_every_variable_of_the_model_has_a_slider_that_holds_its_default() -> None:

@@ -10,7 +10,7 @@ import pytest
 from app.archive.export import ExportError, export
 from app.cli.main import main
 from protocols.runfile.reader import Run
-from tests.runs import crashed_run, finished_run
+from tests.helpers.run_files import crashed_run, finished_run
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def sheet(path: Path) -> tuple[list[str], np.ndarray]:
     return head, np.array(rows, float)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_all_figures_are_there_as_picture_and_sheet(folder: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == sorted(f"{n}.{kind}" for n in NAMES for kind in ("png", "csv"))
     for name in NAMES:

@@ -14,7 +14,7 @@ from app.cli import run as commands
 from app.cli.main import _parser, main
 from app.common.errors import USAGE
 from protocols.measurements.sine_dwell import SineDwell
-from tests.support import laboratory, run
+from tests.helpers.simulated_bench import laboratory, run
 
 TEXTS = ("", "nan", "-1e400", "☃ [red]x", "x" * 300)
 FILES = ("", "x" * 300, "/dev/full", "folder", "/proc/nowhere/x.png")

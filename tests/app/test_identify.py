@@ -19,8 +19,8 @@ from model.parameters import Tactor
 from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.voltage_steps import VoltageSteps
-from tests.runs import finished_run
-from tests.support import laboratory, run, simulated
+from tests.helpers.run_files import finished_run
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 TRUTH = Tactor(mu=-1.5e-5, c0=180.0)
 DWELL = SineDwell(frequencies_hz=(50, 100, 130, 145, 160, 175, 200, 250))

@@ -12,7 +12,7 @@ from app.cli.main import main
 from app.identification.observations import observations
 from model.identification.observations import FrequencyResponse, MassResonance, StaticLoading, VoltageSteps
 from protocols.runfile.reader import Run
-from tests.app.bringing import FULL, GOOD, brought, points
+from tests.helpers.importing import FULL, GOOD, brought, points
 
 TABLES = {
     "plain": "frequency [Hz],peak_to_peak_um\n100,760.1\n150,1154.2\n",

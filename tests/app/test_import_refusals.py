@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tests.app.bringing import FULL, GOOD, refused
-from tests.runs import finished_run
+from tests.helpers.importing import FULL, GOOD, refused
+from tests.helpers.run_files import finished_run
 
 BAD: dict[str, tuple[str, list[str], str]] = {
     "empty": ("", FULL, "is empty; give a table"),

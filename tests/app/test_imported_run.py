@@ -25,8 +25,8 @@ from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import columns
 from protocols.runfile.writer import Header, RunFile
-from tests.app.bringing import FULL, GOOD, brought, points
-from tests.runs import finished_run
+from tests.helpers.importing import FULL, GOOD, brought, points
+from tests.helpers.run_files import finished_run
 
 
 def test_the_file_says_where_it_comes_from_and_pretends_nothing(
@@ -57,6 +57,7 @@ def test_the_file_says_where_it_comes_from_and_pretends_nothing(
     assert "was imported, not measured" in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_imported_runs_are_listed_drawn_exported_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,8 +116,13 @@ def written(folder: Path, protocol: type[Protocol]) -> Path:
     return file.path
 
 
-@pytest.mark.parametrize("kind", ["csv", "mat"])
-@pytest.mark.parametrize("name", PROTOCOLS)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *((name, "csv") for name in PROTOCOLS),
+        *(pytest.param(name, "mat", marks=() if name == "sine-dwell" else pytest.mark.deep) for name in PROTOCOLS),
+    ],
+)
 def test_what_is_exported_and_imported_again_is_the_same(name: str, kind: Any, tmp_path: Path) -> None:
     original = written(tmp_path / "old", PROTOCOLS[name])
     with Run(original) as run:

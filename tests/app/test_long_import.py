@@ -9,7 +9,7 @@ import pytest
 
 from app.archive.importing.reader import read_sheet
 from app.common.progress import Stopped, Tell
-from tests.app.bringing import brought, refused
+from tests.helpers.importing import brought, refused
 
 
 def long_series(path: Path, mark: str = ",", quote: str = "") -> Path:

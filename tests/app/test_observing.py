@@ -11,7 +11,7 @@ from app.identification.observations import ObservingError
 from model.identification.fit_options import Setting
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run
+from tests.helpers.simulated_bench import laboratory, run
 
 
 def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response
 from model.skin import skin
 from protocols.measurements.membrane_series import MembraneSeries
-from tests.app.calibrating import calibration
+from tests.helpers.calibrations import calibration
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
     return campaign, asked
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_all_seven_are_done_in_the_papers_order(measured) -> None:
     campaign, asked = measured
     assert [line.standing for line in campaign.listed()] == [Standing.DONE] * 7

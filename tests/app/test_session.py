@@ -15,7 +15,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import Earlier
 from sim_hardware.plant.setup_state import opening
-from tests.support import Trigger, run, simulated, volts_are_safe
+from tests.helpers.simulated_bench import Trigger, run, simulated, volts_are_safe
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
 

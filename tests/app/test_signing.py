@@ -37,7 +37,7 @@ from protocols.resume import earlier
 from protocols.runfile.reader import Run, RunError
 from protocols.runfile.writer import RunFile
 from protocols.runner.runner import Runner
-from tests.support import Trigger, laboratory, run, simulated
+from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 DWELL = SineDwell(frequencies_hz=(50, 100, 145, 160, 175, 250), record_s=0.1, peak_to_peak_v=4.0)
 STEPS = VoltageSteps(levels_v=(1.0, 4.5), repeats=2, rest_s=0.3, read_s=0.3, hold_s=0.5)
@@ -73,7 +73,9 @@ def bench(path: Path, gain_m_per_v: float, serial: str = SERIAL) -> Path:
 # -- adequacy ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("truth", [{}, {"modes": 20}], ids=["seven modes", "twenty modes"])
+@pytest.mark.parametrize(
+    "truth", [{}, pytest.param({"modes": 20}, marks=pytest.mark.deep)], ids=["seven modes", "twenty modes"]
+)
 def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[str, Any]) -> None:
     found = identify(made(**truth))
     assert found.adequacy is not None
@@ -82,7 +84,9 @@ def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[s
 
 
 @pytest.mark.parametrize(
-    "beyond", [{"hysteresis_width": 0.01}, {"creep_per_decade": 0.01}], ids=["hysteresis", "creep"]
+    "beyond",
+    [{"hysteresis_width": 0.01}, pytest.param({"creep_per_decade": 0.01}, marks=pytest.mark.deep)],
+    ids=["hysteresis", "creep"],
 )
 def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, float], capsys: Any) -> None:
     runs = made(beyond=beyond)

@@ -10,7 +10,6 @@ from drivers.errors import BenchError
 from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.ni_library import NiLibrary
 from sim_hardware.nidaq.input_task import NiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest collects them here, with this module's cards
@@ -26,7 +25,8 @@ from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest col
     test_two_streams_at_once_are_refused,
     test_when_each_channel_is_converted_is_known,
 )
-from tests.support import installed, simulated
+from tests.helpers.simulated_bench import installed, simulated
+from tests.wires.ni_library import NiLibrary
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from drivers.transport.serial_port import SerialLine
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.sensors.laser_sensors import Ild1420, LkG, PtyPort
-from tests.support import simulated
+from tests.helpers.simulated_bench import simulated
 
 Made = tuple[Meter, VirtualBench, PtyPort]
 TIMEOUT_S = 0.4

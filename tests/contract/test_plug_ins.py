@@ -17,7 +17,8 @@ from drivers.errors import BenchError, InstrumentError
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth
-from tests.support import simulated
+from sim_hardware.testing.__main__ import main as run_contract
+from tests.helpers.simulated_bench import simulated
 
 ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs" / "how-to-write-a-driver.md"
@@ -103,14 +104,21 @@ def test_a_driver_that_jumps_fails_the_contract(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("named", ["nowhere:simulated", "acme_simulated:nothing", "acme_simulated"])
-def test_a_factory_that_is_not_there_is_a_sentence(named: str, tmp_path: Path) -> None:
+def test_a_factory_that_is_not_there_is_a_sentence(
+    named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     guide_files(tmp_path)
-    done = contract(tmp_path, "--source", named)
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert f"'{named}'" in done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(SystemExit) as ended:
+        run_contract(["--source", named])
+    assert ended.value.code == 2
+    assert f"'{named}'" in capsys.readouterr().err
+    for name in [name for name in sys.modules if name.startswith("acme_")]:
+        del sys.modules[name]
 
 
+@pytest.mark.deep
 def test_the_digitizer_contract_runs_by_the_same_command(tmp_path: Path) -> None:
     (tmp_path / "card.py").write_text(
         "from contextlib import contextmanager\n"

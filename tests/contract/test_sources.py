@@ -2,21 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 
 import pytest
 
 from drivers.clock import WallClock
-from drivers.generators.burst_generator import BurstGenerator
-from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.keysight_33500 import Keysight33500
-from drivers.generators.rigol_dg import RigolDg
-from drivers.generators.siglent_sdg import SiglentSdg
-from drivers.generators.tektronix_afg import TektronixAfg
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.plant.parameters import BenchTruth
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here, with this module's sources
     Made,
@@ -34,22 +27,7 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from tests.support import simulated
-
-BOXES: dict[str, type[BurstGenerator]] = {
-    "33511B": Keysight33500,
-    "33220A": Keysight33200,
-    "DG1032Z": RigolDg,
-    "SDG1032X": SiglentSdg,
-    "AFG3022C": TektronixAfg,
-    "AFG1022": TektronixAfg,
-}
-WIRED = ("33511B", "33220A", "DG1032Z", "SDG1032X", "AFG3022C")
-
-
-@cache
-def truth(model: str) -> BenchTruth:
-    return simulated(generator={"model": model}).truth
+from tests.helpers.generators import BOXES, impatient_while_broken, truth
 
 
 @contextmanager
@@ -65,18 +43,28 @@ def on_a_socket(model: str) -> Iterator[Made]:
     bench = VirtualBench(truth(model), WallClock(20.0))
     with ServedBench(bench) as served:
         link = VisaLink(f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", timeout_s=2.0)
+        impatient_while_broken(link, bench)
         source = BOXES[model](link, bench.clock)
         yield source, bench, bench.clock
         source.close()
 
 
-MAKERS = {
-    **{f"{model} direct": partial(direct, model) for model in BOXES},
-    **{f"{model} on a socket": partial(on_a_socket, model) for model in WIRED},
-}
+DIRECT = [pytest.param(partial(direct, model), id=f"{model} direct") for model in BOXES]
+"""Every maker's dialect on one wire."""
+
+SOCKET = [
+    pytest.param(
+        partial(on_a_socket, model),
+        id=f"{model} on a socket",
+        marks=() if model == "33511B" else pytest.mark.deep,
+    )
+    for model in BOXES
+    if model != "AFG1022"
+]
+"""One maker's on every wire (the others are in test_sources_wires.py); each of the others on a socket is deep."""
 
 
-@pytest.fixture(params=MAKERS.values(), ids=MAKERS.keys())
+@pytest.fixture(params=[*DIRECT, *SOCKET])
 def made(request: pytest.FixtureRequest) -> Iterator[Made]:
     with request.param() as made:
         yield made

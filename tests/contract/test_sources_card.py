@@ -11,7 +11,6 @@ from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_output import NiOutput
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.ni_library import NiLibrary
 from sim_hardware.nidaq.input_task import NiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
@@ -29,7 +28,8 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from tests.support import installed, simulated, volts_are_safe
+from tests.helpers.simulated_bench import installed, simulated, volts_are_safe
+from tests.wires.ni_library import NiLibrary
 
 SPEED = 5.0
 MARGIN_S = 0.3 * SPEED

@@ -21,7 +21,8 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_letting_go_leaves_the_output_at_rest,
     test_preparing_twice_is_harmless_even_live,
 )
-from tests.support import simulated, volts_are_safe
+from tests.helpers.generators import impatient_while_broken
+from tests.helpers.simulated_bench import simulated, volts_are_safe
 
 MODELS = ("E36312A", "E3631A", "DP832", "SPD3303X")
 
@@ -38,20 +39,23 @@ def direct(model: str, **truth) -> Iterator[Made]:
 def on_a_socket(model: str) -> Iterator[Made]:
     bench = VirtualBench(simulated(source="supply", supply={"model": model}).truth, WallClock(5.0))
     with ServedBench(bench) as served:
-        link = VisaLink(served.scpi.resource, timeout_s=0.5)
+        link = VisaLink(served.scpi.resource, timeout_s=2.0)
+        impatient_while_broken(link, bench)
         source = DcSupply(link, bench.clock)
         yield source, bench, bench.clock
         source.close()
 
 
-MAKES = {f"{model}-direct": partial(direct, model) for model in MODELS} | {
-    f"{model}-socket": partial(on_a_socket, model) for model in ("E36312A", "SPD3303X")
-}
+MAKES = [
+    *(pytest.param(partial(direct, model), id=f"{model}-direct") for model in MODELS),
+    pytest.param(partial(on_a_socket, "E36312A"), id="E36312A-socket"),
+    pytest.param(partial(on_a_socket, "SPD3303X"), id="SPD3303X-socket", marks=pytest.mark.deep),
+]
 
 
 @pytest.fixture(params=MAKES)
 def made(request: pytest.FixtureRequest) -> Iterator[Made]:
-    with MAKES[request.param]() as made:
+    with request.param() as made:
         yield made
 
 

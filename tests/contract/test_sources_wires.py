@@ -15,8 +15,6 @@ from drivers.supplies.dc_supply import DcSupply
 from drivers.transport.scpi import Scpi
 from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
-from sim_hardware.hislip import HislipServer
-from sim_hardware.scpi_pty import ScpiPty
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, on this module's wires
     Made,
     live,
@@ -30,16 +28,21 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from sim_hardware.threaded_server import ThreadedServer
-from sim_hardware.usbtmc import UsbTmcBus
-from sim_hardware.vxi11 import Vxi11Server
-from tests.support import simulated, volts_are_safe
+from tests.helpers.generators import IMPATIENT_S, impatient_while_broken
+from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.wires.hislip_server import HislipServer
+from tests.wires.scpi_pty import ScpiPty
+from tests.wires.threaded_server import ThreadedServer
+from tests.wires.usbtmc_bus import UsbTmcBus
+from tests.wires.vxi11_server import Vxi11Server
 
 # pyvisa-py's HiSLIP leaves the socket of a refused call open.
 pytestmark = pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning")
 
 SPEED = 10.0
-TIMEOUT_S = 1.0
+TIMEOUT_S = 2.0
+LATE_TIMEOUT_S = 0.5
+"""In tests of late answers, whose delay is counted from it."""
 LINE = pytest.param(
     ScpiPty, id="serial", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 )
@@ -52,12 +55,13 @@ WIRES = [LINE, *MESSAGES]
 
 
 @contextmanager
-def wired(kind: type, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]]:
+def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]]:
     bench = VirtualBench(simulated(**truth).truth, WallClock(SPEED))
     with kind(bench.port, SPEED, bench.truth.generator.command_s) as wire:
         if isinstance(wire, ThreadedServer):
             bench.on_fault(wire.poke)
         link = VisaLink(wire.resource, TIMEOUT_S, baud=115_200)
+        impatient_while_broken(link, bench, impatient_s)
         yield bench, link
         link.close()
     if kind is HislipServer:  # what it left open is told by its collection, here and not in another test
@@ -76,14 +80,15 @@ def made(request: pytest.FixtureRequest) -> Iterator[Made]:
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
     kind: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.5 * TIMEOUT_S)  # while the line is being resynchronised
-    with wired(kind) as (bench, link):
+    # While the line is being resynchronised, and early enough for a busy computer to be late itself.
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * LATE_TIMEOUT_S)
+    with wired(kind, LATE_TIMEOUT_S) as (bench, link):
         scpi = Scpi(link, "generator")
         bench.inject("scpi-late")
-        with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 1 s"):
+        with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0\.5 s"):
             scpi.ask("VOLT:OFFS?")
         bench.clear()
-        time.sleep(TIMEOUT_S)  # by now it has come
+        time.sleep(LATE_TIMEOUT_S)  # by now it has come
         assert scpi.ask("*IDN?").startswith("Keysight")
         assert scpi.ask("OUTP?") == "0"
 
@@ -101,14 +106,14 @@ def test_half_an_answer_is_forgotten(kind: type) -> None:
 
 def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """pyvisa-py takes it for the acknowledgement of its device clear, and stumbles; the session is then opened anew."""
-    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * TIMEOUT_S)
-    with wired(HislipServer) as (bench, link):
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * LATE_TIMEOUT_S)
+    with wired(HislipServer, LATE_TIMEOUT_S) as (bench, link):
         bench.inject("scpi-late")
         link.write("VOLT:OFFS?")
         with pytest.raises(LinkError):
             link.read()
         bench.clear()
-        time.sleep(TIMEOUT_S)  # it arrives
+        time.sleep(LATE_TIMEOUT_S)  # it arrives
         link.clear()
         link.write("OUTP?")
         assert link.read() == "0"

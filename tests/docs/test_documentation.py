@@ -15,9 +15,10 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 FENCE = re.compile(r"^```(console|python run)( exit=\w+)?\n(.*?)^```", re.M | re.S)
 REFUSED = re.compile(r"^```text\n(tactor-bench [^\n]*)\n(tactor-bench: .*?)^```", re.M | re.S)
-SLOW = {"calibrate-a-specimen.md", "tutorial.md", "train-for-the-bad-day.md"}
+FIRST = {"README.md", "tutorial.md"}
+"""What a newcomer reads; commands of the other pages are run by the deep tests."""
 COMMANDED = [
-    pytest.param(page, marks=[pytest.mark.slow] if page.name in SLOW else [], id=str(page.relative_to(ROOT)))
+    pytest.param(page, marks=[] if page.name in FIRST else [pytest.mark.deep], id=str(page.relative_to(ROOT)))
     for page in PAGES
     if "decisions" not in page.parts and FENCE.search(page.read_text("utf-8"))
 ]

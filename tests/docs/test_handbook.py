@@ -18,6 +18,9 @@ sys.exit(main(["-q", "-W", "--keep-going", *sys.argv[1:]]))
 """
 
 
+pytestmark = pytest.mark.deep
+
+
 @pytest.fixture(scope="module")
 def handbook(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("handbook")
@@ -28,7 +31,6 @@ def handbook(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.slow
 def test_every_page_is_in_the_handbook(handbook: Path) -> None:
     pages = [page for page in DOCS.rglob("*.md") if page != DOCS / "README.md"]
     assert len(pages) > 60
@@ -36,7 +38,6 @@ def test_every_page_is_in_the_handbook(handbook: Path) -> None:
         assert (handbook / page.relative_to(DOCS).with_suffix(".html")).exists(), page
 
 
-@pytest.mark.slow
 def test_nothing_is_fetched_when_it_is_read(handbook: Path) -> None:
     for page in handbook.rglob("*.html"):
         text = page.read_text("utf-8")
@@ -45,7 +46,6 @@ def test_nothing_is_fetched_when_it_is_read(handbook: Path) -> None:
         assert fetched == [], page
 
 
-@pytest.mark.slow
 def test_equations_are_drawn_where_the_page_has_them(handbook: Path) -> None:
     text = re.sub(r"```.*?```|`[^`]*`", "", (DOCS / "theory.md").read_text("utf-8"), flags=re.S)
     equations = len(re.findall(r"\$\$.+?\$\$", text, re.S)) + len(re.findall(r"(?<!\$)\$(?!\$)[^$]+\$(?!\$)", text))

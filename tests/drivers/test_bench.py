@@ -14,7 +14,7 @@ from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
 from drivers.interfaces import Block
 from sim_hardware.bench import VirtualBench
 from sim_hardware.testing.safe_volts import volts_are_safe
-from tests.support import laboratory
+from tests.helpers.simulated_bench import laboratory
 
 RATE_HZ = 2000.0
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivers.drive import Hold, Sine
-from tests.contract.test_sources import BOXES
-from tests.drivers.front_panel import made, press
-from tests.support import volts_are_safe
+from tests.helpers.front_panel import made, press
+from tests.helpers.generators import BOXES
+from tests.helpers.simulated_bench import volts_are_safe
 
 
 @pytest.mark.parametrize("model", BOXES)

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import InstrumentError
-from tests.drivers.front_panel import made, panel_reads, press
+from tests.helpers.front_panel import made, panel_reads, press
 
 KEYSIGHT = {
     "VOLT:UNIT VRMS": "VOLT:UNIT VPP",

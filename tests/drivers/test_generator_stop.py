@@ -15,9 +15,9 @@ from drivers.transport.visa import VisaLink
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
-from tests.contract.test_sources import BOXES, truth
-from tests.drivers.front_panel import made, press
-from tests.support import simulated, volts_are_safe
+from tests.helpers.front_panel import made, press
+from tests.helpers.generators import BOXES, truth
+from tests.helpers.simulated_bench import simulated, volts_are_safe
 
 
 @contextmanager

@@ -15,9 +15,9 @@ from drivers.generators.siglent_sdg import SiglentSdg
 from drivers.generators.tektronix_afg import TektronixAfg
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from tests.contract.test_sources import BOXES, truth
 from tests.drivers.test_keysight_33500 import Tapped
-from tests.support import laboratory, simulated, volts_are_safe
+from tests.helpers.generators import BOXES, truth
+from tests.helpers.simulated_bench import laboratory, simulated, volts_are_safe
 
 
 def made(model: str, **generator: object) -> tuple[BurstGenerator, VirtualBench, Tapped]:

@@ -5,8 +5,8 @@ import pytest
 
 from drivers.drive import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
-from tests.drivers.front_panel import made, press
-from tests.support import volts_are_safe
+from tests.helpers.front_panel import made, press
+from tests.helpers.simulated_bench import volts_are_safe
 
 
 def test_another_waveform_at_the_front_panel_is_never_played() -> None:

@@ -7,7 +7,7 @@ from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.scpi import Link
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from tests.support import simulated, volts_are_safe
+from tests.helpers.simulated_bench import simulated, volts_are_safe
 
 
 class Tapped:

@@ -16,12 +16,12 @@ from drivers.nidaq.analog_input import NiDigitizer
 from drivers.nidaq.analog_output import FIFO_SAMPLES, NiOutput
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.ni_library import NiLibrary
 from sim_hardware.nidaq.analog_output import VOLTS_PER_COUNT
 from sim_hardware.nidaq.input_task import NiDevice
 from sim_hardware.plant.parameters import BenchTruth
 from sim_hardware.plant.segments import Level
-from tests.support import installed, volts_are_safe
+from tests.helpers.simulated_bench import installed, volts_are_safe
+from tests.wires.ni_library import NiLibrary
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from model.studies.convergence import convergence
 from model.studies.parameter_study import Study
 from model.studies.sensitivity import sobol
 from model.studies.uncertainty import Estimates, linear_band
-from tests.model.sampled import model_curve
+from tests.helpers.sampled import model_curve
 
 T, M = Tactor(), Membrane()
 ONE = Estimates(("k2",), (7e-3,), np.array([[1e-10]]))

@@ -13,10 +13,9 @@ from model.response.frequency_response import frequency_response, modal, system
 from model.response.modes import natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
 from model.skin import Skin
-from tests.model.specimens import pairs, tactors
+from tests.helpers.model_strategies import pairs, tactors
 
-# a busy machine is no failure of physics
-few = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+few = settings(suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no failure of physics
 
 
 def around_resonance(t: Tactor, skin: Skin | None = None) -> np.ndarray:

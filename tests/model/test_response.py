@@ -19,7 +19,7 @@ from model.response.frequency_response import (
 )
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.skin import Skin, skin
-from tests.model.sampled import march, sampled_series
+from tests.helpers.sampled import march, sampled_series
 
 ON = skin(Membrane(), 0.01)
 

@@ -124,6 +124,7 @@ def test_the_table_of_the_theory_page() -> None:
     assert c.worst_amplitude == pytest.approx(amplitude, rel=0.05)
 
 
+@pytest.mark.deep
 def test_convergence_does_not_end_at_forty() -> None:
     c = convergence(Tactor(), None, np.arange(1.0, 501, 25), n=(40, 80, 150))
     assert (np.diff(c.worst) < 0).all()

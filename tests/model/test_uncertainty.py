@@ -8,7 +8,7 @@ from model.response.statics import voltage_gain
 from model.specimen import Specimen
 from model.studies.parameter_study import Study
 from model.studies.uncertainty import Estimates, linear_band
-from tests.model.sampled import model_curve, sampled_band
+from tests.helpers.sampled import model_curve, sampled_band
 
 STUDY = Study({}, tuple(np.linspace(20, 250, 47)))
 SMALL = Estimates(("k2", "c0", "mu"), (7e-3, 159.0, -1.33e-5), np.diag([5e-5, 3.0, 1e-7]) ** 2)

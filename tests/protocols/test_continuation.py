@@ -11,8 +11,8 @@ from protocols.base.events import EntryBegan, Noted, PointMeasured, Status
 from protocols.base.quality import Quality
 from protocols.resume import earlier
 from protocols.runfile.reader import Run, RunError
-from tests.protocols.levels import LEVELS, Handy, Levels, resumed
-from tests.support import Trigger, laboratory, run, simulated
+from tests.helpers.level_protocol import LEVELS, Handy, Levels, resumed
+from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
 @pytest.fixture

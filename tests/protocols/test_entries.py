@@ -14,8 +14,8 @@ from protocols.base.records import Planned, Recording
 from protocols.base.steps import Ask, Await, Prompt, Record, Redo, Step
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests.protocols.levels import LEVELS, Handy, Level, Levels, high_voltage
-from tests.support import Trigger, laboratory, run
+from tests.helpers.level_protocol import LEVELS, Handy, Level, Levels, high_voltage
+from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 
 @pytest.mark.parametrize("moment", ["EntryBegan", "Playing", "SettleEnded", "BlockTaken"])

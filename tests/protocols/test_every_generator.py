@@ -6,7 +6,7 @@ import pytest
 
 from protocols.base.events import Status
 from protocols.measurements.sine_dwell import SineDwell
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 
 @pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG1032X", "AFG1022"])

@@ -13,8 +13,8 @@ from protocols.base.events import BlockSeen, PointMeasured, Recorded, SettleEnde
 from protocols.base.records import Recording
 from protocols.base.steps import Ask, Note, Prompt, Read, Record
 from protocols.runfile.reader import Run
-from tests.protocols.scripted import SETTLE, SHORT, Scripted, Spot
-from tests.support import Trigger, laboratory, run
+from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted, Spot
+from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 
 def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from app.gui.widgets.form import check, fields_of
 from protocols import registry
 from protocols.base.protocol import Protocol
 from protocols.rehearsal import rehearse
-from tests.support import laboratory, run
+from tests.helpers.simulated_bench import laboratory, run
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to-write-a-protocol.md"
 

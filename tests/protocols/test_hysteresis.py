@@ -18,7 +18,7 @@ from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 LOOPS = Hysteresis(frequencies_hz=(1.0, 2.0, 5.0), cycles=3)
 WIDTH, CREEP = 0.1, 0.02
@@ -117,7 +117,7 @@ def test_the_file_gives_the_numbers_of_the_live_run(looped) -> None:
     assert again == looped.points
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_voltage_steps_find_the_creep_and_the_loop_that_were_put_in(tmp_path: Path) -> None:
     steps = VoltageSteps(levels_v=(3.5, 4.5), repeats=2, order="up", rest_s=10.0, hold_s=10.0, read_s=1.0)
     with laboratory(simulated(seed=4, beyond={"creep_per_decade": CREEP})) as lab:

@@ -14,7 +14,7 @@ from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 from protocols.measurements.membrane_sag import MembraneSag, SagPoint
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT = MembraneSag(repeats=2, sample_rate_hz=1000)
 

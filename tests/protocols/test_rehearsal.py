@@ -24,8 +24,8 @@ from protocols.base.steps import Prompt, Step
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.predicted_travel import predicted
 from protocols.rehearsal import CannotRun, rehearse
-from tests.model.sampled import march
-from tests.support import laboratory, run, simulated
+from tests.helpers.sampled import march
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SENSOR = LaserSensor("laser", 1e-4)
 

@@ -34,7 +34,7 @@ def dwelt(tactor: Tactor, frequencies_hz: np.ndarray, noise: float, rng: np.rand
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("noise", [1e-5, 3e-3])
 @pytest.mark.parametrize("m_add", [7.73e-3, 2.75e-3])
 def test_pulls_are_those_of_honest_standard_errors(noise: float, m_add: float) -> None:

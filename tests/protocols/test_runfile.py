@@ -28,7 +28,7 @@ from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StoreError
 from protocols.runfile.reader import Run, RunError
 from protocols.runfile.writer import Header, RunFile, append_estimates
-from tests.support import laboratory, run
+from tests.helpers.simulated_bench import laboratory, run
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text=st.text(max_size=1500),
     quality=st.integers(0, 63),
 )
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, quality: int) -> None:
     drive = Sine(123.456, 1.5, 2.5, 77)
     file = new(folder)

@@ -27,8 +27,8 @@ from protocols.base.events import (
 from protocols.base.steps import Settle, Step
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFile
-from tests.protocols.scripted import SETTLE, SHORT, Scripted
-from tests.support import Trigger, laboratory, run, simulated
+from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted
+from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
 def test_events_come_in_order_and_the_file_has_them_too(tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:
 IMPORTED = """
 import sys, tempfile, pathlib
 from protocols.measurements.sweep import Sweep
-from tests.support import laboratory, run
+from tests.helpers.simulated_bench import laboratory, run
 
 def watch(event):
     seen.append((event.kind, {name for name in sys.modules if name.startswith("scipy.")}))

@@ -20,7 +20,7 @@ from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, halved
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests.support import Trigger, laboratory, run, simulated
+from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
 @pytest.fixture(scope="module")

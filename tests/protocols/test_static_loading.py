@@ -23,8 +23,8 @@ from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.weights import uncertainty_kg
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests import support
-from tests.support import Ran, run
+from tests.helpers import simulated_bench
+from tests.helpers.simulated_bench import Ran, run
 
 COMPLIANCE = load_compliance(Tactor())
 SHORT = StaticLoading(repeats=1, weights_kg=(0.05, 0.2), sides="MFC up", sample_rate_hz=1000, settle_s=0.5)
@@ -32,12 +32,12 @@ SHORT = StaticLoading(repeats=1, weights_kg=(0.05, 0.2), sides="MFC up", sample_
 
 def simulated(**truth: Any) -> Any:
     """A bench whose plant has a coarse grid: nothing here moves fast."""
-    return support.simulated(**{"plant_rate_hz": 10e3, **truth})
+    return simulated_bench.simulated(**{"plant_rate_hz": 10e3, **truth})
 
 
 @contextmanager
 def laboratory(config: Any) -> Iterator[Any]:
-    with support.laboratory(config) as lab:
+    with simulated_bench.laboratory(config) as lab:
         lab.bench.block_s = 0.2  # fewer, larger blocks: nobody waits for them here
         yield lab
 
@@ -231,7 +231,7 @@ def test_the_operator_may_have_the_weight_before_measured_again(tmp_path: Path) 
         assert file.points()["mass"].tolist().count(ran.points[0].mass) >= 1
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_prompt_may_be_ignored_for_an_hour(tmp_path: Path) -> None:
     asked_s: list[float] = []
 

@@ -56,7 +56,7 @@ def studies(draw: st.DrawFn) -> tuple[StudyHeader, np.ndarray, list[int]]:
     return header, values, ends
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(study=studies())
 def test_any_study_in_any_chunks_comes_back(study: tuple[StudyHeader, np.ndarray, list[int]], tmp_path: Path) -> None:
     header, values, ends = study

@@ -22,8 +22,8 @@ from protocols.measurements.sweep import Sweep
 from protocols.rehearsal import rehearse
 from protocols.resume import earlier
 from protocols.runfile.reader import Run
-from tests.protocols.levels import resumed
-from tests.support import Trigger, laboratory, run, simulated
+from tests.helpers.level_protocol import resumed
+from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 GAIN = 400.0
 """Volts on the specimen for a volt at the input: the mean of the amplifier's two slopes, which is what a fundamental sees."""
@@ -96,7 +96,7 @@ def test_every_line_of_a_sweep_is_the_models_within_its_error_bar(swept) -> None
     assert np.median(columns["response_errors"][near] / columns["response"][near]) < 2e-4
 
 
-@pytest.mark.parametrize(("index", "mass"), [(0, 2.75e-3), (1, 9.75e-3)])
+@pytest.mark.parametrize(("index", "mass"), [pytest.param(0, 2.75e-3, marks=pytest.mark.deep), (1, 9.75e-3)])
 def test_every_line_of_a_sweep_in_pieces_is_the_models_within_its_error_bar(loaded, index: int, mass: float) -> None:
     error_bars_are_right(loaded.path, index, replace(Tactor(), m_add=mass))
 
@@ -155,6 +155,7 @@ def test_the_file_gives_the_numbers_and_curves_of_the_live_run(loaded) -> None:
     assert np.array_equal(found.columns["response"].values, kept[1].columns["response"].values)
 
 
+@pytest.mark.deep
 def test_one_long_sweep_also_gives_the_papers_peak_of_the_spectrum(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(MassResonance(masses_kg=(7.73e-3,), sweep_s=20, piece_s=20), tmp_path, lab)

@@ -20,7 +20,7 @@ from protocols.measurements.voltage_steps import PAPER_LEVELS_V, VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 BRIEF = VoltageSteps(levels_v=(0.5, 2.5, 4.0), repeats=3, rest_s=0.3, read_s=0.5, hold_s=1.0)
 RATE_HZ = 5000.0

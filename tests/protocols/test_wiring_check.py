@@ -11,7 +11,7 @@ from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from tests.support import laboratory, run, simulated
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 CHECK = WiringCheck(record_s=0.5, wait_s=0.2)
 

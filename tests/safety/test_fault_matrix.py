@@ -1,6 +1,5 @@
 """Whatever breaks, in whatever protocol, at whatever moment: rest, or `unsafe`; a file that opens; never a traceback."""
 
-import os
 import re
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from protocols.base.events import Status
 from protocols.registry import PROTOCOLS
 from sim_hardware.plant.faults import FAULTS
 from sim_hardware.testing.safe_volts import STEP_V
-from tests.safety.fault_matrix import ON_WIRES_ONLY, TAKES_THE_DRIVE, cell, moments_of
+from tests.helpers.fault_matrix import ON_WIRES_ONLY, TAKES_THE_DRIVE, cell, moments_of
 
 pytestmark = pytest.mark.breaks_the_drive
 
@@ -21,29 +20,35 @@ ON_WIRES = [
 """What the virtual clock cannot show, and what the watchdog's log must tell; all of it is in docs/fault-matrix.md."""
 
 
-ALL = "TACTOR_BENCH_FULL_MATRIX"
-"""Set it to see every cell in the test, too; without, one or two moments for each pair keep the suite fast."""
+KINDS = ("sine-dwell", "sweep", "voltage-steps", "static-loading")
+"""One protocol of each kind: what is played is a sine, a sweep or steps, or somebody's hands do the work."""
+
+FAULTS_OF_A_BENCH = [fault for fault in FAULTS if fault not in ON_WIRES_ONLY]
 
 
-def moments(name: str, fault: str) -> tuple[str, ...]:
+def assert_rest_or_unsafe(name: str, fault: str, moment: str, folder: Path) -> None:
+    seen = cell(fault, name, moment, folder)
+    assert not seen.faults, f"{moment}: {seen.faults}: {seen.reason}"
+    assert "an error of this program" not in seen.reason
+    if fault not in TAKES_THE_DRIVE:
+        assert seen.largest_jump_v <= STEP_V + 1e-6, moment
+
+
+@pytest.mark.parametrize("fault", FAULTS_OF_A_BENCH)
+@pytest.mark.parametrize("name", KINDS)
+def test_every_fault_in_every_kind_of_protocol(name: str, fault: str, tmp_path: Path) -> None:
+    """Moments are dealt so that every fault meets four, and every kind all of them."""
     own = moments_of(name).names
-    if os.environ.get(ALL):
-        return own
-    number = list(PROTOCOLS).index(name)
-    first = number + list(FAULTS).index(fault)
-    return tuple(own[(first + step) % len(own)] for step in ((0, 2) if number < 2 else (0,)))
+    moment = own[(KINDS.index(name) + FAULTS_OF_A_BENCH.index(fault)) % len(own)]
+    assert_rest_or_unsafe(name, fault, moment, tmp_path)
 
 
-@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault not in ON_WIRES_ONLY])
+@pytest.mark.deep
+@pytest.mark.parametrize("fault", FAULTS_OF_A_BENCH)
 @pytest.mark.parametrize("name", PROTOCOLS)
-def test_every_fault_in_every_protocol(name: str, fault: str, tmp_path: Path) -> None:
-    """Moments are dealt so that every fault meets several, and every protocol all; the whole is in the docs."""
-    for moment in moments(name, fault):
-        seen = cell(fault, name, moment, tmp_path / moment)
-        assert not seen.faults, f"{moment}: {seen.faults}: {seen.reason}"
-        assert "an error of this program" not in seen.reason
-        if fault not in TAKES_THE_DRIVE:
-            assert seen.largest_jump_v <= STEP_V + 1e-6, moment
+def test_every_fault_in_every_protocol_at_every_moment(name: str, fault: str, tmp_path: Path) -> None:
+    for moment in moments_of(name).names:
+        assert_rest_or_unsafe(name, fault, moment, tmp_path / moment)
 
 
 def test_a_level_near_rest_that_nobody_brought_back_is_not_rest(tmp_path: Path) -> None:

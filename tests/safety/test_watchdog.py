@@ -26,8 +26,8 @@ from protocols.base.events import AtRest, Status
 from protocols.measurements.sine_dwell import SineDwell
 from sim_hardware.bench import VirtualBench
 from sim_hardware.service.served_bench import ServedBench
-from tests.safety.program import program, safe
-from tests.support import laboratory, run, volts_are_safe
+from tests.helpers.program import program, safe
+from tests.helpers.simulated_bench import laboratory, run, volts_are_safe
 
 LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
 """A drive that would go on for 13 s by itself. How soon the watchdog ends it is measured in docs/decisions/0020-watchdog.md; here
@@ -156,6 +156,7 @@ def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(t
         assert len(bench.bench.history.pieces()) == pieces  # nothing reached the source
 
 
+@pytest.mark.deep
 def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awaited(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
@@ -165,6 +166,7 @@ def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awai
         wait(lambda: "the program was frozen" in log(tmp_path))
 
 
+@pytest.mark.deep
 def test_it_is_deaf_to_the_terminal_and_goes_with_the_program_without_a_word(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         watchdog = psutil.Process(bench.watchdog.pid)
@@ -178,6 +180,7 @@ def test_it_is_deaf_to_the_terminal_and_goes_with_the_program_without_a_word(tmp
         assert log(tmp_path) == ""
 
 
+@pytest.mark.deep
 def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with live(tmp_path) as bench:
         watchdog = psutil.Process(bench.watchdog.pid)
@@ -214,6 +217,7 @@ def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) 
     assert any(isinstance(event, AtRest) and event.confirmed for event in ran.events)
 
 
+@pytest.mark.deep
 def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
     bears_s = 1.5  # more than a busy computer's own pauses
     with live(tmp_path, replace(CHARGE, silence_s=bears_s)) as bench:
@@ -252,6 +256,7 @@ def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -
         volts_are_safe(bench.bench.report())
 
 
+@pytest.mark.deep
 def test_a_program_that_dies_at_rest_needs_nothing_but_a_line_in_the_log(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.watchdog.disarm()
@@ -259,6 +264,7 @@ def test_a_program_that_dies_at_rest_needs_nothing_but_a_line_in_the_log(tmp_pat
         wait(lambda: "the source was at rest, nothing was to be done" in log(tmp_path))
 
 
+@pytest.mark.deep
 def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Sine(100, 1.0, 2.5, 150))
@@ -271,6 +277,7 @@ def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_pa
         wait(bench.at_rest)  # the burst ends by itself all the same
 
 
+@pytest.mark.deep
 def test_a_wire_that_comes_back_in_time_is_used(tmp_path: Path) -> None:
     with live(tmp_path, replace(CHARGE, patience_s=20.0)) as bench:
         bench.play(Hold(4.0, 60.0))
@@ -292,6 +299,7 @@ def test_a_program_that_cannot_command_the_source_asks_it_for_help(tmp_path: Pat
         volts_are_safe(bench.bench.report())
 
 
+@pytest.mark.deep
 def test_a_bench_whose_watchdog_cannot_reach_the_source_does_not_go_live(tmp_path: Path) -> None:
     watchdog = WatchdogProcess(replace(CHARGE, resource="TCPIP::127.0.0.1::9::SOCKET"))
     with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*enabled = false"):

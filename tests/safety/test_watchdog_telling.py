@@ -13,7 +13,7 @@ from drivers.watchdog.config import Charge
 from drivers.watchdog.log import LOG_NAME, untold
 from protocols.base.events import Noted
 from protocols.measurements.sine_dwell import SineDwell
-from tests.support import laboratory, simulated
+from tests.helpers.simulated_bench import laboratory, simulated
 
 
 def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resour
     assert _shared(resource) == shared
 
 
-@pytest.mark.parametrize("speed", [1.0, 5.0])
+@pytest.mark.parametrize("speed", [pytest.param(1.0, marks=pytest.mark.deep), 5.0])
 def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
     speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,12 +12,13 @@ import pytest
 from app.common.errors import DONE, FAILED, UNSAFE
 from protocols.base.events import Status
 from protocols.runfile.reader import Run
-from tests.safety.program import program, safe
+from tests.helpers.program import program, safe
 
 patient = partial(program, watchdog="silence_s = 5")
 """A busy computer's pauses are what tests of the watchdog are about."""
 
 
+@pytest.mark.deep
 def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> None:
     with patient(tmp_path, "frequencies_hz=100,160") as (run, _):
         run.arm()
@@ -29,8 +30,8 @@ def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> 
         assert len(file.points()["frequency"]) == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("moment", ["high voltage OFF", "25.0"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", [pytest.param("high voltage OFF", marks=pytest.mark.deep), "25.0"])
 def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, moment: str, tmp_path: Path) -> None:
     with patient(tmp_path) as (run, _):
         if moment == "25.0":
@@ -44,6 +45,7 @@ def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, m
         assert (len(file.points()["frequency"]) > 0) == (moment == "25.0")
 
 
+@pytest.mark.deep
 def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself(tmp_path: Path) -> None:
     """Even without a watchdog."""
     settings = ("frequencies_hz=100", "settle_limit_s=0.5", "record_s=1")
@@ -65,7 +67,7 @@ def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself
         assert file.trace.samples > 1000
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:
     """Nobody can command the generator any more; its finite burst ends, and the card sees that it did."""
     with patient(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
@@ -78,7 +80,7 @@ def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -
         safe(run.bench)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.breaks_the_drive
 def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_path: Path) -> None:
     with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
@@ -93,7 +95,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
         assert len(file.points()["frequency"]) >= 1
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is_there(tmp_path: Path) -> None:
     with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()
@@ -104,7 +106,7 @@ def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is
         safe(run.bench)  # the source obeyed all the same
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_samples_lost_mid_run_fail_the_run_at_measured_rest(tmp_path: Path) -> None:
     with patient(tmp_path, "settle_limit_s=0.5") as (run, _):
         run.arm()

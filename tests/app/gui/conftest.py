@@ -18,7 +18,7 @@ from app.gui.application import application
 from app.gui.main_window import MainWindow
 from app.live.session_link import Link
 from protocols.measurements.sine_dwell import SineDwell
-from tests.app.gui.stage import ListeningSession, OpenStage, Stage, end
+from tests.helpers.main_window import ListeningSession, OpenStage, Stage, end
 
 
 @pytest.fixture(scope="session")

@@ -21,8 +21,8 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import volts_are_safe
-from tests.app.gui.happenings import LIVE, OPENED, STOPPED
-from tests.app.gui.stage import Bench, OpenStage, Stage, press, until, whole_window
+from tests.helpers.main_window import Bench, OpenStage, Stage, press, until, whole_window
+from tests.helpers.session_events import LIVE, OPENED, STOPPED
 
 CTRL, ALT, SHIFT = (
     Qt.KeyboardModifier.ControlModifier,

@@ -16,8 +16,8 @@ from app.gui.main_window import MainWindow
 from app.session.connect import connect
 from app.session.state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
-from tests.app.gui.happenings import LIVE, LOST, OPENED, STOPPED
-from tests.app.gui.stage import Stage, until
+from tests.helpers.main_window import Stage, until
+from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 
 def running(stage: Stage) -> None:
@@ -84,7 +84,7 @@ def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: 
     assert stage.window.view.exit_code == 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no signals that one process sends another")
 def test_a_signal_takes_the_same_way_out(
     qt: QApplication, config: BenchConfig, settings: QSettings, tmp_path: Path, number: signal.Signals

@@ -7,8 +7,8 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
 from app.gui.plots.copy import Copying
-from tests.app.gui.happenings import LIVE, OPENED, point
-from tests.app.gui.stage import OpenStage, Stage, until
+from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.session_events import LIVE, OPENED, point
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
 

@@ -9,8 +9,8 @@ from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from protocols.base.events import Armed, CurveReady, Playing, RunStarted
 from protocols.base.records import Column, Curve
-from tests.app.gui.happenings import OPENED
-from tests.app.gui.stage import Stage, until
+from tests.helpers.main_window import Stage, until
+from tests.helpers.session_events import OPENED
 
 FREQUENCIES = np.linspace(25.0, 525.0, 501)
 

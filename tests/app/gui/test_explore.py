@@ -18,8 +18,8 @@ from app.gui.widgets.theme import DARK
 from model.identification.fit_options import FitCancelled
 from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen, changed
-from tests.app.gui.stage import OpenStage, Stage, until
-from tests.runs import finished_run
+from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.run_files import finished_run
 
 
 @pytest.fixture

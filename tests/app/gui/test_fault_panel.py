@@ -16,8 +16,8 @@ from app.session.connect import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from sim_hardware.plant.faults import FAULTS
-from tests.app.gui.happenings import OPENED
-from tests.app.gui.stage import OpenStage, Stage, end, press, until
+from tests.helpers.main_window import OpenStage, Stage, end, press, until
+from tests.helpers.session_events import OPENED
 
 SHIFT = Qt.KeyboardModifier.ShiftModifier
 

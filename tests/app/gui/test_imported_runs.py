@@ -9,8 +9,8 @@ from app.archive.replay import read_measured
 from app.cli.main import main
 from app.explore.fit import fit_runs
 from app.explore.state import Setting
-from tests.app.gui.stage import OpenStage, grab, until
-from tests.runs import finished_run
+from tests.helpers.main_window import OpenStage, grab, until
+from tests.helpers.run_files import finished_run
 
 POINTS = {"T6": [2, 2], "T7": [5, 0], "T8": [0, 0], "T9": [0, 5]}
 """Points drawn of max - min and of the fundamental."""

@@ -15,8 +15,8 @@ from app.gui.widgets.shortcuts import EVERYWHERE, lines_of
 from protocols.base.events import Asked, RunEnded, Status
 from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
-from tests.app.gui.happenings import AT_REST, LIVE, OPENED
-from tests.app.gui.stage import ListeningSession, OpenStage, Stage, until
+from tests.helpers.main_window import ListeningSession, OpenStage, Stage, until
+from tests.helpers.session_events import AT_REST, LIVE, OPENED
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last"), hands_on=True)

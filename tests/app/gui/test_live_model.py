@@ -24,9 +24,9 @@ from protocols.base.events import PointMeasured, RunEnded, Status
 from protocols.base.quality import Quality
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from tests.app.calibrating import calibration
-from tests.app.gui.happenings import AT_REST, LIVE, OPENED
-from tests.app.gui.stage import Stage, until
+from tests.helpers.calibrations import calibration
+from tests.helpers.main_window import Stage, until
+from tests.helpers.session_events import AT_REST, LIVE, OPENED
 from tests.protocols.test_rehearsal import guard
 
 TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)

@@ -30,9 +30,9 @@ from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
-from tests.app.gui.happenings import AT_REST, LIVE, OPENED, STARTED, point
-from tests.app.gui.stage import Stage, until
 from tests.app.gui.test_other_protocols import POINT
+from tests.helpers.main_window import Stage, until
+from tests.helpers.session_events import AT_REST, LIVE, OPENED, STARTED, point
 
 CTRL = Qt.KeyboardModifier.ControlModifier
 WEIGHT = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last", "skip"), hands_on=True)

@@ -6,7 +6,7 @@ from typing import Any
 from drivers.watchdog.log import LOG_NAME
 from protocols.base.events import PointMeasured, RunStarted
 from protocols.measurements.wiring_check import WiringPoint
-from tests.app.gui.stage import until
+from tests.helpers.main_window import until
 
 POINT = WiringPoint(
     2.6, 0.0, float("nan"), 2.6, 0.0, 3e-4, float("nan"), 1.4e-5, 7e-9, 0.0, float("nan"), 0.0, 5e-7, 32

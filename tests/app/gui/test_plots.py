@@ -12,7 +12,7 @@ from app.gui.widgets.theme import LIGHT
 from app.live.feed import SPANS, LiveFeed
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
-from tests.app.gui.happenings import SCALES, sine_block
+from tests.helpers.session_events import SCALES, sine_block
 
 
 def fed(rate_hz: float = 5000.0, seconds: float = 2.0) -> LiveFeed:

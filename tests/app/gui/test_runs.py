@@ -15,10 +15,10 @@ from app.gui.runs.page import RunsPage
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
-from tests.app.gui.happenings import LIVE, OPENED
-from tests.app.gui.stage import OpenStage, Stage, until
-from tests.runs import crashed_run, finished_run, newer_run
-from tests.support import laboratory, run
+from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.run_files import crashed_run, finished_run, newer_run
+from tests.helpers.session_events import LIVE, OPENED
+from tests.helpers.simulated_bench import laboratory, run
 
 
 @pytest.fixture(autouse=True)

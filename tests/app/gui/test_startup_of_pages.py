@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 from app.gui.tabs import EXPLORE, MEASURE, RUNS
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
-from tests.app.gui.stage import OpenStage, until
+from tests.helpers.main_window import OpenStage, until
 
 
 class Windows(QObject):

@@ -16,7 +16,7 @@ from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import Earlier, earlier
 from protocols.runfile.reader import Run
-from tests.app.gui.stage import Bench, press, until, whole_window
+from tests.helpers.main_window import Bench, press, until, whole_window
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 

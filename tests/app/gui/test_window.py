@@ -20,8 +20,8 @@ from protocols.base.quality import Quality
 from protocols.base.records import Estimate
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
-from tests.app.gui.happenings import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
-from tests.app.gui.stage import OpenStage, Stage, grab, until
+from tests.helpers.main_window import OpenStage, Stage, grab, until
+from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.protocols.test_rehearsal import guard
 
 
@@ -317,7 +317,7 @@ def test_a_form_that_was_kept_by_another_version_is_the_papers(
     assert open_stage().window.measure.panel.protocol == SineDwell()
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (2560, 1440)])
+@pytest.mark.parametrize("size", [(1280, 720), pytest.param((2560, 1440), marks=pytest.mark.deep)])
 def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path, size: tuple[int, int]) -> None:
     stage.happen(OPENED)
     stage.window.resize(*size)
@@ -358,7 +358,7 @@ class _Sensing:
 
     def __init__(self, stage: Stage) -> None:
         from drivers.sensors.laser_sensor import LaserSensor
-        from tests.app.gui.happenings import SCALES
+        from tests.helpers.session_events import SCALES
 
         self.sensor = LaserSensor("laser", 1e-4)
         self.scales = SCALES

@@ -8,8 +8,8 @@ from app.report.content import gather
 from app.report.document import Report
 from app.report.runs import Taken
 from app.report.specimen import Specimen
-from tests.app.report.specimen import DWELL, STEPS, TRUTH
-from tests.support import laboratory, run, simulated
+from tests.helpers.report_specimen import DWELL, STEPS, TRUTH
+from tests.helpers.simulated_bench import laboratory, run, simulated
 
 
 @pytest.fixture(scope="package")

@@ -11,7 +11,7 @@ from app.report.document import Words
 from app.report.figures_of_merit import MERITS, Merit
 from app.report.limits import Limit, Limits, LimitsError, judge, read_limits
 from app.report.rounding import plain, probability, stated
-from tests.app.report.specimen import blocks_of
+from tests.helpers.report_specimen import blocks_of
 
 
 def test_a_file_of_limits_is_read_with_its_units(tmp_path: Path) -> None:

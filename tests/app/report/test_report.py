@@ -4,7 +4,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,8 @@ from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from protocols.base.quality import Quality
 from protocols.measurements.wiring_check import WiringCheck
-from tests.app.report.specimen import TRUTH, blocks_of
-from tests.support import laboratory, run
+from tests.helpers.report_specimen import TRUTH, blocks_of
+from tests.helpers.simulated_bench import laboratory, run
 
 
 @pytest.fixture
@@ -51,34 +51,51 @@ def replaced(entry: Any, name: str, value: Any) -> None:
     entry[name] = value
 
 
-def test_two_reports_of_the_same_files_are_the_same_bytes_and_every_page_says_simulated(
-    copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    next(copy.glob("*voltage-steps.h5")).unlink()  # one run draws all kinds of pages
+@dataclass(frozen=True)
+class Written:
+    """A report on disk, the texts of its pages, and the runs it is of."""
+
+    runs: Path
+    out: Path
+    pages: list[list[str]]
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Written:
+    runs, out = tmp_path_factory.mktemp("of"), tmp_path_factory.mktemp("report")
+    shutil.copy(next(folder.glob("*sine-dwell.h5")), runs)  # one run draws all kinds of pages
     pages: list[list[str]] = []
-    written = PdfPages.savefig
+    save_page = PdfPages.savefig
 
     def save(pdf: PdfPages, figure: Any = None, **more: Any) -> None:
         pages.append([text.get_text() for text in figure.texts])
-        written(pdf, figure, **more)
+        save_page(pdf, figure, **more)
 
-    monkeypatch.setattr(PdfPages, "savefig", save)
-    for out in ("a", "b"):
-        assert main(["report", "T1", "--folder", str(copy), "--out", str(tmp_path / out)]) == 0
-    for name in ("T1_report.pdf", "T1_report.html"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-    assert not list(tmp_path.glob("*/*.part"))
-    half = len(pages) // 2
-    assert half >= 4
-    for at, page in enumerate(pages[:half], 1):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PdfPages, "savefig", save)
+        assert main(["report", "T1", "--folder", str(runs), "--out", str(out)]) == 0
+    return Written(runs, out, pages)
+
+
+def test_every_page_says_simulated_and_every_file_is_named_with_its_checksum(written: Written) -> None:
+    assert not list(written.out.glob("*.part"))
+    assert len(written.pages) >= 4
+    for at, page in enumerate(written.pages, 1):
         assert page.count("SIMULATED") == 2, page  # in its head and across it
-        assert any(f"page {at} of {half}" in text for text in page)
-    html = (tmp_path / "a" / "T1_report.html").read_text("utf-8")
+        assert any(f"page {at} of {len(written.pages)}" in text for text in page)
+    html = (written.out / "T1_report.html").read_text("utf-8")
     assert "class='mark'" in html
     assert "class='banner'>SIMULATED" in html
-    for path in copy.glob("*.h5"):
+    for path in written.runs.glob("*.h5"):
         assert path.name in html
         assert hashlib.sha256(path.read_bytes()).hexdigest() in html
+
+
+@pytest.mark.deep
+def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_path: Path) -> None:
+    assert main(["report", "T1", "--folder", str(written.runs), "--out", str(tmp_path)]) == 0
+    for name in ("T1_report.pdf", "T1_report.html"):
+        assert (tmp_path / name).read_bytes() == (written.out / name).read_bytes()
 
 
 def test_what_the_first_page_says_is_what_the_plant_is(gathered: tuple[Report, Specimen, tuple[Taken, ...]]) -> None:

@@ -34,7 +34,7 @@ def test_noise_is_called_noise() -> None:
     assert verdicts[0].tests > 60
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("world", "drives_v", "kind", "truth", "words"),
     [
@@ -62,7 +62,7 @@ def test_a_clamp_that_gives_comes_first_among_what_it_causes() -> None:
     assert judged(World(clamp=15.0)).findings[0].kind == "clamp"
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("seed", [1, 2])
 def test_errors_that_are_too_small_are_not_called_a_wrong_model(seed: int) -> None:
     """All noise is twice what the runs state."""

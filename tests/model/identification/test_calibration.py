@@ -16,7 +16,7 @@ from model.parameters import Membrane, Tactor
 from model.specimen import Specimen
 from model.studies.parameter_study import Study
 from model.studies.uncertainty import linear_band
-from tests.model.sampled import model_curve
+from tests.helpers.sampled import model_curve
 
 
 @cache

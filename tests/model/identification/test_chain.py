@@ -86,7 +86,7 @@ def test_both_sides_are_averaged_load_by_load() -> None:
     assert chain(Campaign((soft, stiff, repeated))).values == pytest.approx(chain(Campaign((both,))).values)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_errors_by_derivatives_are_those_of_repeated_campaigns() -> None:
     kinds = (StaticLoading, VoltageSteps, FrequencyResponse, MembraneSag)
     shared = perfect(World(), Noise(), SHARED)

@@ -12,7 +12,7 @@ TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6
 CAMPAIGNS = 25
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_campaigns_miss_the_truth_by_their_standard_errors() -> None:
     """Mean within 3.3 of its own error (0.2), spread within 3.3 of its (0.14)."""
     source = perfect(World(), Noise(), SHARED)

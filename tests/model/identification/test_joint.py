@@ -76,7 +76,7 @@ EVERY = ("k2", "mu", "c0", "m_add", "E_m", "c_s_0", "c_s_delta", "L", "L1", "L2"
          "contact_length", "asymmetry", "c_s(1.27 mm)", "k_s(2.54 mm)")  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize(
     ("runs", "free"),
     [
@@ -189,7 +189,7 @@ def test_a_robust_fit_does_not_count_what_it_let_go() -> None:
     assert np.sqrt(robust.covariance[0, 0]) == pytest.approx(np.sqrt(honest.covariance[0, 0]), rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_a_robust_loss_lets_go_of_an_outlier_and_names_it() -> None:
     runs = list(PERFECT.runs)
     w = np.array(runs[0].deflection_m)

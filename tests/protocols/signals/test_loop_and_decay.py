@@ -80,7 +80,7 @@ def ringing(t: np.ndarray, f: float, zeta: float) -> np.ndarray:
     return np.exp(-zeta * w * t) * np.cos(w * np.sqrt(1 - zeta**2) * t + 0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_decays_reach_the_bound_and_cover_it() -> None:
     rng = np.random.default_rng(1)
     t, sigma, seeds, step = np.arange(300) / RATE, 0.01, 250, 1e-6

@@ -18,7 +18,7 @@ from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
 from protocols.signals.periodic_response import periodic_response
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import SHARP_VARIANCE, sweep_response
-from tests.model.sampled import march
+from tests.helpers.sampled import march
 
 RATE = 5000.0
 N = 3
@@ -53,7 +53,7 @@ def true_peak_hz(tactor: Tactor = Tactor()) -> float:  # noqa: B008 - frozen
     )
 
 
-@pytest.mark.parametrize(("start_hz", "stop_hz"), [(25.0, 525.0), (525.0, 25.0)])
+@pytest.mark.parametrize(("start_hz", "stop_hz"), [(25.0, 525.0), pytest.param(525.0, 25.0, marks=pytest.mark.deep)])
 def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float) -> None:
     drive, moved = bench(start_hz, stop_hz)
     rng = np.random.default_rng(1)
@@ -229,7 +229,7 @@ def test_the_low_pass_keeps_what_is_slow_in_phase_and_drops_what_is_fast() -> No
     assert np.abs(low_pass(slow + fast, RATE) - slow)[inner].max() < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
     rng = np.random.default_rng(5)
     n, sigma, seeds = 1 << 14, 2e-8, 240

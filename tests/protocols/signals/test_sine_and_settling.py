@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
@@ -25,7 +25,6 @@ def signal(n: int, f: float, components: list[complex], offset: float = 0.0, dri
     st.floats(-5, 5),
     st.floats(-1, 1),
 )
-@settings(max_examples=50)
 def test_an_exact_signal_is_recovered_exactly(
     f: float, first: complex, second: complex, offset: float, drift: float
 ) -> None:

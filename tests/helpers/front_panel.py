@@ -4,7 +4,7 @@ from drivers.generators.burst_generator import BurstGenerator
 from drivers.transport.scpi import Link
 from sim_hardware.bench import VirtualBench
 from sim_hardware.clock import VirtualClock
-from tests.contract.test_sources import BOXES, truth
+from tests.helpers.generators import BOXES, truth
 
 
 def made(model: str) -> tuple[BurstGenerator, VirtualBench, Link]:

@@ -18,7 +18,7 @@ from protocols.resume import earlier
 from protocols.runfile.writer import RunFile
 from protocols.runner.runner import Runner
 from sim_hardware.testing.safe_volts import volts_are_safe
-from tests.support import Ran
+from tests.helpers.simulated_bench import Ran
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ import struct
 import threading
 from enum import IntEnum
 
-from sim_hardware.threaded_server import HOST, ThreadedServer, exactly
 from sim_hardware.wires.port import Port
+from tests.wires.threaded_server import HOST, ThreadedServer, exactly
 
 HEADER = struct.Struct("!2sBBIQ")
 VERSION = 0x0100

@@ -13,7 +13,7 @@ from drivers.clock import WallClock
 from sim_hardware.bench import VirtualBench
 from sim_hardware.plant.history_report import HistoryReport
 from sim_hardware.service.served_bench import ServedBench
-from tests.support import simulated, volts_are_safe
+from tests.helpers.simulated_bench import simulated, volts_are_safe
 
 
 class Program:

@@ -4,8 +4,6 @@ Everything above the transfers of the USB host controller is real: PyUSB, pyvisa
 message that arrives while an answer waits discards the answer, as IEEE 488.2 (6.3.2.3) has it.
 """
 
-# ruff: noqa: ARG002, SLF001 - what a backend is called with is PyUSB's, and pyvisa-py looks for it only when imported
-
 import array
 import errno
 import importlib

@@ -9,8 +9,8 @@ import threading
 import time
 from enum import IntEnum
 
-from sim_hardware.threaded_server import HOST, ThreadedServer, exactly
 from sim_hardware.wires.port import Port
+from tests.wires.threaded_server import HOST, ThreadedServer, exactly
 
 CORE, VERSION = 0x0607AF, 1
 LARGEST = 1 << 24

@@ -1,0 +1,44 @@
+"""Function generators that have a driver, each with its simulated box, and the timeout of a broken wire."""
+
+from functools import cache
+
+from drivers.generators.burst_generator import BurstGenerator
+from drivers.generators.keysight_33200 import Keysight33200
+from drivers.generators.keysight_33500 import Keysight33500
+from drivers.generators.rigol_dg import RigolDg
+from drivers.generators.siglent_sdg import SiglentSdg
+from drivers.generators.tektronix_afg import TektronixAfg
+from drivers.transport.visa import VisaLink
+from sim_hardware.bench import VirtualBench
+from sim_hardware.plant.parameters import BenchTruth
+from tests.helpers.simulated_bench import simulated
+
+BOXES: dict[str, type[BurstGenerator]] = {
+    "33511B": Keysight33500,
+    "33220A": Keysight33200,
+    "DG1032Z": RigolDg,
+    "SDG1032X": SiglentSdg,
+    "AFG3022C": TektronixAfg,
+    "AFG1022": TektronixAfg,
+}
+
+IMPATIENT_S = 0.2
+"""Timeout in seconds while a wire is broken on purpose: the answer will not come, however long the wait."""
+
+
+@cache
+def truth(model: str) -> BenchTruth:
+    return simulated(generator={"model": model}).truth
+
+
+def impatient_while_broken(link: VisaLink, bench: VirtualBench, impatient_s: float = IMPATIENT_S) -> None:
+    """Wait for an answer as long as a busy computer needs while the wire is whole, and briefly while it is broken."""
+    patient_s = link.timeout_s
+
+    def follow() -> None:
+        broken = any(name.startswith("scpi-") for name in bench.faults.all_active())
+        link.timeout_s = impatient_s if broken else patient_s
+        if link._session is not None:
+            link._session.timeout = 1000 * link.timeout_s
+
+    bench.on_fault(follow)

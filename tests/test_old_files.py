@@ -1,0 +1,211 @@
+"""Files of earlier versions open in this one: runs, campaign, calibrations, presets, study, bench and limits files.
+
+The files are real ones (tests/data/format-2/README.md). Qt settings are read in tests/app/gui/test_old_settings.py.
+"""
+
+import importlib
+import json
+import shutil
+import socket
+import tomllib
+from pathlib import Path
+
+import h5py
+import pytest
+
+from app.archive.replay import look_closer, reopen
+from app.gui.measure.presets import Presets
+from protocols.registry import PROTOCOLS
+from protocols.runfile.study_file import read_study
+from tests.compare_runs import Comparison
+
+ROOT = Path(__file__).parents[1]
+DATA = Path(__file__).parent / "data" / "format-2"
+ANSWERS = json.loads((DATA / "answers.json").read_text("utf-8"))
+
+DWELL, SWEEP, STEPS, LOADING, SAG, STOPPED, CRASHED, IMPORTED = (
+    f"runs/{name}.h5"
+    for name in (
+        "20261122T015919Z_T1_sine-dwell",
+        "20261122T015923Z_T1_sweep",
+        "20261122T015926Z_T1_voltage-steps",
+        "20261122T015928Z_T1_static-loading",
+        "20261122T015930Z_T1_membrane-sag",
+        "20261122T015932Z_T1_sine-dwell",
+        "20261122T015940Z_T1_sine-dwell",
+        "20190504T153000Z_T1_sine-dwell",
+    )
+)
+RUNS = (DWELL, SWEEP, STEPS, LOADING, SAG, STOPPED, CRASHED, IMPORTED)
+BENCH = ("--bench", "bench.toml", "--speed", "max", "--out", "runs", "--specimen", "T1")
+
+
+KINDS = {
+    "RunStarted",
+    "StreamStarted",
+    "Armed",
+    "EntryBegan",
+    "Playing",
+    "SettleEnded",
+    "Recorded",
+    "PointMeasured",
+    "Paused",
+    "Resumed",
+    "Progressed",
+    "Asked",
+    "Answered",
+    "Noted",
+    "FaultSwitched",
+    "AtRest",
+}
+"""Kinds of events that this version stored."""
+
+MESSAGES = {DWELL: 15, SWEEP: 9, STEPS: 11, LOADING: 19, SAG: 15, STOPPED: 22, CRASHED: 9, IMPORTED: 0}
+"""How many lines of log that version showed of each run."""
+
+
+def program(*arguments: str) -> int:
+    """What the command line of this version does, wherever its module is."""
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["scripts"]
+    module = importlib.import_module(scripts["tactor-bench"].partition(":")[0])
+    code: int = module.main(list(arguments))
+    return code
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the files on the computer that wrote them, as the working folder."""
+    copy = tmp_path / "old"
+    shutil.copytree(DATA, copy)
+    monkeypatch.chdir(copy)
+    monkeypatch.setattr(socket, "gethostname", lambda: "bench-pc")
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    return copy
+
+
+@pytest.mark.parametrize("asked", ANSWERS, ids=lambda asked: " ".join(asked["command"][:2]))
+def test_the_answer_is_the_one_of_that_version(asked: dict[str, object], capsys: pytest.CaptureFixture[str]) -> None:
+    command = asked["command"]
+    assert isinstance(command, list)
+    assert program(*command) == (1 if command[0] == "report" else 0)  # one of the limits is not met
+    comparison = Comparison(tolerance=1e-6)
+    comparison.json("", asked["answer"], json.loads(capsys.readouterr().out.strip().splitlines()[-1]))
+    assert comparison.values > 10
+    assert not comparison.differences
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_a_run_is_shown_and_exported_in_every_format(run: str, folder: Path) -> None:
+    assert program("show", run, "--picture", "run.png") == 0
+    assert (folder / "run.png").stat().st_size > 5000
+    for kind in ("csv", "json", "mat"):
+        assert program("export", run, "--format", kind, "--out", kind) == 0
+        assert list((folder / kind).iterdir())
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_the_viewer_opens_a_run_with_its_log(run: str, folder: Path) -> None:
+    loaded = reopen(folder / run)
+    assert loaded.points
+    assert len(loaded.traces.time_s) > 0 or run == IMPORTED
+    texts = [message.words for message in loaded.messages]
+    by_name = {*texts} & KINDS  # how an event is shown that is not understood
+    # The first point has no creep, which is stored as null: its text cannot be made again (known fault of 0.1.0).
+    assert by_name <= ({"PointMeasured"} if run == STEPS else set())
+    assert len(texts) == MESSAGES[run]
+    if run != IMPORTED:
+        assert len(look_closer(folder / run, 0.5, 0.6).time_s) > 10
+
+
+def test_the_files_hold_every_kind_of_event(folder: Path) -> None:
+    found: set[str] = set()
+    for run in RUNS:
+        with h5py.File(folder / run, swmr=True, libver="latest") as file:
+            assert file.attrs["format_version"] == 2
+            found |= {kind.decode() for kind in file["entry/events"]["kind"]}
+    assert found == KINDS
+
+
+@pytest.mark.parametrize(("run", "entries"), [(STOPPED, 7), (CRASHED, 4)])
+def test_a_run_that_did_not_end_is_resumed(run: str, entries: int, folder: Path) -> None:
+    before = set(folder.glob("runs/*.h5"))
+    assert program("resume", run, *BENCH) == 0
+    (new,) = set(folder.glob("runs/*.h5")) - before
+    assert reopen(new).state == "completed"
+    with h5py.File(new) as file:
+        assert set(file["entry/points/entry"]) == set(range(entries))
+
+
+def test_points_of_a_completed_run_are_measured_again(folder: Path) -> None:
+    before = set(folder.glob("runs/*.h5"))
+    assert program("resume", DWELL, "--again", "160", *BENCH) == 0
+    (new,) = set(folder.glob("runs/*.h5")) - before
+    assert len(reopen(new).points) == len(reopen(folder / DWELL).points) + 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ([DWELL], "complete"),
+        ([IMPORTED, "--again", "150"], "no entry"),
+        ([LOADING, "--again", "flagged"], "no flagged points"),
+    ],
+)
+def test_what_cannot_be_resumed_is_refused(
+    arguments: list[str], word: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert program("resume", *arguments, *BENCH) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_a_run_that_another_computer_may_still_write_is_left_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "another-pc")
+    assert program("resume", CRASHED, *BENCH) == 2
+    assert "still being written" in capsys.readouterr().err
+
+
+def test_the_campaign_goes_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert program("campaign", "run", "wiring", *BENCH, "--json") == 0
+    capsys.readouterr()
+    assert program("campaign", "skip", "membrane", "--reason", "", *BENCH) == 0
+    assert program("campaign", "repeat", "sag", *BENCH) == 0
+    capsys.readouterr()
+    assert program("campaign", "status", *BENCH, "--json") == 0
+    items = {item["item"]: item for item in json.loads(capsys.readouterr().out.splitlines()[-1])["items"]}
+    assert list(items) == ["wiring", "sag", "loading", "resonance", "steps", "dwell", "membrane"]
+    assert items["wiring"]["state"] == "done"
+    assert items["membrane"]["state"] != "skipped"
+
+
+def test_a_calibration_is_added_to_the_old_ones(folder: Path) -> None:
+    assert program("calibration", "accept", DWELL, LOADING, STEPS, "--by", "B. Lee") == 0
+    assert program("calibration", "use", "T1", "2", "--folder", "runs") == 0
+    kept = json.loads((folder / "runs" / "T1.calibrations.json").read_text("utf-8"))
+    old = json.loads((DATA / "runs" / "T1.calibrations.json").read_text("utf-8"))
+    assert kept["versions"][:2] == old["versions"]
+    assert (len(kept["versions"]), kept["active"]) == (3, 2)
+
+
+def test_presets_are_read(folder: Path) -> None:
+    presets = Presets(folder / "presets.json")
+    assert presets.names("static-loading") == ["zwei Gewichte, µ"]
+    assert presets.get(PROTOCOLS["sine-dwell"], "short").model_dump()["frequencies_hz"] == (100.0, 165.0)
+    assert presets.get(PROTOCOLS["static-loading"], "zwei Gewichte, µ").model_dump()["repeats"] == 2
+
+
+def test_the_study_is_read_and_may_be_replaced(folder: Path) -> None:
+    study = read_study(folder / "study.h5")
+    assert [(axis.name, len(axis.values)) for axis in study.axes] == [("E_m", 3), ("delta", 2), ("frequency", 9)]
+    assert study.values.shape == (3, 2, 9)
+    assert program("study", "fig12", "--out", "study.h5") == 0
+    assert read_study(folder / "study.h5").values.shape != (3, 2, 9)
+
+
+def test_the_runs_lie_where_they_did_after_the_folder_was_moved(folder: Path) -> None:
+    moved = folder / "elsewhere"
+    (folder / "runs").rename(moved)
+    assert program("runs", "elsewhere", "--all") == 0
+    assert program("show", str(moved / Path(STOPPED).name)) == 0
