@@ -73,6 +73,10 @@ SHORT: dict[str, list[str]] = {
 TABLE = "frequency [Hz];peak to peak [um]\n100;760,5\n140;1010,2\n150;1154\n155;1180\n160;1166,4\n180;905\n"
 
 
+CORRECTED = '[sensor]\ngain_m_per_v = "0.102 mm/V"\ndelay_s = "110 us"\nserial = "SIM-1"\n[simulation]\n'
+"""A bench file with another calibration of the sensor than the runs were measured with."""
+
+
 @dataclass(frozen=True)
 class Step:
     """One command: its output goes to `name` plus .json, .jsonl or .txt; `keep` is the name of the run file it makes."""
@@ -139,6 +143,8 @@ def _identification() -> Iterator[Step]:
     yield Step("identify-profile.json", ["identify", *four, "--profile", "k2", "--json"])
     yield Step("identify-next.json", ["identify", *four, "--next", "--json"])
     yield Step("identify-robust.json", ["identify", four[-1], "--free", "m_add,c0", "--robust", "--json"])
+    corrected = ["--bench", "corrected.toml"]  # raw samples are reduced anew
+    yield Step("identify-corrected.json", ["identify", *four, *corrected, "--json"])
     by = ["--by", "K. Tanaka", "--note", "first"]
     yield Step("calibration-1.json", ["calibration", "accept", *four, *by, "--json"])
     yield Step("calibration-2.json", ["calibration", "accept", *four[:3], "--by", "A. Meier", "--json"])
@@ -193,6 +199,7 @@ def record(folder: Path, program: Sequence[str], environment: Mapping[str, str],
     folder.mkdir(parents=True)
     folder = folder.resolve()
     (folder / "table.csv").write_text(TABLE, encoding="utf-8")
+    (folder / "corrected.toml").write_text(CORRECTED, encoding="utf-8")
     (folder / "answers").mkdir()
     home = folder / "home"
     private = {
@@ -385,20 +392,22 @@ class Comparison:
             if name not in old or name not in new:
                 self._differ(f"{path}@{name}", old.get(name, "missing"), new.get(name, "missing"))
             else:
-                self._arrays(f"{path}@{name}", np.asarray(old[name]), np.asarray(new[name]))
+                self._arrays(f"{path}@{name}", _array(old[name]), _array(new[name]))
 
     def _datasets(self, path: str, before: h5py.Dataset, after: h5py.Dataset) -> None:
         for what in ("dtype", "maxshape", "chunks", "compression"):
             if getattr(before, what) != getattr(after, what):
                 self._differ(f"{path} ({what})", getattr(before, what), getattr(after, what))
-        self._arrays(path, np.asarray(before[()]), np.asarray(after[()]))
+        self._arrays(path, _array(before[()]), _array(after[()]))
 
     def _arrays(self, path: str, before: np.ndarray, after: np.ndarray) -> None:
         self.values += before.size
         if before.dtype != after.dtype or before.shape != after.shape:
             self._differ(path, f"{before.dtype} {before.shape}", f"{after.dtype} {after.shape}")
-            if before.shape[1:] != after.shape[1:] or before.dtype.names != after.dtype.names:
+            if before.shape[1:] != after.shape[1:] or before.dtype != after.dtype or not before.ndim:
                 return
+            rows = min(len(before), len(after))  # where a table became longer or shorter, its first other row counts
+            before, after = before[:rows], after[:rows]
         if before.dtype.names:
             for name in before.dtype.names:
                 if not self._is_ignored(name):
@@ -406,10 +415,15 @@ class Comparison:
         elif before.dtype.kind in "OSU":
             for index, (old, new) in enumerate(zip(before.ravel(), after.ravel(), strict=False)):
                 self._texts(f"{path}[{index}]", _text(old), _text(new))
-        elif before.tobytes() != after.tobytes() and before.shape == after.shape:
+        elif before.tobytes() != after.tobytes():
             other = np.flatnonzero(before.ravel() != after.ravel())
             index = int(other[0]) if len(other) else 0
             self._differ(f"{path}[{index}], {len(other)} in all", before.ravel()[index], after.ravel()[index])
+
+
+def _array(value: Any) -> np.ndarray:
+    """The value as an array; numpy would make the length of a single text part of its type."""
+    return np.array(value, object) if isinstance(value, bytes | str) else np.asarray(value)
 
 
 def _text(value: Any) -> str:

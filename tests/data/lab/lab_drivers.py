@@ -5,17 +5,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from drivers.burst_dialect import BurstDialect
+from drivers.burst_generator import SMALLEST_VPP, BurstGenerator
 from drivers.clock import Clock
+from drivers.descent import Descent
 from drivers.drive import Drive
 from drivers.errors import BenchError, InstrumentError, LinkError
-from drivers.generators.arbitrary_waveform import SINE, Points, block
-from drivers.generators.burst_generator import SMALLEST_VPP, BurstDialect, BurstGenerator
-from drivers.generators.expected_setting import Setting, between, near, word
-from drivers.generators.keysight_33200 import Keysight33200
-from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
-from drivers.interfaces import Choosy, Identity, Source
-from drivers.transport.safe_ramp_down import Descent
-from drivers.transport.scpi import Link, Scpi
+from drivers.keysight_33200 import Keysight33200
+from drivers.ports import Choosy, Identity, Source
+from drivers.scpi import Link, Scpi
+from drivers.scpi_burst import ScpiBurstGenerator
+from drivers.setting import Setting, between, near, word
+from drivers.waveform import SINE, Points, block
 
 log = logging.getLogger(__name__)
 

@@ -9,11 +9,12 @@ from annotated_types import Interval, Len, Unit
 
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import BenchError
-from protocols.base.events import Status
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality, usable
-from protocols.base.records import Array, Column, Curve, Estimate, Planned, Recording
-from protocols.base.steps import (
+from protocols.events import Status
+from protocols.protocol import Protocol
+from protocols.quality import Quality, usable
+from protocols.signals.level import level
+from protocols.signals.sine import fit_sine
+from protocols.steps import (
     Answer,
     Ask,
     Await,
@@ -29,8 +30,7 @@ from protocols.base.steps import (
     Settled,
     Step,
 )
-from protocols.signals.levels import level
-from protocols.signals.sine import fit_sine
+from protocols.values import Array, Column, Curve, Estimate, Planned, Recording
 
 ALSO_USED = (Answer, Array, BenchError, Detector, LinearSweep, PeriodicSweep, Ramp, Read, Status, Steps)
 """Other labs import these."""
@@ -44,7 +44,7 @@ class LabPoint:
     displacement: Annotated[float, Unit("m"), "mean displacement"]
     displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean"]
     sine: Annotated[float, Unit("m"), "amplitude under the sine"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: Annotated[int, Unit("1"), "flags, see protocols.quality"]
 
     @property
     def words(self) -> str:
