@@ -20,11 +20,11 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, before numpy is there
 
 from app.campaign.campaign import Campaign
-from app.campaign.plan import PAPER, known
-from app.campaign.queue import Conductor
-from app.campaign.summary import identified
+from app.campaign.plan import PAPER_ITEMS, drop_unknown_protocols
+from app.campaign.queue import CampaignRunner
+from app.campaign.summary import identify_campaign_runs
 from app.config.bench_file import load_bench
-from app.session.connect import HASTY_BLOCK_S, connect
+from app.session.connect import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
 from protocols.registry import PROTOCOLS
 
@@ -46,27 +46,27 @@ def main() -> None:
 
 
 def campaign(only: list[str]) -> None:
-    items = known([item for item in PAPER if not only or item.name in only], PROTOCOLS)
+    items = drop_unknown_protocols([item for item in PAPER_ITEMS if not only or item.name in only], PROTOCOLS)
     items = tuple(item for item in items)
-    missing = [item.protocol for item in PAPER if item.protocol not in PROTOCOLS]
+    missing = [item.protocol for item in PAPER_ITEMS if item.protocol not in PROTOCOLS]
     if missing:
         print(f"not known here, and left out: {', '.join(missing)}")
     began = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
-        told = Campaign.new(Path(folder), "bench", True, items)
-        conductor = Conductor(told)
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
+        told = Campaign.create(Path(folder), "bench", True, items)
+        conductor = CampaignRunner(told)
         session = Session(lambda: nullcontext(lab), [conductor], lab.operator)
         session.start()
         print(f"{'item':12} {'bench time':>11} {'wall time':>10} {'ratio':>6}  how it stands")
-        while (line := told.next()) is not None:
+        while (line := told.next_item()) is not None:
             bench_s, wall_s = lab.bench.clock.now(), time.monotonic()
-            conductor.begin(session, line)
+            conductor.start(session, line)
             session.finished.wait()
             bench_s, wall_s = lab.bench.clock.now() - bench_s, time.monotonic() - wall_s
-            stands = told.line(line.item.name)
+            stands = told.item_state(line.item.name)
             print(
                 f"{line.item.name:12} {bench_s:>9.0f} s {wall_s:>8.1f} s {bench_s / wall_s:>6.0f}  "
-                f"{stands.standing}: {stands.reason}",
+                f"{stands.status}: {stands.reason}",
                 flush=True,
             )
             if session.outcome is None or session.outcome[0] != "completed":
@@ -75,11 +75,14 @@ def campaign(only: list[str]) -> None:
         print(
             f"together {lab.bench.clock.now():.0f} s of bench time in {time.monotonic() - began:.1f} s (goal {GOAL_S:g} s)"
         )
-        found = identified(told)
+        found = identify_campaign_runs(told)
         if isinstance(found, str):
             print(found)
         else:
-            truth = {**load_bench("sim").truth.as_record()["tactor"], **load_bench("sim").truth.as_record()["membrane"]}
+            truth = {
+                **load_bench("sim").simulation_parameters.as_record()["tactor"],
+                **load_bench("sim").simulation_parameters.as_record()["membrane"],
+            }
             for estimate in found.estimates:
                 beside = truth.get(estimate.name)
                 away = "" if beside is None else f", truth {beside:.5g}, {100 * (estimate.value / beside - 1):+.2f} %"
@@ -101,7 +104,7 @@ def memory() -> None:
 
 
 def sweep(seconds: float) -> None:
-    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
+    with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
         session.run(PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds), Path(folder), "bench")

@@ -17,11 +17,11 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEventLoop, QTimer
 from timing import seconds
 
-from app.gui.application import application
-from app.gui.explore.page import PAINT_S, ExplorePage
+from app.gui.application import qt_application
+from app.gui.explore.page import PAINT_PAUSE_S, ExplorePage
 from app.gui.explore.plot import ExplorePlot
 from app.gui.widgets.theme import LIGHT
-from model.response.fast_response import curve
+from model.response.fast_response import response_curve
 from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen
 
@@ -29,20 +29,20 @@ FRAME_MS = 16.0
 
 
 def main() -> None:
-    application()
+    qt_application()
     page = ExplorePage(LIGHT)
     page.resize(1280, 560)
     page.show()
-    page.refresh()
+    page.tick()
     pause(1000)
-    assert page._latest is not None
+    assert page._model_worker is not None
     for name, start, step, rest_s in (
-        ("k2", 7e-3, 1e-5, PAINT_S),
-        ("L1", 8e-3, 1e-5, PAINT_S),
-        ("delta", 0.0, 2e-4, PAINT_S),
+        ("k2", 7e-3, 1e-5, PAINT_PAUSE_S),
+        ("L1", 8e-3, 1e-5, PAINT_PAUSE_S),
+        ("delta", 0.0, 2e-4, PAINT_PAUSE_S),
         ("k2", 8e-3, 1e-5, 0.0),
     ):
-        page._latest._rest_s = rest_s
+        page._model_worker._pause_s = rest_s
         if not rest_s:
             print("without a rest between the curve and the motion:")
         both = [slide(page, name, start + i * step) for i in range(1, 60)]
@@ -52,9 +52,9 @@ def main() -> None:
             f"{np.percentile(spent, 90):.1f} ms; {100 * np.mean(np.array(spent) < FRAME_MS):.0f} % within a frame; "
             f"processor time of all threads {busy:.1f} ms"
         )
-    page.end()
+    page.shutdown()
     f = np.linspace(1, 250, 300)
-    quick = min(seconds(lambda: curve(Specimen(), f), 15))
+    quick = min(seconds(lambda: response_curve(Specimen(), f), 15))
     thorough = min(seconds(lambda: amplifier_response(Specimen().tactor, f), 15))
     print(f"quick curve {1e3 * quick:.1f} ms, {thorough / quick:.0f} times as fast as the thorough one")
 
@@ -65,7 +65,7 @@ class Paints:
     def __init__(self) -> None:
         self.waiting: QEventLoop | None = None
         self.drawn = False
-        paint, show = pg.GraphicsView.paintEvent, ExplorePlot.show_picture
+        paint, show = pg.GraphicsView.paintEvent, ExplorePlot.show_result
 
         def painted(view: Any, event: Any) -> None:
             paint(view, event)
@@ -76,7 +76,7 @@ class Paints:
             show(plot, *answer)
             self.drawn = True
 
-        pg.GraphicsView.paintEvent, ExplorePlot.show_picture = painted, shown
+        pg.GraphicsView.paintEvent, ExplorePlot.show_result = painted, shown
 
     def wait(self) -> None:
         self.waiting = QEventLoop()
@@ -91,11 +91,11 @@ def slide(page: ExplorePage, name: str, value: float) -> tuple[float, float]:
     pause(60)
     PAINTS.drawn = False
     begin, busy = time.perf_counter(), time.process_time()
-    page.turn(name, value)
+    page.set_value(name, value)
     PAINTS.wait()
     spent, busy = time.perf_counter() - begin, time.process_time() - busy
     pause(30)
-    page.refresh()
+    page.tick()
     return 1e3 * spent, 1e3 * busy
 
 

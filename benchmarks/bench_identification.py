@@ -12,13 +12,13 @@ from campaigns import SHARED, Noise, World, perfect
 from scipy.optimize import least_squares
 from timing import seconds, tell
 
-from model.identification.adequacy import adequacy
+from model.identification.adequacy import assess_adequacy
 from model.identification.joint_fit import joint_fit
 from model.identification.live_fit import LiveFit
-from model.identification.observations import FrequencyResponse, redrawn
-from model.identification.paper_chain import ChainMethod, chain
-from model.identification.paper_chain_errors import chain_errors
-from model.identification.profile_likelihood import profile
+from model.identification.observations import FrequencyResponseObservation, resample
+from model.identification.paper_chain import PaperChainOptions, identify_by_paper_chain
+from model.identification.paper_chain_errors import linearized_errors
+from model.identification.profile_likelihood import profile_interval
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import amplifier_response
@@ -30,15 +30,15 @@ def typical_s(call: Callable[[], object], repeats: int) -> float:
 
 
 def measure() -> dict[str, float]:
-    measured, _ = redrawn(perfect(World(), Noise(), SHARED), np.random.default_rng(1))
+    measured, _ = resample(perfect(World(), Noise(), SHARED), np.random.default_rng(1))
     fit = joint_fit(measured)
-    problem, scale = fit.problem, fit.scale
-    bad = {n: 2.0 * v for n, v in zip(fit.names, fit.theta, strict=True) if n in fit.parameters}
+    problem, scale = fit.problem, fit.parameter_scale
+    bad = {n: 2.0 * v for n, v in zip(fit.names, fit.theta, strict=True) if n in fit.free_parameters}
 
     def by_differences() -> object:
         return least_squares(lambda u: problem.evaluate(u * scale)[0], problem.start / scale, method="trf", xtol=1e-10)
 
-    dwells = [r for r in measured.runs if isinstance(r, FrequencyResponse)]
+    dwells = [r for r in measured.runs if isinstance(r, FrequencyResponseObservation)]
 
     def closed(u: np.ndarray) -> np.ndarray:
         """The dwells alone, as somebody would write it: the exact response, one run after the other."""
@@ -53,22 +53,22 @@ def measure() -> dict[str, float]:
 
     f = np.array([25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250.0])
     F = amplifier_response(Tactor(m_add=8e-3), f).fundamental
-    LiveFit().add(f[0], F[0], 1e-6)
+    LiveFit().add_point(f[0], F[0], 1e-6)
     live = LiveFit()
-    points = [live.add(*point).seconds for point in zip(f, F, 1e-3 * abs(F), strict=True)]
+    points = [live.add_point(*point).duration_s for point in zip(f, F, 1e-3 * abs(F), strict=True)]
     joint = typical_s(lambda: joint_fit(measured), 7)
     return {
         "joint fit of a full campaign [s]": joint,
-        "  from a start a factor of two off [s]": typical_s(lambda: joint_fit(measured, fit.setting.__class__(start=bad)), 3),
+        "  from a start a factor of two off [s]": typical_s(lambda: joint_fit(measured, fit.options.__class__(start=bad)), 3),
         "  evaluations": fit.evaluations,
         "finite differences by scipy / joint fit": typical_s(by_differences, 1) / joint,
         "closed form, dwells alone, by differences / joint fit": typical_s(lambda: least_squares(closed, np.ones(7)), 1) / joint,
         "live re-fit per point, median [ms]": 1e3 * median(points),
         "live re-fit per point, longest [ms]": 1e3 * max(points),
-        "adequacy / joint fit": typical_s(lambda: adequacy(fit), 3) / joint,
-        "profile interval / joint fit": typical_s(lambda: profile(fit, "c0"), 1) / joint,
+        "adequacy / joint fit": typical_s(lambda: assess_adequacy(fit), 3) / joint,
+        "profile interval / joint fit": typical_s(lambda: profile_interval(fit, "c0"), 1) / joint,
         "the paper's chain with errors / joint fit": typical_s(
-            lambda: chain_errors(measured, ChainMethod(), chain(measured)), 1
+            lambda: linearized_errors(measured, PaperChainOptions(), identify_by_paper_chain(measured)), 1
         ) / joint,
     }  # fmt: skip
 

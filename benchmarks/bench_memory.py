@@ -18,12 +18,12 @@ import psutil
 from bench_window import until
 from PySide6.QtCore import QSettings
 
-from app.cli.main import GARBAGE
+from app.cli.main import GC_THRESHOLD
 from app.cli.run import make_protocol
 from app.config.bench_file import load_bench
-from app.gui.application import application
+from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
-from app.live.session_link import Link
+from app.live.session_link import SessionAdapter
 from app.session.connect import connect
 
 RECORD_S = 28.0
@@ -34,8 +34,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     minutes = parser.parse_args().minutes
-    application()
-    gc.set_threshold(GARBAGE)  # as the program does
+    qt_application()
+    gc.set_threshold(GC_THRESHOLD)  # as the program does
     config = load_bench("sim")
     points = int(60 * minutes / (RECORD_S + 1))
     frequencies = ",".join(f"{50 + 150 * k / points:.2f}" for k in range(points))
@@ -45,19 +45,21 @@ def main() -> None:
     held: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory() as folder:
         kept = QSettings(f"{folder}/settings.ini", QSettings.Format.IniFormat)
-        window = MainWindow(Link(lambda: connect(config, None)), config, protocol, Path(folder), "bench", kept)
+        window = MainWindow(
+            SessionAdapter(lambda: connect(config, None)), config, protocol, Path(folder), "bench", kept
+        )
         window.show()
-        until(lambda: window.view.can_run)
+        until(lambda: window.state.can_run)
         gc.freeze()  # as the program does
-        window.run()
+        window.start_run()
         for k in range(1, 13):
             due_s = k * 5 * minutes
-            until(lambda due_s=due_s: window.link.feed.streamed_s >= due_s or window.view.outcome is not None)  # type: ignore[misc]
-            held.append((window.link.feed.streamed_s / 60.0, me.memory_info().rss / 1e6))
+            until(lambda due_s=due_s: window.adapter.feed.streamed_s >= due_s or window.state.outcome is not None)  # type: ignore[misc]
+            held.append((window.adapter.feed.streamed_s / 60.0, me.memory_info().rss / 1e6))
             print(f"{held[-1][0]:6.1f} min {held[-1][1]:7.1f} MB", flush=True)
-        until(lambda: window.view.outcome is not None)
-        print(f"{window.view.outcome.status if window.view.outcome else ''}: {len(window.view.points)} points")
-        window.leave(at_once=True)
+        until(lambda: window.state.outcome is not None)
+        print(f"{window.state.outcome.status if window.state.outcome else ''}: {len(window.state.points)} points")
+        window.close_session(force=True)
         until(lambda: not window.isVisible())
     second = [megabytes for _, megabytes in held[6:]]
     print(

@@ -16,7 +16,7 @@ from timing import seconds, tell
 
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import frequency_response, system
+from model.response.frequency_response import frequency_response, system_matrices
 from model.studies.parameter_study import Study
 
 F = np.linspace(1, 500, 1000)
@@ -25,7 +25,7 @@ T = Tactor()
 
 def solve_loop() -> np.ndarray:
     """The textbook way: matrices once, one linear solve per frequency."""
-    m = system(T)
+    m = system_matrices(T)
     H = np.empty(F.size, complex)
     for i, w in enumerate(2 * np.pi * F):
         H[i] = 2 * m.B_F @ np.linalg.solve(m.K - w * w * m.M + 1j * w * m.C, m.B)
@@ -76,7 +76,7 @@ def study(sets: int) -> Study:
 
 def peak_mb(sets: int) -> float:
     tracemalloc.start()
-    with closing(study(sets).blocks()) as blocks:
+    with closing(study(sets).chunks()) as blocks:
         for _ in blocks:
             pass
     peak = tracemalloc.get_traced_memory()[1]

@@ -24,13 +24,13 @@ from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import modal
-from protocols.base.events import Status
+from model.response.frequency_response import tactor_modal_form
+from protocols.base.events import RunStatus
 from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import Header, RunFile
+from protocols.runfile.writer import RunFileWriter, RunMetadata
 from protocols.signals.peak import low_pass, response_peak, spectrum_peak
-from protocols.signals.swept_response import sweep_response
+from protocols.signals.swept_response import estimate_swept_response
 from tests.helpers.sampled import march
 
 RATE = 5000.0
@@ -44,17 +44,17 @@ def written(folder: Path) -> Path:
     """A run file with one recording of the paper's sweep, as the card would have given it."""
     sweep = LinearSweep(*BAND, 300.0, 2.5, 2.5)
     volts = sweep.volts(np.arange(1_500_000) / RATE)
-    moved = march(modal(Tactor()), AmplifierMap().specimen_v(volts), RATE)
+    moved = march(tactor_modal_form(Tactor()), AmplifierMap().specimen_v(volts), RATE)
     noise = np.random.default_rng(1).standard_normal((2, volts.size))
     both = np.stack((volts, moved / SENSOR.gain_m_per_v)) + np.array([[2.7e-4], [5e-3]]) * noise
     raw = np.rint(both / SCALE.coefficients[1]).astype(np.int16)
-    header = Header("sweep", "Sweep", {}, SinePoint, ("frequency", "fundamental"), SENSOR, {}, True, "benchmark")
-    file = RunFile.new(folder, header)
-    file.begin(RATE, (SCALE, SCALE))
+    header = RunMetadata("sweep", "Sweep", {}, SinePoint, ("frequency", "fundamental"), SENSOR, {}, True, "benchmark")
+    file = RunFileWriter.new(folder, header)
+    file.start_stream(RATE, (SCALE, SCALE))
     for start in range(0, raw.shape[1], BLOCK):
-        file.block(Block(start, raw[:, start : start + BLOCK]), start / RATE)
-    file.recording((0, raw.shape[1]), 0, sweep)
-    file.finish(Status.COMPLETED, "")
+        file.append_block(Block(start, raw[:, start : start + BLOCK]), start / RATE)
+    file.append_recording((0, raw.shape[1]), 0, sweep)
+    file.finish(RunStatus.COMPLETED, "")
     return file.path
 
 
@@ -66,7 +66,7 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def whole(path: Path) -> float:
     """What a user of a mass-resonance run waits for."""
     drive, moved = read(path)
-    response = sweep_response(drive, moved, RATE, BAND, delay_s=SENSOR.delay_s)
+    response = estimate_swept_response(drive, moved, RATE, BAND, delay_s=SENSOR.delay_s)
     return response_peak(response).frequency_hz
 
 
@@ -102,7 +102,7 @@ def main() -> None:
         cases: dict[str, Callable[[], object]] = {
             "file to response and resonance": lambda: whole(path),
             "  of it: file to volts and metres": lambda: read(path),
-            "  of it: response with error bars": lambda: sweep_response(drive, moved, RATE, BAND),
+            "  of it: response with error bars": lambda: estimate_swept_response(drive, moved, RATE, BAND),
             "peak of the displacement's spectrum": lambda: spectrum_peak(moved, RATE),
             "scipy: welch, welch, csd": lambda: scipys(drive, moved),
             "low_pass at 600 Hz": lambda: low_pass(moved, RATE),

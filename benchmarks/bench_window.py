@@ -20,12 +20,12 @@ import numpy as np
 from PySide6.QtCore import QObject, QSettings
 from PySide6.QtWidgets import QApplication
 
-from app.cli.main import GARBAGE
+from app.cli.main import GC_THRESHOLD
 from app.cli.run import make_protocol
 from app.config.bench_file import load_bench
-from app.gui.application import application
+from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
-from app.live.session_link import Link
+from app.live.session_link import SessionAdapter
 from app.session.connect import connect
 from protocols.runfile.reader import Run
 
@@ -34,8 +34,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=3)
     runs = parser.parse_args().runs
-    application()
-    gc.set_threshold(GARBAGE)  # as the program does
+    qt_application()
+    gc.set_threshold(GC_THRESHOLD)  # as the program does
     print(
         f"{'scans/s x channels':>20} {'frames/s':>9} {'longest gap':>12} {'p99':>7} {'scans in file':>14} {'lost':>5}"
     )
@@ -51,20 +51,22 @@ def case(rate_hz: float) -> None:
     protocol = make_protocol("sine-dwell", ["frequencies_hz=50,100,150,160,170,200", f"sample_rate_hz={rate_hz}"])
     with tempfile.TemporaryDirectory() as folder:
         settings = QSettings(f"{folder}/settings.ini", QSettings.Format.IniFormat)
-        window = MainWindow(Link(lambda: connect(config, 1.0)), config, protocol, Path(folder), "bench", settings)
+        window = MainWindow(
+            SessionAdapter(lambda: connect(config, 1.0)), config, protocol, Path(folder), "bench", settings
+        )
         window.show()
         frames: list[float] = []
-        until(lambda: window.view.can_run)
+        until(lambda: window.state.can_run)
         gc.freeze()  # as the program does
         watching = window._timer.timeout.connect(lambda: frames.append(time.perf_counter()))
-        window.run()
-        until(lambda: window.view.outcome is not None)
+        window.start_run()
+        until(lambda: window.state.outcome is not None)
         QObject.disconnect(watching)
         gc.unfreeze()
-        with Run(Path(window.view.outcome.path)) as run:
-            samples = run.trace.samples
+        with Run(Path(window.state.outcome.path)) as run:
+            samples = run.trace.sample_count
             lost = sum(bool(int(quality) & 8) for quality in run.points()["quality"])
-        window.leave(at_once=True)
+        window.close_session(force=True)
         until(lambda: not window.isVisible())
     gaps = np.diff(frames)
     print(

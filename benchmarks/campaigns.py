@@ -14,13 +14,13 @@ import numpy as np
 
 from model.amplifier_map import AmplifierMap
 from model.identification.observations import (
-    Campaign,
-    CommonError,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
-    StaticLoading,
-    VoltageSteps,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
+    ObservationSet,
+    SharedError,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
 )
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
@@ -34,11 +34,11 @@ LEVELS_V = np.arange(0.5, 5.01, 0.5)
 FREQUENCIES_HZ = np.array([25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250.0])
 ELONGATIONS_M = (0.0, 1.27e-3, 2.54e-3, 3.81e-3, 5.08e-3, 6.35e-3)
 
-SENSOR = CommonError("gain of the displacement sensor", "displacement", 0.002)
-AMPLIFIER = CommonError("gain of the amplifier", "volts", 0.005)
-DELAY = CommonError("delay of the sensor", "delay", 5e-6)
-WEIGHTS = CommonError("weights", "load", 0.001)
-GLUE = CommonError("mass of glue and cylinder", "mass", 5e-5)
+SENSOR = SharedError("gain of the displacement sensor", "displacement", 0.002)
+AMPLIFIER = SharedError("gain of the amplifier", "volts", 0.005)
+DELAY = SharedError("delay of the sensor", "delay", 5e-6)
+WEIGHTS = SharedError("weights", "load", 0.001)
+GLUE = SharedError("mass of glue and cylinder", "mass", 5e-5)
 SHARED = (SENSOR, AMPLIFIER, DELAY, WEIGHTS, GLUE)
 
 
@@ -128,28 +128,36 @@ def peak_hz(call: Callable[[np.ndarray], np.ndarray]) -> float:
 
 @lru_cache(maxsize=32)
 def perfect(
-    world: World, noise: Noise, common: tuple[CommonError, ...], amplitudes_v: tuple[float, ...] = (2.5,)
-) -> Campaign:
+    world: World, noise: Noise, common: tuple[SharedError, ...], amplitudes_v: tuple[float, ...] = (2.5,)
+) -> ObservationSet:
     """Every run of the paper without noise, with the errors that `noise` says; the free dwell is done first and last."""
     t, m = world.tactor, world.membrane
     still = np.zeros(1)
     per_newton = elements(t, still, None, world.clamp, load=True)[0].real
     per_volt = elements(t, still, None, world.clamp)[0].real
 
-    def shared(*which: CommonError) -> tuple[CommonError, ...]:
+    def shared(*which: SharedError) -> tuple[SharedError, ...]:
         return tuple(e for e in which if e in common)
 
     w = per_newton * LOADS_N
     runs: list = [
-        StaticLoading(
-            side, LOADS_N, w, noise.loading * w + noise.floor_m, side, common=shared(SENSOR, WEIGHTS), simulated=True
+        StaticLoadingObservation(
+            side,
+            LOADS_N,
+            w,
+            noise.loading * w + noise.floor_m,
+            side,
+            shared_errors=shared(SENSOR, WEIGHTS),
+            simulated=True,
         )
         for side in ("mfc", "aluminium")
     ]
     heavy = [replace(t, m_add=mass) for mass in MASSES_KG]
     f = np.array([peak_hz(partial(world.response, loaded)) for loaded in heavy])
     runs.append(
-        MassResonance("masses", MASSES_KG, f, np.full(f.size, noise.resonance_hz), common=shared(GLUE), simulated=True)
+        MassResonanceObservation(
+            "masses", MASSES_KG, f, np.full(f.size, noise.resonance_hz), shared_errors=shared(GLUE), simulated=True
+        )
     )
     levels = np.concatenate((LEVELS_V, LEVELS_V[-2::-1]))
     rising = np.arange(levels.size) < LEVELS_V.size
@@ -157,9 +165,9 @@ def perfect(
     loop = world.hysteresis * (1 - (V / 1500) ** 2) * 1500 / 2  # Rayleigh: half-width of the loop
     w = per_volt * (V + np.where(rising, -loop, loop)) * (1 + world.creep)  # read after 1 s, a decade later than 10 Hz
     runs.append(
-        VoltageSteps(
+        VoltageStepsObservation(
             "steps", levels, w, noise.steps * abs(per_volt * V) + noise.floor_m, rising,
-            common=shared(SENSOR, AMPLIFIER), simulated=True,
+            shared_errors=shared(SENSOR, AMPLIFIER), simulated=True,
         )
     )  # fmt: skip
     for elongation in (None, *ELONGATIONS_M):
@@ -167,21 +175,23 @@ def perfect(
         for a in amplitudes_v if elongation is None else amplitudes_v[:1]:
             name = "free" if a == amplitudes_v[0] else f"free {a:g} V"
             runs += [_dwell(world, noise, name, elongation, on, a, shared)]
-    dwells = sum(isinstance(r, FrequencyResponse) for r in runs)
+    dwells = sum(isinstance(r, FrequencyResponseObservation) for r in runs)
     runs.append(replace(_dwell(world, noise, "free again", None, None, amplitudes_v[0], shared), order=float(dwells)))
     place = 0
     for i, run in enumerate(runs):
-        if isinstance(run, FrequencyResponse):
+        if isinstance(run, FrequencyResponseObservation):
             runs[i] = replace(
                 run, order=float(place), fundamental_m=run.fundamental_m * (1 + world.drift * place / dwells)
             )
             place += 1
     hang = np.full(5, sag(m).centre_m)
-    runs.append(MembraneSag("sag", hang, noise.sag * hang, common=(), simulated=True))
-    return Campaign(tuple(runs))
+    runs.append(MembraneSagObservation("sag", hang, noise.sag * hang, shared_errors=(), simulated=True))
+    return ObservationSet(tuple(runs))
 
 
-def _dwell(world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float, shared) -> FrequencyResponse:
+def _dwell(
+    world: World, noise: Noise, name: str, elongation, on: Skin | None, a: float, shared
+) -> FrequencyResponseObservation:
     H = world.response(world.tactor, FREQUENCIES_HZ, on) * world.late(FREQUENCIES_HZ)
     F = 400 * a * H
     h = world.hysteresis * a / 2.5
@@ -195,7 +205,7 @@ def _dwell(world: World, noise: Noise, name: str, elongation, on: Skin | None, a
     harmonics[:, 2] = np.hypot(harmonics[:, 2], third)
     errors = noise.dwell * abs(400 * a * world.response(world.tactor, FREQUENCIES_HZ, on)) + noise.floor_m
     label = name if elongation is None else f"membrane {1e3 * elongation:.3g} mm"
-    return FrequencyResponse(
+    return FrequencyResponseObservation(
         label, FREQUENCIES_HZ, F, errors, a, 2.5, elongation, harmonics_m=harmonics, harmonic_errors_m=0 * errors + noise.floor_m / 10,
-        common=shared(SENSOR, AMPLIFIER, DELAY), simulated=True,
+        shared_errors=shared(SENSOR, AMPLIFIER, DELAY), simulated=True,
     )  # fmt: skip

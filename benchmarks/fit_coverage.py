@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 from campaigns import SHARED, Noise, World, perfect
 
-from model.identification.adequacy import adequacy
-from model.identification.fit_options import Setting
+from model.identification.adequacy import assess_adequacy
+from model.identification.fit_options import FitOptions
 from model.identification.joint_fit import joint_fit
-from model.identification.observations import Campaign, observed, redrawn
-from model.identification.paper_chain import ChainError, ChainMethod, chain
-from model.identification.paper_chain_errors import chain_errors
+from model.identification.observations import ObservationSet, observed_values, resample
+from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
+from model.identification.paper_chain_errors import linearized_errors
 from model.parameters import Membrane, Tactor
 
 TRUTH = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
@@ -34,12 +34,12 @@ def bound() -> np.ndarray:
         tactor = Tactor(**{n: values[n] for n in ("k2", "mu", "m_add", "c0")})
         return World(tactor, Membrane(**{n: values[n] for n in ("E_m", "c_s_0", "c_s_delta")}))
 
-    def rows(campaign: Campaign) -> np.ndarray:
-        values = [observed(run)[0] for run in campaign.runs]
+    def rows(campaign: ObservationSet) -> np.ndarray:
+        values = [observed_values(run)[0] for run in campaign.runs]
         return np.concatenate([np.concatenate((v.real, v.imag)) if np.iscomplexobj(v) else v for v in values])
 
     here = perfect(world(TRUTH), Noise(), SHARED)
-    errors = np.concatenate([np.tile(e, 2 if np.iscomplexobj(v) else 1) for v, e in map(observed, here.runs)])
+    errors = np.concatenate([np.tile(e, 2 if np.iscomplexobj(v) else 1) for v, e in map(observed_values, here.runs)])
     columns = []
     for name, value in TRUTH.items():
         h = 1e-3 * abs(value)
@@ -48,8 +48,8 @@ def bound() -> np.ndarray:
     for error in SHARED:
         runs = []
         for run in here.runs:
-            value = observed(run)[0]
-            if error not in run.common:
+            value = observed_values(run)[0]
+            if error not in run.shared_errors:
                 runs.append(0 * value)
             elif error.acts_on == "delay":
                 runs.append(-2j * np.pi * run.frequency_hz * value)
@@ -70,19 +70,21 @@ def coverage(campaigns: int, chains: int = 100) -> dict[str, dict[str, float]]:
     names = list(TRUTH)
     found, errors, alarms, steps = [], [], 0, []
     for seed in range(campaigns):
-        measured, _ = redrawn(sources[seed % 5 == 0], np.random.default_rng((20261121, seed)))
-        fit = joint_fit(measured, Setting(n=N))
+        measured, _ = resample(sources[seed % 5 == 0], np.random.default_rng((20261121, seed)))
+        fit = joint_fit(measured, FitOptions(n=N))
         got = {e.name: e for e in fit.estimates()}
         found.append([got[n].value for n in names])
         errors.append([got[n].standard_error for n in names])
-        alarms += not adequacy(fit).adequate
+        alarms += not assess_adequacy(fit).adequate
         if seed < chains:
-            with suppress(ChainError):
-                steps.append([chain(measured, ChainMethod(n=N)).values[n] for n in names])
+            with suppress(PaperChainError):
+                steps.append([identify_by_paper_chain(measured, PaperChainOptions(n=N)).values[n] for n in names])
     x, s, truth = np.array(found), np.array(errors), np.array(list(TRUTH.values()))
     z = (x - truth) / s
     limit, chained = bound(), np.array(steps)
-    said, _ = chain_errors(sources[False], ChainMethod(n=N), chain(sources[False], ChainMethod(n=N)))
+    said, _ = linearized_errors(
+        sources[False], PaperChainOptions(n=N), identify_by_paper_chain(sources[False], PaperChainOptions(n=N))
+    )
     told = {e.name: e.standard_error for e in said}
     out = {}
     for i, n in enumerate(names):
@@ -117,8 +119,8 @@ def noticed(repeats: int = 10) -> dict[str, dict[str, float]]:
             source = perfect(replace(World(), **{kind: size}), Noise(), SHARED)
             seen = 0
             for seed in range(repeats):
-                measured, _ = redrawn(source, np.random.default_rng((1, seed)))
-                seen += adequacy(joint_fit(measured, Setting(n=N))).adequate is False
+                measured, _ = resample(source, np.random.default_rng((1, seed)))
+                seen += assess_adequacy(joint_fit(measured, FitOptions(n=N))).adequate is False
             out[kind][f"{size:g}"] = seen / repeats
     return out
 

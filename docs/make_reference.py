@@ -20,10 +20,10 @@ sys.path.insert(0, str(HERE.parent))
 import h5py  # noqa: E402
 
 from app.cli.main import _parser  # noqa: E402
-from app.gui.widgets.form import fields_of, text_of  # noqa: E402
+from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
 from protocols.base.protocol import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
-from protocols.runfile.schema import columns  # noqa: E402
+from protocols.runfile.schema import point_columns  # noqa: E402
 
 MADE = "<!-- Written by docs/make_reference.py from the code. -->\n\n"
 LISTED = "<!-- Written by docs/make_reference.py from the files beside it. -->\n\n"
@@ -52,12 +52,12 @@ def protocol(kind: type[Protocol]) -> str:
     lines = [f"## {kind.title}: `{kind.name}`", "", cell(kind.__doc__ or ""), ""]
     high = "The specimen gets high voltage." if kind.high_voltage else "High voltage stays off."
     lines += [high, "", "| parameter | default | range | meaning |", "|---|---|---|---|"]
-    for field in fields_of(kind):
-        default = cell(text_of(getattr(defaults, field.name)) + (f" {field.unit}" if field.unit else ""))
+    for field in protocol_fields(kind):
+        default = cell(format_parameter(getattr(defaults, field.name)) + (f" {field.unit}" if field.unit else ""))
         limits = field.limits or (", ".join(field.choices) if field.choices else "")
-        lines.append(f"| `{field.name}` | {default} | {cell(limits)} | {cell(field.words)} |")
+        lines.append(f"| `{field.name}` | {default} | {cell(limits)} | {cell(field.description)} |")
     lines += ["", "| column of a point | unit | meaning |", "|---|---|---|"]
-    for name, (unit, words, width) in columns(kind.point_type).items():
+    for name, (unit, words, width) in point_columns(kind.point_type).items():
         several = f" ({width} values)" if width else ""
         lines.append(f"| `{name}` | {unit} | {cell(words)}{several} |")
     return "\n".join([*lines, ""])

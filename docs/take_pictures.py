@@ -16,9 +16,9 @@ sys.path.insert(0, str(HERE.parent))
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 from app.cli.main import main as command  # noqa: E402
-from app.report.content import gather  # noqa: E402
-from app.report.limits import example, read_limits  # noqa: E402
-from app.report.pdf import page_to_sign  # noqa: E402
+from app.report.content import build_report  # noqa: E402
+from app.report.limits import example_limits, read_limits  # noqa: E402
+from app.report.pdf import signature_page  # noqa: E402
 from docs.window_pictures import take  # noqa: E402
 
 PICTURES = HERE / "pictures"
@@ -37,8 +37,8 @@ def report() -> None:
         runs, limits = Path(folder), Path(folder) / "limits.toml"
         for protocol in ("sine-dwell", "voltage-steps"):
             command(["run", protocol, "--speed", "max", "--seed", "7", "--specimen", "T7", "--out", folder])
-        limits.write_text(example(), "utf-8")
-        page = page_to_sign(gather(runs, "T7", read_limits(limits))[0])
+        limits.write_text(example_limits(), "utf-8")
+        page = signature_page(build_report(runs, "T7", read_limits(limits))[0])
         page.savefig(PICTURES / "report.png", dpi=100)
         print(PICTURES / "report.png")
 

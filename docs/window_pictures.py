@@ -20,14 +20,14 @@ from PySide6.QtWidgets import QApplication
 from app.archive.catalogue import Catalogue
 from app.cli.run import make_protocol
 from app.config.bench_file import load_bench
-from app.gui.application import application
+from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
 from app.gui.tabs import CAMPAIGN, EXPLORE, MEASURE, RUNS
 from app.gui.widgets.theme import DARK, LIGHT
-from app.live.session_link import Link
-from app.session.connect import Laboratory, connect
+from app.live.session_link import SessionAdapter
+from app.session.connect import BenchConnection, connect
 from app.session.session import SessionEvent
-from protocols.base.events import Playing, PointMeasured
+from protocols.base.events import DriveStarted, PointMeasured
 from protocols.base.protocol import Protocol
 
 SIZES = {"": (1280, 720), "-large": (2560, 1440)}
@@ -39,7 +39,7 @@ SETTLE_S = 0.4
 PATIENCE_S = 120.0
 
 
-class Held(Link):
+class Held(SessionAdapter):
     """Holds the bench thread, and with it the virtual clock, at the drive after so many points, until it may go on."""
 
     def __init__(self, asks: bool) -> None:
@@ -48,7 +48,7 @@ class Held(Link):
         config = load_bench("sim")
 
         @contextmanager
-        def bench() -> Iterator[Laboratory]:
+        def bench() -> Iterator[BenchConnection]:
             with connect(config, None) as laboratory:
                 yield dataclasses.replace(laboratory, operator=None) if asks else laboratory
 
@@ -63,7 +63,7 @@ class Held(Link):
     def observe(self, event: SessionEvent) -> None:
         super().observe(event)
         self.points += isinstance(event, PointMeasured)
-        if isinstance(event, Playing) and self.points == self.hold_at and not self.held.is_set():
+        if isinstance(event, DriveStarted) and self.points == self.hold_at and not self.held.is_set():
             self.held.set()
             self.go_on.wait()
 
@@ -77,13 +77,15 @@ class Studio:
         self.window = MainWindow(self.link, load_bench("sim"), protocol, Path("runs"), "T7", settings)
         self.window.resize(*SIZES[""])
         self.window.show()
-        self.until(lambda: self.window.view.can_run and len(self.window.pages.made) == self.window.pages.count())
+        self.until(
+            lambda: self.window.state.can_run and len(self.window.tabs.created_pages) == self.window.tabs.count()
+        )
 
     def until(self, condition: Callable[[], object]) -> None:
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             if time.monotonic() > deadline:
-                raise TimeoutError(f"the program did not get there: {self.window.view.messages[-3:]}")
+                raise TimeoutError(f"the program did not get there: {self.window.state.messages[-3:]}")
             QApplication.processEvents()
             time.sleep(0.002)
 
@@ -92,20 +94,20 @@ class Studio:
         self.until(lambda: time.monotonic() > end)
 
     def look_at(self, page: int) -> None:
-        self.window.pages.setCurrentIndex(page)
+        self.window.tabs.setCurrentIndex(page)
         self.settle(1.5)
 
     def run(self, points: int) -> None:
         """A run, as far as so many points."""
         self.link.hold(points)
-        self.window.measure.panel.run.click()
+        self.window.measure_page.run_panel.run_button.click()
         self.until(self.link.held.is_set)
         self.settle(1.0)
 
     def finish(self) -> None:
         """The rest of it."""
         self.link.go_on.set()
-        self.until(lambda: self.window.view.outcome is not None)
+        self.until(lambda: self.window.state.outcome is not None)
 
     def take(self, name: str) -> None:
         """All four of a state."""
@@ -119,7 +121,7 @@ class Studio:
         self.window.set_theme(LIGHT)
 
     def close(self) -> None:
-        self.window.leave(at_once=True)
+        self.window.close_session(force=True)
         self.until(lambda: not self.window.isVisible())
         self.window.deleteLater()
 
@@ -147,7 +149,7 @@ def _palette(image: Image.Image) -> Image.Image:
 
 def take(pictures: Path) -> None:
     """Take them all into a folder."""
-    application()
+    qt_application()
     before = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="tactor-bench-") as folder:
         os.chdir(folder)  # what is measured, remembered and indexed goes where the rest of this does
@@ -163,10 +165,10 @@ def take(pictures: Path) -> None:
 def measuring(studio: Studio) -> Path:
     """Before the first run, in the middle of it, after it, and what a fault and a stop look like; the finished run's file."""
     window = studio.window
-    window.room.show_first()
+    window.central.show_welcome()
     studio.settle()
     studio.take("first")
-    window.room.uncover()
+    window.central.show_pages()
     studio.take("idle")
     for page, name in ((CAMPAIGN, "campaign-empty"), (RUNS, "runs-empty"), (EXPLORE, "explore")):
         studio.look_at(page)
@@ -176,14 +178,14 @@ def measuring(studio: Studio) -> Path:
     studio.take("window")
     studio.finish()
     studio.take("finished")
-    finished = Path(window.view.outcome.path)
+    finished = Path(window.state.outcome.path)
     studio.run(5)
-    window.bar.stop.click()
+    window.status_bar.stop_button.click()
     studio.finish()
     studio.take("stopped")
     studio.run(5)
-    window.faults.boxes["generator-power-off"].click()
-    studio.until(lambda: window.faults.broken)
+    window.faults.fault_boxes["generator-power-off"].click()
+    studio.until(lambda: window.faults.active_faults)
     studio.finish()
     studio.settle(1.0)
     studio.take("unsafe")
@@ -194,13 +196,13 @@ def measuring(studio: Studio) -> Path:
 def asked(studio: Studio) -> None:
     """A person is asked to put a weight on."""
     window = studio.window
-    window.measure.panel.run.click()
-    studio.until(lambda: window.view.prompt is not None)
-    while window.view.prompt.prompt.action != "place-weight":
-        ask = window.view.prompt.ask_id
-        studio.until(lambda: window.notices.patient)
+    window.measure_page.run_panel.run_button.click()
+    studio.until(lambda: window.state.prompt is not None)
+    while window.state.prompt.prompt.action != "place-weight":
+        ask = window.state.prompt.ask_id
+        studio.until(lambda: window.notices.accepts_input)
         window.notices.prompt.buttons[0].click()
-        studio.until(lambda ask=ask: window.view.prompt is not None and window.view.prompt.ask_id != ask)
+        studio.until(lambda ask=ask: window.state.prompt is not None and window.state.prompt.ask_id != ask)
     studio.settle(1.0)
     studio.take("prompt")
     studio.close()
@@ -218,19 +220,19 @@ def many(run: Path) -> None:
         os.link(run, Path("runs") / name)
         start = f"{day}T{8 + i % 10:02d}:{i % 60:02d}:00+00:00"
         entries.append(one._replace(path=name, specimen=specimen, start_time=start))
-    catalogue.put(entries)
+    catalogue.upsert(entries)
 
 
 def archive(studio: Studio, run: Path) -> None:
     """The list of ten thousand runs, one of them opened, and a campaign under way."""
     window = studio.window
     studio.look_at(RUNS)
-    studio.until(lambda: window.runs.model.rowCount() >= MANY and window.runs.known.settled)
-    window.runs.choose([run.name])
+    studio.until(lambda: window.runs.model.rowCount() >= MANY and window.runs.folder_model.is_idle)
+    window.runs.select_paths([run.name])
     studio.settle(1.0)
     studio.take("runs")
-    window.runs.open()
-    studio.until(lambda: window.runs.currentWidget() is window.runs.opened)
+    window.runs.open_selected()
+    studio.until(lambda: window.runs.currentWidget() is window.runs.viewer)
     studio.settle(2.0)
     studio.take("run")
     carry_through(studio)
@@ -241,12 +243,12 @@ def carry_through(studio: Studio) -> None:
     """Two measurements of a campaign: one that is accepted, one that waits for it."""
     studio.look_at(CAMPAIGN)
     page = studio.window.campaign
-    page.begin("T8")
+    page.create_campaign("T8")
     for name in ("wiring", "sag"):
-        studio.until(lambda: page.desk.sheet is not None and not page.desk.working)
-        page.act("run", name)
-        studio.until(lambda: page.desk.running != "")
-        studio.until(lambda: page.desk.running == "" and not page.desk.working)
+        studio.until(lambda: page.controller.summary is not None and not page.controller.is_busy)
+        page.perform_action("run", name)
+        studio.until(lambda: page.controller.running_item != "")
+        studio.until(lambda: page.controller.running_item == "" and not page.controller.is_busy)
         if name == "wiring":
-            page.act("accept", name)
+            page.perform_action("accept", name)
     studio.take("campaign")

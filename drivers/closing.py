@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import Self
 
 
-class Closing(ABC):
+class Closeable(ABC):
     """`with` it, and it is closed on every way out."""
 
     @abstractmethod

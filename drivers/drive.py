@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-FADED_CYCLES = 4
+FADE_CYCLES = 4
 """Cycles of the highest frequency within which a periodic sweep begins and ends."""
 
 
-def _finite(drive: "Drive") -> None:
+def _require_finite(drive: "Drive") -> None:
     for field in fields(drive):
         value = getattr(drive, field.name)
         for number in value if isinstance(value, tuple) else (value,):
@@ -26,7 +26,7 @@ def _finite(drive: "Drive") -> None:
                 raise ValueError(f"{drive.kind}: {field.name} must be a finite number, not {number}")
 
 
-def _positive(drive: "Drive", *names: str) -> None:
+def _require_positive(drive: "Drive", *names: str) -> None:
     for name in names:
         if not getattr(drive, name) > 0:
             raise ValueError(f"{drive.kind}: {name} must be positive, not {getattr(drive, name)}")
@@ -41,8 +41,8 @@ class Hold:
     duration_s: float
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "duration_s")
+        _require_finite(self)
+        _require_positive(self, "duration_s")
 
     @property
     def low_v(self) -> float:
@@ -57,7 +57,7 @@ class Hold:
         return 0.0
 
     @property
-    def ends_v(self) -> tuple[float, float]:
+    def end_levels_v(self) -> tuple[float, float]:
         return self.level_v, self.level_v
 
     def volts(self, t: ArrayLike) -> Array:
@@ -74,8 +74,8 @@ class Ramp:
     duration_s: float
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "duration_s")
+        _require_finite(self)
+        _require_positive(self, "duration_s")
 
     @property
     def low_v(self) -> float:
@@ -90,14 +90,14 @@ class Ramp:
         return abs(self.stop_v - self.start_v) / self.duration_s
 
     @property
-    def ends_v(self) -> tuple[float, float]:
+    def end_levels_v(self) -> tuple[float, float]:
         return self.start_v, self.stop_v
 
     def volts(self, t: ArrayLike) -> Array:
         return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
 
 
-class _Swing:
+class _Oscillation:
     """What swings by its amplitude to either side of its offset: its extremes."""
 
     __slots__ = ()
@@ -114,7 +114,7 @@ class _Swing:
 
 
 @dataclass(frozen=True, slots=True)
-class Sine(_Swing):
+class Sine(_Oscillation):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
 
     `amplitude_v` is the peak, half of the peak to peak. The count of cycles is finite on purpose: a generator whose
@@ -128,8 +128,8 @@ class Sine(_Swing):
     cycles: int
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "frequency_hz", "amplitude_v", "cycles")
+        _require_finite(self)
+        _require_positive(self, "frequency_hz", "amplitude_v", "cycles")
 
     @property
     def duration_s(self) -> float:
@@ -140,7 +140,7 @@ class Sine(_Swing):
         return 2 * math.pi * self.frequency_hz * self.amplitude_v
 
     @property
-    def ends_v(self) -> tuple[float, float]:
+    def end_levels_v(self) -> tuple[float, float]:
         return self.offset_v, self.offset_v
 
     def volts(self, t: ArrayLike) -> Array:
@@ -151,7 +151,7 @@ class Sine(_Swing):
 
 
 @dataclass(frozen=True, slots=True)
-class LinearSweep(_Swing):
+class LinearSweep(_Oscillation):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
 
     It ends at the offset only if its mean frequency times its duration is a whole number of cycles, which the
@@ -166,8 +166,8 @@ class LinearSweep(_Swing):
     offset_v: float
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "start_hz", "stop_hz", "duration_s", "amplitude_v")
+        _require_finite(self)
+        _require_positive(self, "start_hz", "stop_hz", "duration_s", "amplitude_v")
 
     @property
     def slew_v_per_s(self) -> float:
@@ -179,17 +179,17 @@ class LinearSweep(_Swing):
         return 0.5 * (self.start_hz + self.stop_hz) * self.duration_s
 
     @property
-    def ends_v(self) -> tuple[float, float]:
+    def end_levels_v(self) -> tuple[float, float]:
         fraction = self.cycles - round(self.cycles)
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
 
     @classmethod
-    def whole(
-        cls, start_hz: float, stop_hz: float, about_s: float, amplitude_v: float, offset_v: float
+    def with_whole_cycles(
+        cls, start_hz: float, stop_hz: float, nominal_duration_s: float, amplitude_v: float, offset_v: float
     ) -> "LinearSweep":
-        """The sweep nearest to `about_s` that ends at the offset: a whole number of cycles."""
+        """The sweep nearest to `nominal_duration_s` that ends at the offset: a whole number of cycles."""
         mean_hz = 0.5 * (start_hz + stop_hz)
-        duration_s = max(round(mean_hz * about_s), 1) / mean_hz
+        duration_s = max(round(mean_hz * nominal_duration_s), 1) / mean_hz
         return cls(start_hz, stop_hz, duration_s, amplitude_v, offset_v)
 
     def volts(self, t: ArrayLike) -> Array:
@@ -200,7 +200,7 @@ class LinearSweep(_Swing):
 
 
 @dataclass(frozen=True, slots=True)
-class PeriodicSweep(_Swing):
+class PeriodicSweep(_Oscillation):
     """A linear sweep of `sweep_s` and the same upside down, `periods` times without a pause.
 
     Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
@@ -219,8 +219,8 @@ class PeriodicSweep(_Swing):
     offset_v: float
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
+        _require_finite(self)
+        _require_positive(self, "start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
 
     @property
     def sweep(self) -> LinearSweep:
@@ -234,7 +234,7 @@ class PeriodicSweep(_Swing):
     @property
     def fade_s(self) -> float:
         """How long a sweep takes to its full amplitude, and from it."""
-        return min(FADED_CYCLES / max(self.start_hz, self.stop_hz), self.sweep_s / 8)
+        return min(FADE_CYCLES / max(self.start_hz, self.stop_hz), self.sweep_s / 8)
 
     @property
     def duration_s(self) -> float:
@@ -245,8 +245,8 @@ class PeriodicSweep(_Swing):
         return self.sweep.slew_v_per_s
 
     @property
-    def ends_v(self) -> tuple[float, float]:
-        return self.sweep.ends_v
+    def end_levels_v(self) -> tuple[float, float]:
+        return self.sweep.end_levels_v
 
     def volts(self, t: ArrayLike) -> Array:
         time = np.clip(np.asarray(t, float), 0.0, self.duration_s)
@@ -270,8 +270,8 @@ class Steps:
     rise_s: float
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _positive(self, "dwell_s", "rise_s")
+        _require_finite(self)
+        _require_positive(self, "dwell_s", "rise_s")
         if not self.levels_v:
             raise ValueError("Steps: levels_v must name at least one level")
 
@@ -293,7 +293,7 @@ class Steps:
         return max(jumps, default=0.0) / self.rise_s
 
     @property
-    def ends_v(self) -> tuple[float, float]:
+    def end_levels_v(self) -> tuple[float, float]:
         return self.levels_v[0], self.levels_v[-1]
 
     def volts(self, t: ArrayLike) -> Array:

@@ -20,7 +20,7 @@ class AcquisitionError(InstrumentError):
     """The digitizer lost samples, was unplugged, or cannot do what was asked."""
 
 
-class DriveRefused(BenchError):
+class DriveRejectedError(BenchError):
     """The amplifier's guard refused a drive. Nothing was sent to the source."""
 
 

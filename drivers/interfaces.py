@@ -40,7 +40,7 @@ class Scale:
     high_count: int = 32767
     skew_s: float = 0.0
 
-    def volts(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
+    def to_volts(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
         """Volts at the card's terminals, same shape as `raw`."""
         counts = raw.astype(np.float64)
         volts = np.full_like(counts, self.coefficients[-1])
@@ -49,7 +49,7 @@ class Scale:
             volts += coefficient
         return volts
 
-    def clipped(self, raw: NDArray[np.int16]) -> NDArray[np.bool_]:
+    def is_clipped(self, raw: NDArray[np.int16]) -> NDArray[np.bool_]:
         """Where the converter stood at a rail: the true voltage is unknown there."""
         return (raw <= self.low_count) | (raw >= self.high_count)
 
@@ -71,7 +71,7 @@ class Stream(Protocol):
 
     rate_hz: float
     scales: tuple[Scale, ...]
-    started_s: float
+    start_time_s: float
     """Bench time (the clock's) at which scan 0 was taken, to within the start-up latency of the card."""
 
     def read(self) -> Block:
@@ -108,13 +108,13 @@ class Source(Protocol):
 
     identity: Identity
 
-    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+    def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         """Whether the instrument itself says that it is as `prepare` left it: output on, idle at `rest_v`, every setting.
 
         What a hand at its front panel changed since must be noticed: then it is not at rest, and is prepared anew.
         """
 
-    def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
+    def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         """Bring the output up at rest. High voltage must be disabled: the level is undefined until this returns.
 
         What an earlier program left playing or held comes down first, as gently as the instrument can.
@@ -123,7 +123,7 @@ class Source(Protocol):
             InstrumentError: a setting was refused or does not read back.
         """
 
-    def play(self, drive: Drive) -> None:
+    def start_drive(self, drive: Drive) -> None:
         """Begin a drive from the level where the source idles, and return at once."""
 
     def stop(self) -> None:
@@ -135,10 +135,10 @@ class Source(Protocol):
             InstrumentError: something went wrong on the way; told when all of the way has been sent.
         """
 
-    def move(self, level_v: float, duration_s: float) -> None:
+    def ramp_to(self, level_v: float, duration_s: float) -> None:
         """Move the idle level along a straight line, and return when it is there. To rest, it goes on as `stop` does."""
 
-    def idle_v(self) -> float:
+    def idle_level_v(self) -> float:
         """The level at which the instrument itself says it idles."""
 
     def reconnect(self) -> None:
@@ -149,10 +149,10 @@ class Source(Protocol):
 
 
 @runtime_checkable
-class Choosy(Protocol):
+class DriveChecker(Protocol):
     """A source that cannot play every drive, and can say so before anything moves."""
 
-    def cannot(self, drive: Drive) -> str:
+    def reason_unsupported(self, drive: Drive) -> str:
         """Why this drive cannot be played, in a sentence with the remedy; empty where it can."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from model.parameter_spec import ParameterError, Quantity
+from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.skin import PRE_STRETCH, point_stiffness
 
@@ -19,27 +19,27 @@ Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
 RUBBER_KG_M3 = 1000.0
-LOAD = Quantity("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
+LOAD_SPEC = ParameterSpec("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
 
 
 @dataclass(frozen=True, slots=True)
-class Sag:
+class SagSolution:
     """Deflection of the membrane's centre."""
 
     centre_m: float
-    linear_m: float
+    linear_theory_m: float
     """What linear theory, without the tension of the deflection itself, would say."""
     tension_n: float
     stretch: float
     """Pre-stretch and the stretch of the deflection together."""
 
 
-def weight(membrane: Membrane, density_kg_m3: float = RUBBER_KG_M3) -> float:
+def weight_per_length(membrane: Membrane, density_kg_m3: float = RUBBER_KG_M3) -> float:
     """Weight per length, N/m."""
     return density_kg_m3 * GRAVITY * membrane.b_m * membrane.h_m
 
 
-def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.0) -> Sag:
+def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.0) -> SagSolution:
     """Sag under `load_n_per_m` (default: its own weight) at pre-stretch `delta`.
 
     Raises:
@@ -47,7 +47,7 @@ def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.
     """
     from scipy.optimize import brentq
 
-    q = float(LOAD.check(weight(membrane) if load_n_per_m is None else load_n_per_m))
+    q = float(LOAD_SPEC.check(weight_per_length(membrane) if load_n_per_m is None else load_n_per_m))
     delta = float(PRE_STRETCH.check(delta))
 
     def excess(total: float) -> float:
@@ -57,10 +57,12 @@ def sag(membrane: Membrane, load_n_per_m: float | None = None, delta: float = 0.
     # A taut or hardly loaded membrane stretches by less than rounding: both ends of the bracket are then the answer.
     total = most if excess(most) <= 0 else float(brentq(excess, delta, most, xtol=1e-15, rtol=1e-13))
     tension = membrane.E_m * membrane.b_m * membrane.h_m * total
-    return Sag(_centre(membrane, q, total), _centre(membrane, q, delta), tension, total)
+    return SagSolution(_centre_deflection(membrane, q, total), _centre_deflection(membrane, q, delta), tension, total)
 
 
-def modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None, delta: float = 0.0) -> float:
+def young_modulus_from_sag(
+    membrane: Membrane, sag_m: float, load_n_per_m: float | None = None, delta: float = 0.0
+) -> float:
     """Young modulus, Pa, with which a membrane of this geometry sags by `sag_m`; its own E_m is not used.
 
     Raises:
@@ -68,7 +70,7 @@ def modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None,
     """
     from scipy.optimize import brentq
 
-    q = weight(membrane) if load_n_per_m is None else load_n_per_m
+    q = weight_per_length(membrane) if load_n_per_m is None else load_n_per_m
 
     def off(log_e: float) -> float:
         return float(np.log(sag(replace(membrane, E_m=float(np.exp(log_e))), q, delta).centre_m / sag_m))
@@ -81,13 +83,13 @@ def modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None,
     return float(np.exp(brentq(off, softest, stiffest, xtol=1e-13)))
 
 
-def linear_modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None) -> float:
+def linear_young_modulus(membrane: Membrane, sag_m: float, load_n_per_m: float | None = None) -> float:
     """What linear theory, q L^4 / (384 I w), makes of the same sag, Pa: for comparison only."""
-    q = weight(membrane) if load_n_per_m is None else load_n_per_m
+    q = weight_per_length(membrane) if load_n_per_m is None else load_n_per_m
     return float(q * membrane.L_m**4 / (384 * membrane.b_m * membrane.h_m**3 / 12 * sag_m))
 
 
-def _centre(m: Membrane, q: float, total: float) -> float:
+def _centre_deflection(m: Membrane, q: float, total: float) -> float:
     """A uniform load deflects the centre as half of it would there: w = q L / (2 k_point), for any tension."""
     return float(q * m.L_m / 2 / point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, total))
 

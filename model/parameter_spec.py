@@ -21,13 +21,13 @@ class ParameterError(ValueError):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Quantity:
+class ParameterSpec:
     """One parameter: its name, SI unit, limits, meaning and default (None where there is none)."""
 
     name: str
     unit: str
     interval: Interval
-    words: str
+    description: str
     default: float | None
 
     @property
@@ -42,7 +42,7 @@ class Quantity:
         parts = [f"{word} {bound:g} {self.unit}".strip() for word, bound in bounds if isinstance(bound, int | float)]
         return " and ".join(parts) or "finite"
 
-    def admits(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_valid(self, values: ArrayLike) -> NDArray[np.bool_]:
         """Where `values` (any shape) are finite and within the limits."""
         v = np.asarray(values, float)
         inside = np.asarray(np.isfinite(v))
@@ -65,26 +65,26 @@ class Quantity:
                 raise TypeError
         except (TypeError, ValueError):
             raise ParameterError(
-                f"{self.name} ({self.words}) is {values!r}: give a real number in {self.unit}"
+                f"{self.name} ({self.description}) is {values!r}: give a real number in {self.unit}"
             ) from None
         v = v.astype(float, copy=False)
-        inside = self.admits(v)
+        inside = self.is_valid(v)
         if not inside.all():
             worst = float(v[~inside].flat[0])
             raise ParameterError(
-                f"{self.name} ({self.words}) is {worst:g} {self.unit}: it must be {self.limits}; give a value in that range"
+                f"{self.name} ({self.description}) is {worst:g} {self.unit}: it must be {self.limits}; give a value in that range"
             )
         return v
 
 
 @cache
-def quantities(cls: type[Any]) -> tuple[Quantity, ...]:
+def parameter_specs(cls: type[Any]) -> tuple[ParameterSpec, ...]:
     """The annotated fields of dataclass `cls`, in order; fields without a Unit are left out."""
     hints = get_type_hints(cls, include_extras=True)
-    return tuple(_read(cls, hints))
+    return tuple(_read_specs(cls, hints))
 
 
-def _read(cls: type[Any], hints: Mapping[str, Any]) -> Iterator[Quantity]:
+def _read_specs(cls: type[Any], hints: Mapping[str, Any]) -> Iterator[ParameterSpec]:
     for field in dataclasses.fields(cls):
         marks = getattr(hints[field.name], "__metadata__", ())
         unit = next((m.unit for m in marks if isinstance(m, Unit)), None)
@@ -93,11 +93,11 @@ def _read(cls: type[Any], hints: Mapping[str, Any]) -> Iterator[Quantity]:
         interval = next((m for m in marks if isinstance(m, Interval)), Interval())
         words = next((m for m in marks if isinstance(m, str)), field.name)
         default = None if field.default is dataclasses.MISSING else field.default
-        yield Quantity(field.name, unit, interval, words, default)
+        yield ParameterSpec(field.name, unit, interval, words, default)
 
 
-def validate(obj: object) -> None:
+def validate_parameters(obj: object) -> None:
     """Check every annotated field of the dataclass instance `obj`; raises ParameterError for the first that fails."""
     cls: Any = type(obj)
-    for quantity in quantities(cls):
+    for quantity in parameter_specs(cls):
         quantity.check(getattr(obj, quantity.name))

@@ -13,25 +13,25 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import ArrayLike
 
-from model.parameter_spec import ParameterError, quantities, validate
+from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
 
-Real = Any
+FloatOrArray = Any
 """A float, or an array of floats: the formulas of this module do not care."""
 
 
 class Beam(NamedTuple):
     """The letters of Eqs. (1)-(6), SI: floats, or arrays that broadcast to one shape."""
 
-    L: Real
-    L1: Real
-    L2: Real
-    rho1: Real
-    rho2: Real
-    eta: Real
-    c0: Real
-    k1: Real
-    k2: Real
-    mu: Real
+    L: FloatOrArray
+    L1: FloatOrArray
+    L2: FloatOrArray
+    rho1: FloatOrArray
+    rho2: FloatOrArray
+    eta: FloatOrArray
+    c0: FloatOrArray
+    k1: FloatOrArray
+    k2: FloatOrArray
+    mu: FloatOrArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,8 @@ class Tactor:
     m_add: Annotated[float, Unit("kg"), Interval(ge=0), "mass added in the cylinder"] = 7.73e-3
 
     def __post_init__(self) -> None:
-        validate(self)
-        check_order(self.L, self.L1, self.L2)
+        validate_parameters(self)
+        check_segment_order(self.L, self.L1, self.L2)
 
     @property
     def I_Al(self) -> float:
@@ -106,10 +106,10 @@ class Membrane:
     c_s_0: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "skin damping without pre-stretch"] = 165.0
 
     def __post_init__(self) -> None:
-        validate(self)
+        validate_parameters(self)
 
 
-def check_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
+def check_segment_order(L: ArrayLike, L1: ArrayLike, L2: ArrayLike) -> None:
     """Refuse segments that do not follow each other; floats or arrays of one shape, m.
 
     Raises:
@@ -131,12 +131,12 @@ def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
     Raises:
         ParameterError: a name is unknown, a value is not physical, or an order of lengths is broken.
     """
-    known = {q.name: q for q in quantities(Tactor)}
+    known = {q.name: q for q in parameter_specs(Tactor)}
     for name in values:
         if name not in known:
             raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(known)}")
     v = asdict(tactor) | {name: known[name].check(value) for name, value in values.items()}
-    check_order(v["L"], v["L1"], v["L2"])
+    check_segment_order(v["L"], v["L1"], v["L2"])
     k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
     eta = v["m_add"] / (2 * (v["L"] - v["L2"]))
     return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])

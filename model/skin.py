@@ -7,13 +7,15 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import ArrayLike, NDArray
 
-from model.parameter_spec import Quantity, validate
+from model.parameter_spec import ParameterSpec, validate_parameters
 from model.parameters import Membrane, Tactor
 
 Array = NDArray[np.float64]
 
-PRE_STRETCH = Quantity("delta", "", Interval(ge=0), "pre-stretch of the membrane, elongation over free length", 0.0)
-CONTACT_LENGTH = Quantity("contact_length", "m", Interval(gt=0), "length the point stiffness is spread over", None)
+PRE_STRETCH = ParameterSpec(
+    "delta", "", Interval(ge=0), "pre-stretch of the membrane, elongation over free length", 0.0
+)
+CONTACT_LENGTH = ParameterSpec("contact_length", "m", Interval(gt=0), "length the point stiffness is spread over", None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +30,10 @@ class Skin:
     c_s: Annotated[float, Unit("kg/(m s)"), Interval(ge=0), "distributed damping of the skin"] = 0.0
 
     def __post_init__(self) -> None:
-        validate(self)
+        validate_parameters(self)
 
 
-FREE = Skin()
+NO_SKIN = Skin()
 """No skin: the tactor vibrates freely."""
 
 

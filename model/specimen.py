@@ -7,18 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.parameter_spec import ParameterError, Quantity, quantities
+from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
 from model.parameters import Beam, Membrane, Tactor, beams
 from model.skin import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
 
 Array = NDArray[np.float64]
 
-K_S = quantities(Skin)[0]
-C_S = quantities(Skin)[1]
-SKIN = (PRE_STRETCH, CONTACT_LENGTH, K_S, C_S)
+K_S = parameter_specs(Skin)[0]
+C_S = parameter_specs(Skin)[1]
+SKIN_VARIABLES = (PRE_STRETCH, CONTACT_LENGTH, K_S, C_S)
 
 
-class Letters(NamedTuple):
+class BeamCoefficients(NamedTuple):
     """The letters of Eqs. (1)-(6) with the skin's, floats or arrays that broadcast to one shape."""
 
     beam: Beam
@@ -26,9 +26,9 @@ class Letters(NamedTuple):
     c_s: Array
 
 
-def variables() -> dict[str, Quantity]:
+def variable_specs() -> dict[str, ParameterSpec]:
     """Everything that can be varied, by name: fields of Tactor and Membrane, delta, contact_length, k_s and c_s."""
-    return {q.name: q for q in (*quantities(Tactor), *quantities(Membrane), *SKIN)}
+    return {q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), *SKIN_VARIABLES)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,19 +49,19 @@ class Specimen:
     c_s: float | None = None
 
     def __post_init__(self) -> None:
-        self.letters({})
+        self.coefficients({})
 
     @property
     def skin(self) -> Skin:
         """The skin under the cylinder."""
-        _, k_s, c_s = self.letters({})
+        _, k_s, c_s = self.coefficients({})
         return Skin(float(k_s), float(c_s))
 
     def value(self, name: str) -> float:
         """The present value of a variable; raises ParameterError for one this specimen does not have."""
-        if name in {q.name for q in quantities(Tactor)}:
+        if name in {q.name for q in parameter_specs(Tactor)}:
             return float(getattr(self.tactor, name))
-        if self.membrane is not None and name in {q.name for q in quantities(Membrane)}:
+        if self.membrane is not None and name in {q.name for q in parameter_specs(Membrane)}:
             return float(getattr(self.membrane, name))
         match name:
             case "delta":
@@ -70,31 +70,31 @@ class Specimen:
                 return float(getattr(self.skin, name))
             case "contact_length":
                 return self.contact_length or self.tactor.L - self.tactor.L2
-        raise ParameterError(f"{name} is not a variable of this specimen: choose from {', '.join(variables())}")
+        raise ParameterError(f"{name} is not a variable of this specimen: choose from {', '.join(variable_specs())}")
 
-    def letters(self, values: Mapping[str, ArrayLike]) -> Letters:
+    def coefficients(self, values: Mapping[str, ArrayLike]) -> BeamCoefficients:
         """The letters with the named variables replaced by floats or arrays that broadcast together.
 
         Raises:
             ParameterError: an unknown name, a value that is not physical, or a membrane's variable without a membrane.
         """
-        known = variables()
+        known = variable_specs()
         for name in values:
             if name not in known:
                 raise ParameterError(f"{name} is not a variable of the model: choose from {', '.join(known)}")
         v = {name: known[name].check(value) for name, value in values.items()}
-        of_tactor = {q.name for q in quantities(Tactor)}
+        of_tactor = {q.name for q in parameter_specs(Tactor)}
         beam = beams(self.tactor, {name: a for name, a in v.items() if name in of_tactor})
-        k_s, c_s = self._of_membrane(v, beam)
+        k_s, c_s = self._membrane_skin(v, beam)
         for quantity, given in ((K_S, self.k_s), (C_S, self.c_s)):
             if given is not None:
                 quantity.check(given)
         k_s = v.get("k_s", k_s if self.k_s is None else np.asarray(self.k_s))
         c_s = v.get("c_s", c_s if self.c_s is None else np.asarray(self.c_s))
-        return Letters(beam, K_S.check(k_s), C_S.check(c_s))
+        return BeamCoefficients(beam, K_S.check(k_s), C_S.check(c_s))
 
-    def _of_membrane(self, v: Mapping[str, Array], beam: Beam) -> tuple[Array, Array]:
-        names = [q.name for q in quantities(Membrane)]
+    def _membrane_skin(self, v: Mapping[str, Array], beam: Beam) -> tuple[Array, Array]:
+        names = [q.name for q in parameter_specs(Membrane)]
         if self.membrane is None:
             lost = next((name for name in (*names, "delta", "contact_length") if name in v), None)
             if lost is not None:
@@ -107,23 +107,23 @@ class Specimen:
         return k_point / CONTACT_LENGTH.check(length), m["c_s_delta"] * delta + m["c_s_0"]
 
 
-def changed(base: Specimen, values: Mapping[str, float]) -> Specimen:
+def replace_variables(base: Specimen, values: Mapping[str, float]) -> Specimen:
     """Return `base` with the named variables replaced; naming anything of the membrane puts the tactor on it."""
-    of_tactor, of_membrane = ({q.name for q in quantities(kind)} for kind in (Tactor, Membrane))
+    of_tactor, of_membrane = ({q.name for q in parameter_specs(kind)} for kind in (Tactor, Membrane))
     membrane = base.membrane
     if membrane is None and values.keys() & (of_membrane | {"delta", "contact_length"}):
         membrane = Membrane()
     if membrane is not None:
-        membrane = replace(membrane, **_only(values, of_membrane))
-    rest: Any = _only(values, {"delta", "contact_length", "k_s", "c_s"})
-    return replace(base, tactor=replace(base.tactor, **_only(values, of_tactor)), membrane=membrane, **rest)
+        membrane = replace(membrane, **_select_values(values, of_membrane))
+    rest: Any = _select_values(values, {"delta", "contact_length", "k_s", "c_s"})
+    return replace(base, tactor=replace(base.tactor, **_select_values(values, of_tactor)), membrane=membrane, **rest)
 
 
 def specimen_record(specimen: Specimen) -> dict[str, float]:
     """Return every variable that the specimen has, SI, by name."""
-    free = {q.name for q in quantities(Tactor)} | {"k_s", "c_s"}
-    return {name: specimen.value(name) for name in variables() if specimen.membrane is not None or name in free}
+    free = {q.name for q in parameter_specs(Tactor)} | {"k_s", "c_s"}
+    return {name: specimen.value(name) for name in variable_specs() if specimen.membrane is not None or name in free}
 
 
-def _only(values: Mapping[str, float], names: set[str]) -> dict[str, Any]:
+def _select_values(values: Mapping[str, float], names: set[str]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name in names}

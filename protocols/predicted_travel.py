@@ -10,51 +10,55 @@ from numpy.typing import NDArray
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response, period_points, poles
+from model.response.frequency_response import amplifier_response, poles, samples_per_period
 from model.response.statics import voltage_gain
-from protocols.base.records import Planned
+from protocols.base.records import PlanEntry
 
-SWEPT = 101
+SWEEP_POINTS = 101
 """Frequencies at which a sweep is looked at; it is slow enough to be a row of sines."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class PredictedTravel:
     """Lowest and highest displacement against rest under one drive, m, and where that is."""
 
-    words: str
+    label: str
     low_m: float
     high_m: float
 
 
-def predicted(drives: Sequence[tuple[Planned, Drive]], tactor: Tactor, amplifier: AmplifierMap) -> Iterator[Reach]:
+def predict_travel(
+    planned_drives: Sequence[tuple[PlanEntry, Drive]], tactor: Tactor, amplifier: AmplifierMap
+) -> Iterator[PredictedTravel]:
     """What the model expects of every drive; a mass that a set-up names is on the tactor.
 
     Raises:
         ParameterError: the model cannot answer: no such tactor or frequency.
     """
     sines: dict[tuple[float, float, float], list[tuple[str, float]]] = {}
-    for entry, drive in drives:
+    for entry, drive in planned_drives:
         mass = entry.setup.values.get("mass_kg") if entry.setup and entry.setup.action == "fix-mass" else None
         loaded = tactor if mass is None else replace(tactor, m_add=mass)
         match drive:
             case Sine(f, a, offset_v, _):
                 sines.setdefault((loaded.m_add, a, offset_v), []).append((entry.label, f))
             case LinearSweep(start, stop, _, a, offset_v) | PeriodicSweep(start, stop, _, _, a, offset_v):
-                swept = np.linspace(start, stop, SWEPT).tolist()
+                swept = np.linspace(start, stop, SWEEP_POINTS).tolist()
                 sines.setdefault((loaded.m_add, a, offset_v), []).extend((entry.label, f) for f in swept)
             case Hold(level_v, _):  # the guard ramps there, too slowly to ring
                 moved = float(voltage_gain(loaded) * amplifier.specimen_v(level_v))
-                yield Reach(entry.label, min(moved, 0.0), max(moved, 0.0))
+                yield PredictedTravel(entry.label, min(moved, 0.0), max(moved, 0.0))
             case Ramp() | Steps():
-                yield _stepped(entry.label, drive, loaded, amplifier)
+                yield _step_travel(entry.label, drive, loaded, amplifier)
     for (mass, amplitude_v, offset_v), asked in sines.items():
         frequency = np.array([f for _, f in asked])
         low, high = _extremes(replace(tactor, m_add=mass), frequency, amplitude_v, offset_v, amplifier)
         for (label, f), at_low, at_high in zip(asked, low, high, strict=True):
-            yield Reach(label if f"{f:g}" in label else f"{label} at {f:.0f} Hz", float(at_low), float(at_high))
+            yield PredictedTravel(
+                label if f"{f:g}" in label else f"{label} at {f:.0f} Hz", float(at_low), float(at_high)
+            )
 
 
 def _extremes(
@@ -62,14 +66,14 @@ def _extremes(
 ) -> tuple[Array, Array]:
     """Lowest and highest displacement of a period with all the amplifier's harmonics, each (F,)."""
     harmonics = amplifier_response(tactor, frequency, amplitude_v, offset_v, amplifier).harmonics
-    points = period_points(harmonics.shape[1])
+    points = samples_per_period(harmonics.shape[1])
     spectrum = harmonics / 2j
     spectrum[:, 0] = harmonics[:, 0].real
     w = np.fft.irfft(spectrum, points, axis=1) * points
     return w.min(axis=1), w.max(axis=1)
 
 
-def _stepped(label: str, drive: Ramp | Steps, tactor: Tactor, amplifier: AmplifierMap) -> Reach:
+def _step_travel(label: str, drive: Ramp | Steps, tactor: Tactor, amplifier: AmplifierMap) -> PredictedTravel:
     """Levels, and what a rise that is shorter than half a period of the resonance overshoots."""
     levels_v = drive.levels_v if isinstance(drive, Steps) else (drive.start_v, drive.stop_v)
     rise_s = drive.rise_s if isinstance(drive, Steps) else drive.duration_s
@@ -79,4 +83,4 @@ def _stepped(label: str, drive: Ramp | Steps, tactor: Tactor, amplifier: Amplifi
     rings = zeta < 1 and rise_s < math.pi / abs(first)
     overshoot = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)) if rings else 0.0
     reached = np.concatenate((levels, levels[1:] + overshoot * np.diff(levels)))
-    return Reach(label, float(min(reached.min(), 0.0)), float(max(reached.max(), 0.0)))
+    return PredictedTravel(label, float(min(reached.min(), 0.0)), float(max(reached.max(), 0.0)))

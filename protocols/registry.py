@@ -1,6 +1,6 @@
 """The protocols this program knows, by name: its own, those of installed packages, and those of a lab's own file.
 
-An installed package brings protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given
+An installed package brings protocols by entry points of the group `tactor_bench.known_protocols`; a lab's own file is given
 by its path (docs/how-to-write-a-protocol.md). What is broken is named and left out; it never stops what does without.
 """
 
@@ -13,9 +13,9 @@ from types import ModuleType
 
 from protocols.base.protocol import Protocol
 
-GROUP = "tactor_bench.protocols"
+ENTRY_POINT_GROUP = "tactor_bench.protocols"
 
-OWN = {
+BUILT_IN_PROTOCOLS = {
     "static-loading": ("Static loading", "protocols.measurements.static_loading:StaticLoading"),
     "mass-resonance": ("Mass resonance", "protocols.measurements.mass_resonance:MassResonance"),
     "voltage-steps": ("Voltage steps", "protocols.measurements.voltage_steps:VoltageSteps"),
@@ -30,39 +30,39 @@ OWN = {
 """Title and place of the program's own protocols by name. Each is imported when it is asked for: a window opens with one."""
 
 
-class Known(MutableMapping[str, type[Protocol]]):
+class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
     """Protocols by name."""
 
-    def __init__(self, places: Mapping[str, tuple[str, str]]) -> None:
-        self._kinds: dict[str, type[Protocol] | str] = {name: place for name, (_, place) in places.items()}
-        self._titles = {name: title for name, (title, _) in places.items()}
+    def __init__(self, locations: Mapping[str, tuple[str, str]]) -> None:
+        self._classes: dict[str, type[Protocol] | str] = {name: place for name, (_, place) in locations.items()}
+        self._titles = {name: title for name, (title, _) in locations.items()}
 
     def title(self, name: str) -> str:
         """The title of one; nothing is imported for it."""
-        kind = self._kinds[name]
+        kind = self._classes[name]
         return self._titles[name] if isinstance(kind, str) else kind.title
 
     def __getitem__(self, name: str) -> type[Protocol]:
-        kind = self._kinds[name]
+        kind = self._classes[name]
         if isinstance(kind, str):
             module, _, attribute = kind.partition(":")
-            kind = self._kinds[name] = getattr(importlib.import_module(module), attribute)
+            kind = self._classes[name] = getattr(importlib.import_module(module), attribute)
         return kind
 
-    def __setitem__(self, name: str, kind: type[Protocol]) -> None:
-        self._kinds[name] = kind
+    def __setitem__(self, name: str, protocol_class: type[Protocol]) -> None:
+        self._classes[name] = protocol_class
 
     def __delitem__(self, name: str) -> None:
-        del self._kinds[name]
+        del self._classes[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._kinds)
+        return iter(self._classes)
 
     def __len__(self) -> int:
-        return len(self._kinds)
+        return len(self._classes)
 
 
-PROTOCOLS = Known(OWN)
+PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 class ProtocolFileError(Exception):
@@ -72,15 +72,15 @@ class ProtocolFileError(Exception):
 def load_plug_ins() -> list[str]:
     """Add the protocols of installed packages; a sentence for each that is broken."""
     troubles = []
-    for point in entry_points(group=GROUP):
+    for point in entry_points(group=ENTRY_POINT_GROUP):
         try:
-            _add(point.load(), f"plug-in {point.name!r}")
+            _register(point.load(), f"plug-in {point.name!r}")
         except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, it is named and left out
             troubles.append(f"the protocol plug-in {point.name!r} is left out: {type(error).__name__}: {error}")
     return troubles
 
 
-def load_file(path: Path) -> type[Protocol]:
+def load_protocol_file(path: Path) -> type[Protocol]:
     """Add the one protocol that a Python file defines.
 
     Raises:
@@ -105,16 +105,16 @@ def load_file(path: Path) -> type[Protocol]:
     if len(kinds) != 1:
         found = ", ".join(kind.__name__ for kind in kinds) or "none"
         raise ProtocolFileError(f"{path} must define one subclass of Protocol; it defines {found}")
-    _add(kinds[0], str(path))
+    _register(kinds[0], str(path))
     return kinds[0]
 
 
-def _add(kind: type[Protocol], source: str) -> None:
-    missing = [name for name in ("name", "title", "point_type", "axes") if not hasattr(kind, name)]
-    missing += sorted(kind.__abstractmethods__)
+def _register(protocol_class: type[Protocol], source: str) -> None:
+    missing = [name for name in ("name", "title", "point_type", "axes") if not hasattr(protocol_class, name)]
+    missing += sorted(protocol_class.__abstractmethods__)
     if missing:
-        raise ProtocolFileError(f"{source}: {kind.__name__} lacks {', '.join(missing)}")
-    known = PROTOCOLS.get(kind.name)
-    if known is not None and known.__module__ != kind.__module__:
-        raise ProtocolFileError(f"{source}: there is a protocol '{kind.name}' already; choose another name")
-    PROTOCOLS[kind.name] = kind
+        raise ProtocolFileError(f"{source}: {protocol_class.__name__} lacks {', '.join(missing)}")
+    known = PROTOCOLS.get(protocol_class.name)
+    if known is not None and known.__module__ != protocol_class.__module__:
+        raise ProtocolFileError(f"{source}: there is a protocol '{protocol_class.name}' already; choose another name")
+    PROTOCOLS[protocol_class.name] = protocol_class

@@ -10,19 +10,19 @@ from pathlib import Path
 
 from drivers.bench.amplifier import HvAmplifier
 from drivers.drive import Drive
-from drivers.errors import BenchError, DriveRefused
+from drivers.errors import BenchError, DriveRejectedError
 from drivers.interfaces import Meter
 from drivers.sensors.laser_sensor import LaserSensor
 from model.parameters import Tactor
 from protocols.base.protocol import Protocol
-from protocols.base.records import MOST_SCANS, Planned, too_long
+from protocols.base.records import MAX_RECORDING_SCANS, PlanEntry, recording_too_long_message
 from protocols.runfile.schema import RESERVE_BYTES
 
-BYTES_A_SAMPLE = 2
-OVERHEAD_BYTES = 200_000
+BYTES_PER_SAMPLE = 2
+FILE_OVERHEAD_BYTES = 200_000
 
 
-class CannotRun(BenchError):
+class CannotRunError(BenchError):
     """A protocol asks for what this bench, or this disk, does not have."""
 
 
@@ -72,26 +72,28 @@ def rehearse(
     drives = [(entry, drive) for entry in plan for drive in entry.drives]
     for entry, drive in drives:
         try:
-            amplifier.admit(drive)
-        except DriveRefused as refusal:
-            raise DriveRefused(f"{entry.label}: {refusal}") from None
+            amplifier.check_drive_limits(drive)
+        except DriveRejectedError as refusal:
+            raise DriveRejectedError(f"{entry.label}: {refusal}") from None
     if meters is not None:
-        _meters_must_be_there(protocol, meters)
+        _check_meters(protocol, meters)
     longest = max(plan, key=lambda entry: entry.expected_s, default=None)
-    if longest is not None and longest.expected_s * protocol.sample_rate_hz > MOST_SCANS:
-        raise CannotRun(f"{longest.label}: {too_long(longest.expected_s * protocol.sample_rate_hz)}")
+    if longest is not None and longest.expected_s * protocol.sample_rate_hz > MAX_RECORDING_SCANS:
+        raise CannotRunError(
+            f"{longest.label}: {recording_too_long_message(longest.expected_s * protocol.sample_rate_hz)}"
+        )
     duration_s = sum(entry.expected_s for entry in plan)
-    file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_A_SAMPLE) + OVERHEAD_BYTES
+    file_bytes = round(duration_s * protocol.sample_rate_hz * channels * BYTES_PER_SAMPLE) + FILE_OVERHEAD_BYTES
     if folder is not None:
-        must_fit(file_bytes, folder)
-    moments = [_steepest(drives, amplifier), *_strongest(drives, amplifier)]
+        check_disk_space(file_bytes, folder)
+    moments = [_highest_slew(drives, amplifier), *_highest_current(drives, amplifier)]
     cautions = []
-    if drives and not amplifier.limits.current_is_known:
+    if drives and not amplifier.limits.has_current_limit:
         cautions.append(
             "the amplifier's current is not checked: write current_limit_a and specimen_capacitance_f under [amplifier]"
         )
     if drives and sensor is not None and tactor is not None:
-        share, words = _furthest(drives, amplifier, sensor, tactor)
+        share, words = _largest_travel(drives, amplifier, sensor, tactor)
         moments.append((share, words))
         if share > 1:
             cautions.append(
@@ -102,7 +104,7 @@ def rehearse(
     return Rehearsal(
         duration_s=duration_s,
         entries=len(plan),
-        prompts=_prompts(plan, protocol.high_voltage),
+        prompts=_count_prompts(plan, protocol.high_voltage),
         highest_specimen_v=float(volts(max((drive.high_v for _, drive in drives), default=rest_v))),
         lowest_specimen_v=float(volts(min((drive.low_v for _, drive in drives), default=rest_v))),
         file_bytes=file_bytes,
@@ -111,7 +113,7 @@ def rehearse(
     )
 
 
-def must_fit(file_bytes: int, folder: Path) -> None:
+def check_disk_space(file_bytes: int, folder: Path) -> None:
     """Refuse what the disk has no room for.
 
     Raises:
@@ -120,25 +122,25 @@ def must_fit(file_bytes: int, folder: Path) -> None:
     there = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
     free = shutil.disk_usage(there).free
     if file_bytes + RESERVE_BYTES > free:
-        raise CannotRun(
+        raise CannotRunError(
             f"the disk of {folder} has {free / 1e6:.0f} MB left; this takes about {file_bytes / 1e6:.0f} MB, and "
             f"{RESERVE_BYTES / 1e6:.0f} MB are kept to close a run in order. Free some space or choose another folder"
         )
 
 
-def _meters_must_be_there(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
+def _check_meters(protocol: Protocol, meters: Mapping[str, Meter]) -> None:
     if missing := [name for name in protocol.meters if name not in meters]:
         have = ", ".join(meters) or "none"
-        raise CannotRun(
+        raise CannotRunError(
             f"{protocol.title} reads the meter '{missing[0]}', and this bench has no such meter (it has: {have}); add "
             f"[meters.{missing[0]}] to the bench file"
         )
 
 
-Driven = Sequence[tuple[Planned, Drive]]
+PlannedDrives = Sequence[tuple[PlanEntry, Drive]]
 
 
-def _steepest(drives: Driven, amplifier: HvAmplifier) -> tuple[float, str]:
+def _highest_slew(drives: PlannedDrives, amplifier: HvAmplifier) -> tuple[float, str]:
     if not drives:
         return 0.0, ""
     entry, drive = max(drives, key=lambda pair: pair[1].slew_v_per_s)
@@ -146,33 +148,35 @@ def _steepest(drives: Driven, amplifier: HvAmplifier) -> tuple[float, str]:
     return share, f"{entry.label}: slope {100 * share:.0f} % of the limit"
 
 
-def _strongest(drives: Driven, amplifier: HvAmplifier) -> list[tuple[float, str]]:
+def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tuple[float, str]]:
     """The drive that takes most of the amplifier's current, where that is known."""
-    if not drives or not amplifier.limits.current_is_known:
+    if not drives or not amplifier.limits.has_current_limit:
         return []
-    entry, drive = max(drives, key=lambda pair: amplifier.current_a(pair[1]))
-    current_a = amplifier.current_a(drive)
+    entry, drive = max(drives, key=lambda pair: amplifier.peak_current_a(pair[1]))
+    current_a = amplifier.peak_current_a(drive)
     share = current_a / amplifier.limits.current_limit_a
     return [(share, f"{entry.label}: {1e3 * current_a:.2g} mA into the specimen, {100 * share:.0f} % of the limit")]
 
 
-def _furthest(drives: Driven, amplifier: HvAmplifier, sensor: LaserSensor, tactor: Tactor) -> tuple[float, str]:
+def _largest_travel(
+    drives: PlannedDrives, amplifier: HvAmplifier, sensor: LaserSensor, tactor: Tactor
+) -> tuple[float, str]:
     """The moment at which the model's tactor is nearest to the end of the sensor's range."""
-    from protocols.predicted_travel import predicted  # the model's numerics take a quarter of a second to import
+    from protocols.predicted_travel import predict_travel  # the model's numerics take a quarter of a second to import
 
     ends = sensor.displacement_m([sensor.valid_low_v, sensor.valid_high_v])
     low_m, high_m = float(min(ends)), float(max(ends))
     worst = (0.0, "")
-    for reach in predicted(drives, tactor, amplifier.map):
+    for reach in predict_travel(drives, tactor, amplifier.map):
         for at_m, end_m in ((reach.low_m, low_m), (reach.high_m, high_m)):
             share = at_m / end_m if at_m * end_m > 0 else 0.0
             if share > worst[0]:
                 where = f"{1e6 * at_m:+.0f} µm predicted, {100 * share:.0f} % of the sensor's range"
-                worst = (share, f"{reach.words}: {where}")
+                worst = (share, f"{reach.label}: {where}")
     return worst
 
 
-def _prompts(plan: Sequence[Planned], high_voltage: bool) -> int:
+def _count_prompts(plan: Sequence[PlanEntry], high_voltage: bool) -> int:
     """How often a person is asked: high voltage off and on, every set-up (with both around it), and what entries ask."""
     asked, standing = (2 if high_voltage else 1), None
     for entry in plan:

@@ -14,94 +14,98 @@ from typing import Any
 from pydantic import ValidationError
 
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import Status
-from protocols.base.protocol import Protocol, extended
+from protocols.base.events import RunStatus
+from protocols.base.protocol import Protocol, extend_plan
 from protocols.base.quality import Quality
-from protocols.base.records import Curve, Planned, Recording
+from protocols.base.records import PlanEntry, Recording, ResultCurve
 from protocols.base.steps import Prompt
 from protocols.registry import PROTOCOLS
-from protocols.runfile.reader import Run, RunError, intact
-from protocols.runfile.schema import ENTRY
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
+from protocols.runfile.schema import ENTRY_COLUMN
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
 """A change counts as drift if it is larger than both: than errors explain, and than would matter."""
 
 
 @dataclass(frozen=True, slots=True)
-class Continuation:
+class ResumeState:
     """What a run begins with: points by entry, which entry to check first, and which to measure again."""
 
     points: tuple[tuple[int, Any], ...] = ()
-    check: int | None = None
-    again: frozenset[int] = frozenset()
-    words: str = ""
-    curves: tuple[Curve, ...] = ()
+    drift_check_entry: int | None = None
+    repeat_entries: frozenset[int] = frozenset()
+    message: str = ""
+    curves: tuple[ResultCurve, ...] = ()
     """What the carried points' entries gave beside them."""
 
 
 @dataclass(frozen=True, slots=True)
-class Earlier:
+class ResumableRun:
     """A run that can be gone on with."""
 
     path: Path
     protocol: Protocol
     specimen: str
-    continuation: Continuation
+    resume_state: ResumeState
 
 
-def protocol_of(run: Run, called: str) -> Protocol:
-    """The protocol of a run with its parameters; `called` is the run's name in what is said.
+def protocol_of_run(run: Run, run_name: str) -> Protocol:
+    """The protocol of a run with its parameters; `run_name` is the run's name in what is said.
 
     Raises:
         RunError: it is not known here, or its parameters are none of this version's.
     """
     kind = PROTOCOLS.get(run.protocol)
     if kind is None:
-        raise RunError(f"{called} is a run of '{run.protocol}', a protocol that is not known here")
+        raise RunReadError(f"{run_name} is a run of '{run.protocol}', a protocol that is not known here")
     try:
         return kind(**run.parameters)
     except ValidationError as error:
-        raise RunError(f"{called} has parameters this version refuses: {error.errors()[0]['msg']}") from error
+        raise RunReadError(f"{run_name} has parameters this version refuses: {error.errors()[0]['msg']}") from error
 
 
-def earlier(path: Path, again: Sequence[int] = ()) -> Earlier:
+def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableRun:
     """What `path` has measured, to go on with the rest, or to measure the entries `again` once more.
 
     Raises:
         RunError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
     """
-    with Run(path) as run, intact(path):
-        if run.status is Status.RUNNING and not run.crashed:
-            raise RunError(f"{path} is still being written; stop that run first")
+    with Run(path) as run, translate_read_errors(path):
+        if run.status is RunStatus.RUNNING and not run.crashed:
+            raise RunReadError(f"{path} is still being written; stop that run first")
         if run.imported:
-            raise RunError(f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own")
-        protocol = protocol_of(run, str(path))
+            raise RunReadError(
+                f"{path} was imported, not measured: there is nothing to go on with; begin a run of its own"
+            )
+        protocol = protocol_of_run(run, str(path))
         rest_v = float(run.configuration.get("amplifier", {}).get("rest_v", AmplifierMap().rest_v))
-        points = {int(entry): point for entry, point in points_of(run, protocol.point_type)}
+        points = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
         begun = run.entries()
-        plan = extended(protocol, protocol.plan(rest_v), points, rest_v)
+        plan = extend_plan(protocol, protocol.plan(rest_v), points, rest_v)
         # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.
         stale = [i for i in points if i >= len(plan) or (i in begun and begun[i].key != plan[i].key)]
         points = {i: point for i, point in points.items() if i not in stale}
-        if unknown := [i for i in again if not 0 <= i < len(plan)]:
-            raise RunError(f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points")
-        if run.status is Status.COMPLETED and not again and not stale and len(points) == len(plan):
-            raise RunError(f"{path} is complete: there is nothing to resume")
+        if unknown := [i for i in repeat_entries if not 0 <= i < len(plan)]:
+            raise RunReadError(
+                f"{path} has no point of entry {', '.join(map(str, unknown))}; it has {len(points)} points"
+            )
+        if run.status is RunStatus.COMPLETED and not repeat_entries and not stale and len(points) == len(plan):
+            raise RunReadError(f"{path} is complete: there is nothing to resume")
         words = f"Goes on with {path.name} ({run.state}), {len(points)} points carried over"
         if stale:
             words += f", {len(stale)} left behind: the plan has other entries in their place now"
-        check = max(points) if points and not again else None
-        curves = run.curves() or _found_again(run, protocol, plan)
+        check = max(points) if points and not repeat_entries else None
+        curves = run.curves() or _recompute_curves(run, protocol, plan)
         kept = tuple(curve for curve in curves if curve.entry in points)
-        continuation = Continuation(tuple(sorted(points.items())), check, frozenset(again), words, kept)
-        return Earlier(path, protocol, run.specimen, continuation)
+        continuation = ResumeState(tuple(sorted(points.items())), check, frozenset(repeat_entries), words, kept)
+        return ResumableRun(path, protocol, run.specimen, continuation)
 
 
-FLAGGED = "flagged"
+FLAGGED_ENTRIES = "flagged"
 """What stands for all entries whose point no fit may use, or that have none."""
 
 
-def named(path: Path, wanted: Sequence[str]) -> tuple[int, ...]:
+def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
     """Entries of a run by what a person calls them: `155`, `2.54 mm`, `2.54 mm, 155 Hz`, or `flagged`.
 
     A number means all entries with a part of their label that begins with it.
@@ -113,31 +117,33 @@ def named(path: Path, wanted: Sequence[str]) -> tuple[int, ...]:
         begun, columns = run.entries(), run.points()
     good = {
         int(entry)
-        for entry, quality in zip(columns[ENTRY], columns.get("quality", [0] * len(columns[ENTRY])), strict=True)
+        for entry, quality in zip(
+            columns[ENTRY_COLUMN], columns.get("quality", [0] * len(columns[ENTRY_COLUMN])), strict=True
+        )
         if Quality(int(quality)).usable
     }
     found: set[int] = set()
-    for words in wanted:
-        if words == FLAGGED:
+    for words in entry_names:
+        if words == FLAGGED_ENTRIES:
             found |= begun.keys() - good
             continue
-        meant = {i for i, entry in begun.items() if _is_called(entry.label, words)}
+        meant = {i for i, entry in begun.items() if _label_matches(entry.label, words)}
         if not meant:
             labels = "; ".join(entry.label for _, entry in sorted(begun.items())) or "none"
-            raise RunError(f"{path} has no entry '{words}'; it has: {labels}")
+            raise RunReadError(f"{path} has no entry '{words}'; it has: {labels}")
         found |= meant
     if not found:
-        raise RunError(f"{path} has no flagged points: there is nothing to measure again")
+        raise RunReadError(f"{path} has no flagged points: there is nothing to measure again")
     return tuple(sorted(found))
 
 
-def _is_called(label: str, words: str) -> bool:
+def _label_matches(label: str, text: str) -> bool:
     parts = [part.casefold() for part in (label, *label.split(", "))]
-    words = words.strip().casefold()
-    if words in parts:
+    text = text.strip().casefold()
+    if text in parts:
         return True
     try:
-        number = float(words)
+        number = float(text)
     except ValueError:
         return False
     for part in parts:
@@ -147,11 +153,11 @@ def _is_called(label: str, words: str) -> bool:
     return False
 
 
-def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str, Prompt | None]:
+def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
     """What an entry measured twice says about the time between, and what to ask where it is too much."""
     column = protocol.axes[1]
-    old, new = float(getattr(before, column)), float(getattr(now, column))
-    error = math.hypot(float(getattr(before, f"{column}_errors", 0.0)), float(getattr(now, f"{column}_errors", 0.0)))
+    old, new = float(getattr(first, column)), float(getattr(second, column))
+    error = math.hypot(float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0)))
     change = new - old
     relative = abs(change / old) if old else math.inf
     sigmas = abs(change) / error if error > 0 else math.inf
@@ -163,7 +169,7 @@ def drifted(protocol: Protocol, label: str, before: Any, now: Any) -> tuple[str,
     return words, Prompt("drifted", question, choices=("go on", "stop"))
 
 
-def _found_again(run: Run, protocol: Protocol, plan: Sequence[Planned]) -> tuple[Curve, ...]:
+def _recompute_curves(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[ResultCurve, ...]:
     """The curves of a run that never came to write them, from its raw data."""
     if type(protocol).curves is Protocol.curves:
         return ()
@@ -173,24 +179,24 @@ def _found_again(run: Run, protocol: Protocol, plan: Sequence[Planned]) -> tuple
         if of_entry and of_entry[-1].index + 1 != recording.index:
             of_entry.clear()  # the entry was measured again later
         of_entry.append(recording)
-    found: list[Curve] = []
+    found: list[ResultCurve] = []
     for entry, recordings in sorted(latest.items()):
         with contextlib.suppress(ValueError):
             found += [replace(curve, entry=entry) for curve in protocol.curves(plan[entry].key, recordings)]
     return tuple(found)
 
 
-def points_of(run: Run, kind: type) -> Sequence[tuple[int, Any]]:
+def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
     """Points with their entries, in the order they were measured; a later one of the same entry counts."""
     columns = run.points()
-    entries = columns.pop(ENTRY)
+    entries = columns.pop(ENTRY_COLUMN)
     found = []
     for row, entry in enumerate(entries):
         values: dict[str, Any] = {}
-        for field in fields(kind):
+        for field in fields(point_type):
             value = columns[field.name][row]
             values[field.name] = tuple(value.tolist()) if value.ndim else float(value)
         if "quality" in values:
             values["quality"] = int(values["quality"])
-        found.append((int(entry), kind(**values)))
+        found.append((int(entry), point_type(**values)))
     return found

@@ -4,20 +4,20 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from protocols.base.steps import Prompt
-from sim_hardware.plant.setup_state import HANDS
+from sim_hardware.plant.setup_state import OPERATOR_ACTIONS
 
-SLOW = {"place-weight", "remove-weight"}
+SLOW_ACTIONS = {"place-weight", "remove-weight"}
 """What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
 
 
-class Bench(Protocol):
-    """Whatever hands can reach: a `VirtualBench`, or a `BenchProcess`."""
+class BenchControls(Protocol):
+    """Whatever hands can reach: a `SimulatedBench`, or a `BenchProcess`."""
 
     def enable_hv(self) -> None: ...
 
     def disable_hv(self) -> None: ...
 
-    def hands(self, action: str, values: Mapping[str, float]) -> float: ...
+    def perform_action(self, action: str, values: Mapping[str, float]) -> float: ...
 
     def now(self) -> float: ...
 
@@ -32,14 +32,14 @@ class SimulatedOperator:
         patience_s: bench time from a weight's landing until the key.
     """
 
-    def __init__(self, bench: Bench, patience_s: float = 10.0) -> None:
+    def __init__(self, bench: BenchControls, patience_s: float = 10.0) -> None:
         self._bench, self._patience_s = bench, patience_s
         self._answers: dict[int, tuple[float, str]] = {}
 
-    def tidy(self) -> None:
+    def clear_specimen(self) -> None:
         """Bring the specimen back to how it stood at first, as a person would after a run that was stopped with a weight on."""
         self._bench.disable_hv()  # nobody reaches for a live specimen; a run asks for it once more
-        self._bench.hands("tidy-up", {})
+        self._bench.perform_action("tidy-up", {})
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         """Begin with it at once."""
@@ -48,11 +48,11 @@ class SimulatedOperator:
             case "disable-high-voltage":
                 bench.disable_hv()
             case "enable-high-voltage":
-                bench.hands("connect-electrodes", {})  # nobody leaves a short across them
+                bench.perform_action("connect-electrodes", {})  # nobody leaves a short across them
                 bench.enable_hv()
-            case action if action in HANDS:
-                due_s = bench.hands(action, dict(prompt.values))
-                due_s = due_s + self._patience_s if action in SLOW else 0.0
+            case action if action in OPERATOR_ACTIONS:
+                due_s = bench.perform_action(action, dict(prompt.values))
+                due_s = due_s + self._patience_s if action in SLOW_ACTIONS else 0.0
         self._answers[ask_id] = due_s, prompt.choices[0]
 
     def answer(self, ask_id: int) -> str | None:

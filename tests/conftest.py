@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.service.process import BenchProcess
-from tests.helpers.simulated_bench import volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # without it a GUI test aborts the interpreter
 
@@ -54,11 +54,11 @@ def the_volts_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
     if request.path.relative_to(Path(__file__).parent).parts[0] not in ("app", "protocols", "safety"):
         yield
         return
-    benches: list[VirtualBench] = []
-    reports: list[HistoryReport] = []
-    make, close = VirtualBench.__init__, BenchProcess.close
+    benches: list[SimulatedBench] = []
+    reports: list[VoltageReport] = []
+    make, close = SimulatedBench.__init__, BenchProcess.close
 
-    def made(self: VirtualBench, *arguments: object, **named: object) -> None:
+    def made(self: SimulatedBench, *arguments: object, **named: object) -> None:
         make(self, *arguments, **named)  # type: ignore[arg-type]
         benches.append(self)
 
@@ -67,9 +67,9 @@ def the_volts_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
             reports.append(self.report())
         close(self)
 
-    monkeypatch.setattr(VirtualBench, "__init__", made)
+    monkeypatch.setattr(SimulatedBench, "__init__", made)
     monkeypatch.setattr(BenchProcess, "close", closed)
     yield
     if request.node.get_closest_marker("breaks_the_drive") is None:
         for report in [*reports, *(bench.report() for bench in benches)]:
-            volts_are_safe(report)
+            assert_safe_voltage(report)

@@ -13,8 +13,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.archive.replay import look_closer, reopen
-from app.gui.measure.presets import Presets
+from app.archive.replay import load_run, load_trace_window
+from app.gui.measure.presets import PresetStore
 from protocols.registry import PROTOCOLS
 from protocols.runfile.study_file import read_study
 from tests.compare_runs import Comparison
@@ -117,16 +117,16 @@ def test_a_run_is_shown_and_exported_in_every_format(run: str, folder: Path) -> 
 
 @pytest.mark.parametrize("run", RUNS)
 def test_the_viewer_opens_a_run_with_its_log(run: str, folder: Path) -> None:
-    loaded = reopen(folder / run)
+    loaded = load_run(folder / run)
     assert loaded.points
     assert len(loaded.traces.time_s) > 0 or run == IMPORTED
-    texts = [message.words for message in loaded.messages]
+    texts = [message.text for message in loaded.messages]
     by_name = {*texts} & KINDS  # how an event is shown that is not understood
     # The first point has no creep, which is stored as null: its text cannot be made again (known fault of 0.1.0).
     assert by_name <= ({"PointMeasured"} if run == STEPS else set())
     assert len(texts) == MESSAGES[run]
     if run != IMPORTED:
-        assert len(look_closer(folder / run, 0.5, 0.6).time_s) > 10
+        assert len(load_trace_window(folder / run, 0.5, 0.6).time_s) > 10
 
 
 def test_the_files_hold_every_kind_of_event(folder: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_run_that_did_not_end_is_resumed(run: str, entries: int, folder: Path)
     before = set(folder.glob("runs/*.h5"))
     assert program("resume", run, *BENCH) == 0
     (new,) = set(folder.glob("runs/*.h5")) - before
-    assert reopen(new).state == "completed"
+    assert load_run(new).state == "completed"
     with h5py.File(new) as file:
         assert set(file["entry/points/entry"]) == set(range(entries))
 
@@ -152,7 +152,7 @@ def test_points_of_a_completed_run_are_measured_again(folder: Path) -> None:
     before = set(folder.glob("runs/*.h5"))
     assert program("resume", DWELL, "--again", "160", *BENCH) == 0
     (new,) = set(folder.glob("runs/*.h5")) - before
-    assert len(reopen(new).points) == len(reopen(folder / DWELL).points) + 1
+    assert len(load_run(new).points) == len(load_run(folder / DWELL).points) + 1
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_old_raw_samples_are_reduced_with_a_corrected_calibration(
 
 
 def test_presets_are_read(folder: Path) -> None:
-    presets = Presets(folder / "presets.json")
+    presets = PresetStore(folder / "presets.json")
     assert presets.names("static-loading") == ["zwei Gewichte, µ"]
     assert presets.get(PROTOCOLS["sine-dwell"], "short").model_dump()["frequencies_hz"] == (100.0, 165.0)
     assert presets.get(PROTOCOLS["static-loading"], "zwei Gewichte, µ").model_dump()["repeats"] == 2

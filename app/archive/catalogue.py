@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
-from app.archive.run_summary import Entry, State, bare_entry, read_entry, with_notes
+from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 
 SCHEMA = 3
-"""Raise it when `Entry` changes: an index of another schema is thrown away."""
+"""Raise it when `RunSummary` changes: an index of another schema is thrown away."""
 
-BATCH = 100
+FILES_PER_COMMIT = 100
 """Files read between two commits; others see them then."""
 
 
 @dataclass(frozen=True, slots=True)
-class Scanned:
+class ScanResult:
     """What a look at the folder brought."""
 
     added: int = 0
@@ -33,15 +33,15 @@ class Scanned:
     removed: int = 0
     skipped: tuple[str, ...] = ()
     """A sentence for each folder that could not be read. Files that cannot be are in the list, and say so."""
-    whole: bool = True
+    complete: bool = True
     """False where it was stopped before the end."""
 
     @property
-    def news(self) -> bool:
+    def has_changes(self) -> bool:
         return bool(self.added or self.changed or self.removed)
 
 
-class _Seen(NamedTuple):
+class _FileStamp(NamedTuple):
     """What tells that a file has changed."""
 
     modified_ns: int
@@ -50,14 +50,14 @@ class _Seen(NamedTuple):
 
 
 @dataclass
-class _Walk:
+class _FolderListing:
     """What lies in a folder and below."""
 
     runs: dict[str, os.stat_result] = field(default_factory=dict)
     notes: dict[str, int] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
 
-    def notes_of(self, run: str) -> str:
+    def notes_path_of(self, run: str) -> str:
         """Where the notes of a run are: beside it, or where it lay before somebody moved the run alone."""
         beside = run.removesuffix(".h5") + NOTES_SUFFIX
         if beside in self.notes:
@@ -80,72 +80,72 @@ class Catalogue:
         self.folder = folder
         self.index = index or index_path(folder)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[RunSummary]:
         """Every run known, newest first."""
-        with self._connected() as db:
-            rows = db.execute(f"SELECT {', '.join(Entry._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
-            return list(map(Entry._make, rows))
+        with self._connection() as db:
+            rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
+            return list(map(RunSummary._make, rows))
 
     def scan(
         self,
-        told: Callable[[int, int], None] = lambda _done, _all: None,
-        stopped: Callable[[], bool] = lambda: False,
-        leave: Collection[Path] = (),
-    ) -> Scanned:
+        progress: Callable[[int, int], None] = lambda _done, _all: None,
+        cancelled: Callable[[], bool] = lambda: False,
+        exclude: Collection[Path] = (),
+    ) -> ScanResult:
         """Look what was added, changed, moved or deleted, and read that.
 
         `told` hears how many of how many files are read, `stopped` is asked between them. Files in `leave` are being
         written by this very program: they are listed, but not opened.
         """
-        left = {str(path.resolve()) for path in leave}
-        walk = _walk(self.folder)
+        left = {str(path.resolve()) for path in exclude}
+        walk = _list_folder(self.folder)
         added = changed = done = 0
-        with self._connected() as db:
+        with self._connection() as db:
             known = {
-                path: (_Seen(*seen), state)
+                path: (_FileStamp(*seen), state)
                 for path, state, *seen in db.execute("SELECT path, state, modified_ns, size, notes_ns FROM runs")
             }
             gone = known.keys() - walk.runs.keys()
             db.executemany("DELETE FROM runs WHERE path = ?", [(path,) for path in gone])
             due = []
             for path, stat in walk.runs.items():
-                notes = walk.notes_of(path)
-                seen = _Seen(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
+                notes = walk.notes_path_of(path)
+                seen = _FileStamp(stat.st_mtime_ns, stat.st_size, walk.notes.get(notes, 0))
                 # A file that says `running` does not change when its writer dies.
-                if path not in known or known[path][0] != seen or known[path][1] == State.RUNNING:
+                if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
             # Newest first: names begin with the time, and that is what a person looks for.
             for path, notes, seen in sorted(due, key=lambda item: item[0].rpartition("/")[2], reverse=True):
-                if stopped():
-                    return Scanned(added, changed, len(gone), tuple(walk.skipped), whole=False)
+                if cancelled():
+                    return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete=False)
                 entry = self._read(path, notes, seen, left)
                 if entry is None:
                     db.execute("DELETE FROM runs WHERE path = ?", (path,))
                 else:
-                    _put(db, entry)
+                    _upsert(db, entry)
                     added += path not in known
                     changed += path in known and known[path] != (seen, entry.state)
                 done += 1
-                told(done, len(due))
-                if done % BATCH == 0:
+                progress(done, len(due))
+                if done % FILES_PER_COMMIT == 0:
                     db.commit()
-        return Scanned(added, changed, len(gone), tuple(walk.skipped))
+        return ScanResult(added, changed, len(gone), tuple(walk.skipped))
 
-    def put(self, entries: Sequence[Entry]) -> None:
+    def upsert(self, entries: Sequence[RunSummary]) -> None:
         """Enter entries as they are; the next scan corrects what the files do not bear out."""
-        with self._connected() as db:
+        with self._connection() as db:
             for entry in entries:
-                _put(db, entry)
+                _upsert(db, entry)
 
-    def _read(self, path: str, notes: str, seen: _Seen, left: Collection[str]) -> Entry | None:
+    def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
         file = self.folder / path
-        if str(file.resolve()) in left:
-            entry: Entry | None = bare_entry(path, State.RUNNING, "being written by this program")
+        if str(file.resolve()) in excluded:
+            entry: RunSummary | None = summary_from_file_name(path, RunState.RUNNING, "being written by this program")
         else:
-            entry = read_entry(file, path)
+            entry = read_run_summary(file, path)
         if entry is None:
             return None
-        entry = entry._replace(modified_ns=seen.modified_ns, size=seen.size, notes_ns=seen.notes_ns)
+        entry = entry._replace(modified_ns=stamp.modified_ns, size=stamp.size, notes_ns=stamp.notes_ns)
         if not notes:
             return entry
         try:
@@ -154,7 +154,7 @@ class Catalogue:
             return with_notes(entry, Notes(note=str(error)))
 
     @contextmanager
-    def _connected(self) -> Iterator[sqlite3.Connection]:
+    def _connection(self) -> Iterator[sqlite3.Connection]:
         db = self._open()
         try:
             with db:
@@ -167,7 +167,7 @@ class Catalogue:
         for _ in range(2):
             db = sqlite3.connect(self.index, timeout=10.0)
             try:
-                if self._ready(db):
+                if self._ensure_schema(db):
                     return db
             except sqlite3.OperationalError:
                 db.close()
@@ -180,7 +180,7 @@ class Catalogue:
         raise sqlite3.DatabaseError(f"the index {self.index} cannot be made")
 
     @staticmethod
-    def _ready(db: sqlite3.Connection) -> bool:
+    def _ensure_schema(db: sqlite3.Connection) -> bool:
         """Whether the index is of today's schema; an empty one is made so."""
         (version,) = db.execute("PRAGMA user_version").fetchone()
         if version == SCHEMA:
@@ -188,7 +188,7 @@ class Catalogue:
         if version != 0 or db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             return False
         db.execute("PRAGMA journal_mode = WAL")
-        db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(Entry._fields[1:])}) WITHOUT ROWID")
+        db.execute(f"CREATE TABLE runs (path PRIMARY KEY, {', '.join(RunSummary._fields[1:])}) WITHOUT ROWID")
         db.execute(f"PRAGMA user_version = {SCHEMA}")
         db.commit()
         return True
@@ -207,13 +207,13 @@ def index_path(folder: Path) -> Path:
     return Path(tempfile.gettempdir()) / f"tactor-bench-{name}"
 
 
-def _put(db: sqlite3.Connection, entry: Entry) -> None:
+def _upsert(db: sqlite3.Connection, entry: RunSummary) -> None:
     db.execute(f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * len(entry))})", entry)  # noqa: S608
 
 
-def _walk(folder: Path) -> _Walk:
+def _list_folder(folder: Path) -> _FolderListing:
     """Run files and notes in a folder and below, by their path within it; hidden folders are left out."""
-    walk = _Walk()
+    walk = _FolderListing()
     pending = [""]
     while pending:
         inside = pending.pop()

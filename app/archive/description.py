@@ -4,12 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.common.formatting import duration, ended, point_line, quantity, size
-from protocols.base.events import FaultSwitched
+from app.common.formatting import format_bytes, format_duration, format_outcome, format_point, format_quantity
+from protocols.base.events import InjectedFaultChanged
 from protocols.base.quality import Quality
-from protocols.base.rounding import figures
+from protocols.base.rounding import format_with_uncertainty
 from protocols.registry import PROTOCOLS
-from protocols.resume import points_of
+from protocols.resume import measured_points
 from protocols.runfile.reader import Run
 
 
@@ -25,8 +25,8 @@ def run_record(run: Run) -> dict[str, Any]:
         "simulated": run.simulated,
         "imported": run.imported,
         "sample_rate_hz": run.trace.rate_hz,
-        "samples": run.trace.samples,
-        "broken_on_purpose": [broken._asdict() for broken in broken_on_purpose(run)],
+        "samples": run.trace.sample_count,
+        "broken_on_purpose": [broken._asdict() for broken in injected_faults(run)],
         "parameters": run.parameters,
         "points": run.points(),
         "units": run.units(),
@@ -41,14 +41,14 @@ def run_record(run: Run) -> dict[str, Any]:
 def run_text(run: Run) -> str:
     """A page about a run, for a terminal."""
     points = run.points()
-    length = duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
+    length = format_duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
         f"{run.title}" + ("   SIMULATED" if run.simulated else ""),
-        ended(run.state, run.reason),
-        _origin(run)
-        or f"begun {run.start_time}, {run.trace.samples} scans at {run.trace.rate_hz:g} Hz ({length}), "
-        f"{size(run.path.stat().st_size)}",
-        *_broken(run),
+        format_outcome(run.state, run.reason),
+        _import_text(run)
+        or f"begun {run.start_time}, {run.trace.sample_count} scans at {run.trace.rate_hz:g} Hz ({length}), "
+        f"{format_bytes(run.path.stat().st_size)}",
+        *_fault_lines(run),
         "",
     ]
     if not len(next(iter(points.values()), ())):
@@ -61,8 +61,8 @@ def run_text(run: Run) -> str:
         )
         lines += [
             ("" if stretched is None else f"{1e3 * stretched[row]:6.2f} ".replace("   nan", "  free"))
-            + f"{f:9.3f} {1e6 * p:11.1f} {figures(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
-            f"{Quality(int(q)).words}".replace("nan", "  -")
+            + f"{f:9.3f} {1e6 * p:11.1f} {format_with_uncertainty(2e6 * a, 2e6 * u):>18} {np.degrees(phase):8.1f} {100 * thd:6.1f}  "
+            f"{Quality(int(q)).description}".replace("nan", "  -")
             for row, (f, p, a, u, phase, thd, q) in enumerate(zip(
                 *(
                     points[name]
@@ -74,7 +74,7 @@ def run_text(run: Run) -> str:
             ))
         ]  # fmt: skip
     elif not run.imported and (kind := PROTOCOLS.get(run.protocol)) and hasattr(kind.point_type, "words"):
-        lines += [point_line(point) for _, point in points_of(run, kind.point_type)]
+        lines += [format_point(point) for _, point in measured_points(run, kind.point_type)]
     else:
         units = run.units()
         shown = [
@@ -84,11 +84,11 @@ def run_text(run: Run) -> str:
         ]
         for row, quality in enumerate(points["quality"]):
             told = [
-                f"{name.replace('_', ' ')} {quantity(points[name][row], _error(points, name, row), units[name])}"
+                f"{name.replace('_', ' ')} {format_quantity(points[name][row], _standard_error(points, name, row), units[name])}"
                 for name in shown
                 if np.isfinite(points[name][row])
             ]
-            lines.append(f"{row + 1}: {', '.join(told)}; {Quality(int(quality)).words}")
+            lines.append(f"{row + 1}: {', '.join(told)}; {Quality(int(quality)).description}")
     for curve in run.curves():
         x = curve.columns[curve.x]
         title = f"{curve.name} {curve.label}".strip()
@@ -96,12 +96,12 @@ def run_text(run: Run) -> str:
             what = "lines" if x.unit == "Hz" else "values"
             lines.append(f"{title}: {len(x.values)} {what}, {x.values.min():.4g} to {x.values.max():.4g} {x.unit}")
     for estimate in run.estimates():
-        value = quantity(estimate.value, estimate.standard_error, estimate.unit)
+        value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
         lines.append(f"{estimate.name}: {value}   ({estimate.source})")
     return "\n".join(lines)
 
 
-class Broken(NamedTuple):
+class InjectedFault(NamedTuple):
     """A fault of the simulated bench that somebody set while a run went on; seconds after the run's beginning."""
 
     fault: str
@@ -111,36 +111,36 @@ class Broken(NamedTuple):
     """None where it was still broken when the run ended."""
 
     @property
-    def sentence(self) -> str:
+    def description(self) -> str:
         until = "to its end" if self.until_s is None else f"to {self.until_s:.2f} s"
         return f"BROKEN ON PURPOSE, {self.from_s:.2f} s {until}: {self.words} ({self.fault})"
 
 
-def broken_on_purpose(run: Run) -> list[Broken]:
+def injected_faults(run: Run) -> list[InjectedFault]:
     """What was broken on purpose during a run, in its order."""
-    found: list[Broken] = []
+    found: list[InjectedFault] = []
     for event in () if run.imported else run.events():
-        if event.kind != FaultSwitched.kind:
+        if event.kind != InjectedFaultChanged.kind:
             continue
         name, at_s = event.fields["fault"], event.time_s
         last = next((i for i, b in enumerate(found) if b.fault == name and b.until_s is None), None)
         if event.fields["broken"] and last is None:
-            found.append(Broken(name, event.fields["words"], at_s, None))
+            found.append(InjectedFault(name, event.fields["words"], at_s, None))
         elif not event.fields["broken"] and last is not None:
             found[last] = found[last]._replace(until_s=at_s)
     return found
 
 
-def _broken(run: Run) -> list[str]:
+def _fault_lines(run: Run) -> list[str]:
     """A line for each fault; those of the run this one goes on with are about the points that it carries over."""
-    lines = [broken.sentence for broken in broken_on_purpose(run)]
-    if (earlier := run.continues) is not None and earlier.exists():
+    lines = [broken.description for broken in injected_faults(run)]
+    if (earlier := run.resumed_from) is not None and earlier.exists():
         with Run(earlier) as before:
-            lines += [f"{words}, in {earlier.name}" for words in _broken(before)]
+            lines += [f"{words}, in {earlier.name}" for words in _fault_lines(before)]
     return lines
 
 
-def _origin(run: Run) -> str:
+def _import_text(run: Run) -> str:
     """Which columns of which file an imported run was made of; empty for a measured one."""
     if not (told := run.imported):
         return ""
@@ -153,7 +153,7 @@ def _origin(run: Run) -> str:
     return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in told["cautions"])])
 
 
-def _error(points: dict[str, Any], name: str, row: int) -> float:
+def _standard_error(points: dict[str, Any], name: str, row: int) -> float:
     """The standard error that stands beside a column, 0 where there is none."""
     column = points.get(f"{name}_errors")
     return float(column[row]) if column is not None else 0.0

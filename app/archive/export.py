@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.archive.description import run_record
-from protocols.base.jsonable import plain
+from protocols.base.jsonable import to_jsonable
 from protocols.base.quality import Quality
 from protocols.runfile.reader import Run
 
@@ -21,12 +21,12 @@ FORMATS: tuple[Format, ...] = ("csv", "json", "mat")
 Part = Literal["about", "points", "estimates", "events", "raw"]
 PARTS: tuple[Part, ...] = ("about", "points", "estimates", "events", "raw")
 
-CHUNK = 20_000
+ROWS_PER_CHUNK = 20_000
 """Rows converted at once; the interpreter is free for others between two."""
-LARGEST_WHOLE = 20_000_000
+MAX_SCANS_IN_ONE_FILE = 20_000_000
 """Scans of raw data that JSON and MAT, which are written whole, may hold."""
 
-LEAD = (
+LEADING_COLUMNS = (
     "frequency",
     "peak_to_peak",
     "peak_to_peak_errors",
@@ -37,20 +37,20 @@ LEAD = (
 )
 """Columns of points that stand first in a sheet; the file knows no order."""
 
-RAW = (("time", "s"), ("drive", "V"), ("displacement", "m"))
+RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
 
 
 class ExportError(Exception):
     """A run cannot be exported. The sentence says why and what would do."""
 
 
-def export(
+def export_run(
     run: Run,
     folder: Path,
     kind: Format = "csv",
     parts: Sequence[Part] = PARTS,
-    told: Callable[[float], None] = lambda _share: None,
-    stopped: Callable[[], bool] = lambda: False,
+    progress: Callable[[float], None] = lambda _share: None,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Path]:
     """Write `parts` of a run into `folder`, which is made; the files written. Files of the same names are replaced.
 
@@ -60,9 +60,9 @@ def export(
     Raises:
         ExportError: a file cannot be written, or the run is too long for the format.
     """
-    if kind != "csv" and "raw" in parts and run.trace.samples > LARGEST_WHOLE:
+    if kind != "csv" and "raw" in parts and run.trace.sample_count > MAX_SCANS_IN_ONE_FILE:
         raise ExportError(
-            f"{run.path.name} has {run.trace.samples} scans, and {kind} holds at most {LARGEST_WHOLE}: "
+            f"{run.path.name} has {run.trace.sample_count} scans, and {kind} holds at most {MAX_SCANS_IN_ONE_FILE}: "
             "take csv, or leave the raw data out"
         )
     stem = run.path.stem + ("_SIMULATED" if run.simulated else "")
@@ -72,20 +72,20 @@ def export(
         if kind == "csv":
             for part in parts:
                 path = folder / f"{stem}_{part}.csv"
-                if not _whole(path, lambda to, part=part: _csv(run, part, to, told, stopped)):  # type: ignore[misc]
+                if not _write_complete(path, lambda to, part=part: _write_csv(run, part, to, progress, cancelled)):  # type: ignore[misc]
                     return written
                 written.append(path)
         else:
             path = folder / f"{stem}.{kind}"
-            write = _json if kind == "json" else _mat
-            if _whole(path, lambda to: write(run, parts, to, told, stopped)):
+            write = _write_json if kind == "json" else _write_mat
+            if _write_complete(path, lambda to: write(run, parts, to, progress, cancelled)):
                 written.append(path)
     except OSError as error:
         raise ExportError(f"{folder} cannot be written to: {error.strerror or error}; choose another folder") from None
     return written
 
 
-def _whole(path: Path, write: Callable[[Path], bool]) -> bool:
+def _write_complete(path: Path, write: Callable[[Path], bool]) -> bool:
     """Write under a working name, so that a file that bears its name is whole."""
     working = path.with_name(path.name + ".part")
     try:
@@ -97,25 +97,27 @@ def _whole(path: Path, write: Callable[[Path], bool]) -> bool:
         working.unlink(missing_ok=True)
 
 
-def _csv(run: Run, part: Part, path: Path, told: Callable[[float], None], stopped: Callable[[], bool]) -> bool:
+def _write_csv(
+    run: Run, part: Part, path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
+) -> bool:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         if part == "raw":
-            rows.writerow(f"{name} [{unit}]" for name, unit in RAW)
-            for share, *columns in _raw(run):
-                if stopped():
+            rows.writerow(f"{name} [{unit}]" for name, unit in RAW_COLUMNS)
+            for share, *columns in _raw_rows(run):
+                if cancelled():
                     return False
                 file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
-                told(share)
+                progress(share)
             return True
-        head, body = _table(run, part)
+        head, body = _table_rows(run, part)
         rows.writerow(head)
         rows.writerows(body)
     return True
 
 
-def _json(
-    run: Run, parts: Sequence[Part], path: Path, told: Callable[[float], None], stopped: Callable[[], bool]
+def _write_json(
+    run: Run, parts: Sequence[Part], path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
 ) -> bool:
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
@@ -125,35 +127,35 @@ def _json(
     if "estimates" in parts:
         record["estimates"] = whole["estimates"]
     if "events" in parts:
-        record["events"] = list(_events(run))
+        record["events"] = list(_event_records(run))
     with path.open("w", encoding="utf-8") as file:
-        text = json.dumps(plain(record), ensure_ascii=False, allow_nan=False)
+        text = json.dumps(to_jsonable(record), ensure_ascii=False, allow_nan=False)
         file.write(text.removesuffix("}"))
         if "raw" in parts:
-            file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(RAW)))
-            for at, (name, _) in enumerate(RAW):
+            file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(RAW_COLUMNS)))
+            for at, (name, _) in enumerate(RAW_COLUMNS):
                 file.write(f', "{name}": [')
-                for number, (share, *columns) in enumerate(_raw(run)):
-                    if stopped():
+                for number, (share, *columns) in enumerate(_raw_rows(run)):
+                    if cancelled():
                         return False
                     values = (f"{v:.9g}" if v == v else "null" for v in columns[at].tolist())
                     file.write(("," if number else "") + ",".join(values))
-                    told((at + share) / len(RAW))
+                    progress((at + share) / len(RAW_COLUMNS))
                 file.write("]")
             file.write("}")
         file.write("}\n")
     return True
 
 
-def _mat(
-    run: Run, parts: Sequence[Part], path: Path, told: Callable[[float], None], stopped: Callable[[], bool]
+def _write_mat(
+    run: Run, parts: Sequence[Part], path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
 ) -> bool:
     """Structures `about`, `points`, `estimates`, `events`, `raw`, each with a `units` of its fields."""
     from scipy.io import savemat
 
     record: dict[str, Any] = {}
     if "about" in parts:
-        record["about"] = dict(_about(run))
+        record["about"] = dict(_about_rows(run))
     if "points" in parts:
         record["points"] = {name: np.asarray(column) for name, column in run.points().items()}
         record["points"]["units"] = run.units()
@@ -163,7 +165,7 @@ def _mat(
             for e in run.estimates()
         }
     if "events" in parts:
-        events = list(_events(run))
+        events = list(_event_records(run))
         record["events"] = {
             "time": np.array([e["time"] for e in events]),
             "kind": np.array([e["kind"] for e in events], object),
@@ -172,77 +174,89 @@ def _mat(
         }
     if "raw" in parts:
         kept: list[list[Any]] = [[], [], []]
-        for share, *columns in _raw(run):
-            if stopped():
+        for share, *columns in _raw_rows(run):
+            if cancelled():
                 return False
             for into, column in zip(kept, columns, strict=True):
                 into.append(column)
-            told(share)
+            progress(share)
         record["raw"] = {
-            name: np.concatenate(column) if column else np.empty(0) for (name, _), column in zip(RAW, kept, strict=True)
+            name: np.concatenate(column) if column else np.empty(0)
+            for (name, _), column in zip(RAW_COLUMNS, kept, strict=True)
         }
-        record["raw"]["units"] = dict(RAW)
+        record["raw"]["units"] = dict(RAW_COLUMNS)
     savemat(str(path), record, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
     return True
 
 
-def _raw(run: Run) -> Iterator[tuple[Any, ...]]:
+def _raw_rows(run: Run) -> Iterator[tuple[Any, ...]]:
     """How much is done after it, then time, drive and displacement of the next scans."""
-    trace, samples = run.trace, run.trace.samples
-    for start in range(0, samples, CHUNK):
-        stop = min(start + CHUNK, samples)
+    trace, samples = run.trace, run.trace.sample_count
+    for start in range(0, samples, ROWS_PER_CHUNK):
+        stop = min(start + ROWS_PER_CHUNK, samples)
         yield stop / samples, trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
 
 
-def _table(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
+def _table_rows(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
     """Header and rows of everything but the raw data."""
     match part:
         case "points":
             points, units = run.points(), run.units()
             head: list[str] = []
             columns: list[Any] = []
-            for name in sorted(points, key=lambda name: LEAD.index(name) if name in LEAD else len(LEAD)):
+            for name in sorted(
+                points,
+                key=lambda name: LEADING_COLUMNS.index(name) if name in LEADING_COLUMNS else len(LEADING_COLUMNS),
+            ):
                 column = points[name]
                 for order in range(column.shape[1]) if column.ndim > 1 else (None,):
                     head.append(f"{name if order is None else f'{name}_{order + 1}'} [{units[name]}]")
                     columns.append(column if order is None else column[:, order])
-            words = [Quality(int(q)).words for q in points.get("quality", ())]
-            body = ([*map(_text, row)] for row in zip(*columns, strict=True))
+            words = [Quality(int(q)).description for q in points.get("quality", ())]
+            body = ([*map(_format_number, row)] for row in zip(*columns, strict=True))
             if not words:
                 return head, body
             return [*head, "quality in words"], ([*row, said] for row, said in zip(body, words, strict=True))
         case "estimates":
-            rows = ([e.name, _text(e.value), _text(e.standard_error), e.unit, e.source] for e in run.estimates())
+            rows = (
+                [e.name, _format_number(e.value), _format_number(e.standard_error), e.unit, e.source]
+                for e in run.estimates()
+            )
             return ["name", "value", "standard error", "unit", "source"], rows
         case "events":
             told = (
-                [_text(e["time"]), e["row"], e["kind"], json.dumps(e["fields"], default=str, ensure_ascii=False)]
-                for e in _events(run)
+                [
+                    _format_number(e["time"]),
+                    e["row"],
+                    e["kind"],
+                    json.dumps(e["fields"], default=str, ensure_ascii=False),
+                ]
+                for e in _event_records(run)
             )
             return ["time [s]", "row", "kind", "fields"], told
         case _:
-            return ["name", "value"], ([name, value] for name, value in _about(run))
+            return ["name", "value"], ([name, value] for name, value in _about_rows(run))
 
 
-def _about(run: Run) -> Iterator[tuple[str, Any]]:
+def _about_rows(run: Run) -> Iterator[tuple[str, Any]]:
     """What the run was; parameters one by one."""
     yield "file", run.path.name
     for name in ("protocol", "specimen", "state", "reason", "start_time"):
         yield name, str(getattr(run, name))
     yield "simulated", int(run.simulated)
     yield "sample_rate_hz", run.trace.rate_hz
-    yield "samples", run.trace.samples
+    yield "samples", run.trace.sample_count
     for name, value in run.parameters.items():
         yield f"parameter_{name}", value if isinstance(value, int | float | str) else json.dumps(value)
     for name, value in run.software.items():
         yield f"software_{name}".replace("-", "_"), value
 
 
-def _events(run: Run) -> Iterator[Mapping[str, Any]]:
+def _event_records(run: Run) -> Iterator[Mapping[str, Any]]:
     for event in run.events():
         yield {"time": event.time_s, "row": event.row, "kind": event.kind, "fields": event.fields}
 
 
-def _text(value: float) -> str:
+def _format_number(value: float) -> str:
     """Every digit; nothing where there is no number."""
     return repr(float(value)) if np.isfinite(value) else ""

@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common.atomic_write import write_whole
+from app.common.atomic_write import write_atomic
 
 NOTES_SUFFIX = ".notes.json"
 
@@ -66,6 +66,6 @@ def write_notes(run: Path, notes: Notes) -> None:
             path.unlink(missing_ok=True)
             return
         text = json.dumps({"tags": list(notes.tags), "note": notes.note}, indent=2, ensure_ascii=False) + "\n"
-        write_whole(path, text)
+        write_atomic(path, text)
     except OSError as error:
         raise NotesError(f"the notes {path} cannot be written: {os.strerror(error.errno or 5)}") from None

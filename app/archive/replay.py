@@ -11,23 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.session.messages import Level, Message, point_words, sentence
-from protocols.base.events import EVENTS, Asked, BlockTaken, Playing, PointMeasured, Recorded
+from app.session.messages import LogLine, Severity, describe_event, describe_point
+from protocols.base.events import EVENTS, BlockStored, DriveStarted, PointMeasured, PromptShown, RecordingFinished
 from protocols.base.protocol import Protocol
-from protocols.base.quality import usable
-from protocols.base.records import Curve, Estimate
+from protocols.base.quality import usable_mask
+from protocols.base.records import EstimatedQuantity, ResultCurve
 from protocols.registry import PROTOCOLS
-from protocols.resume import points_of
-from protocols.runfile.reader import Happened, Run, RunError
-from protocols.runfile.trace import Trace
+from protocols.resume import measured_points
+from protocols.runfile.reader import LoggedEvent, Run, RunReadError
+from protocols.runfile.trace import RunTrace
 
 Array = NDArray[np.float64]
-CHUNK = 1_000_000
-COLUMNS = 2000
+ROWS_PER_CHUNK = 1_000_000
+TRACE_COLUMNS = 2000
 
 
 @dataclass(frozen=True, slots=True)
-class Traces:
+class TraceWindow:
     """Drive (V) and displacement (um) over the time shown, all (N,): as low, high, low, high ..., or every sample."""
 
     time_s: Array
@@ -38,7 +38,7 @@ class Traces:
 
 
 @dataclass(frozen=True, slots=True)
-class Reopened:
+class LoadedRun:
     """Everything the page shows of one run."""
 
     path: Path
@@ -51,20 +51,20 @@ class Reopened:
     simulated: bool
     parameters: Mapping[str, Any]
     points: tuple[Any, ...]
-    curves: tuple[Curve, ...]
-    estimates: tuple[Estimate, ...]
-    messages: tuple[Message, ...]
-    traces: Traces
+    curves: tuple[ResultCurve, ...]
+    estimates: tuple[EstimatedQuantity, ...]
+    messages: tuple[LogLine, ...]
+    traces: TraceWindow
     duration_s: float
 
     @property
-    def top_hz(self) -> float:
+    def max_hz(self) -> float:
         """How far the response reaches."""
         return max((float(p.frequency) for p in self.points if hasattr(p, "frequency")), default=250.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredResponse:
     """The points of a run, to lie over the curves; all (P,), SI."""
 
     path: Path
@@ -81,7 +81,7 @@ class Measured:
     usable: NDArray[np.bool_]
 
 
-def reopen(path: Path) -> Reopened:
+def load_run(path: Path) -> LoadedRun:
     """Read a run.
 
     Raises:
@@ -90,10 +90,10 @@ def reopen(path: Path) -> Reopened:
     try:
         with Run(path) as run:
             kind = PROTOCOLS.get(run.protocol)
-            points = tuple(_points(run, kind))
+            points = tuple(_load_points(run, kind))
             begun = datetime.fromisoformat(run.start_time).astimezone()
-            log = [_message(event, begun, kind) for event in run.events()]
-            return Reopened(
+            log = [_log_line(event, begun, kind) for event in run.events()]
+            return LoadedRun(
                 path,
                 run.title,
                 run.protocol,
@@ -107,14 +107,14 @@ def reopen(path: Path) -> Reopened:
                 run.curves(),
                 run.estimates(),
                 tuple(message for message in log if message is not None),
-                read_traces(run.trace),
+                read_trace_window(run.trace),
                 run.trace.duration_s,
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunError(f"{path} is damaged inside: {error}") from None
+        raise RunReadError(f"{path} is damaged inside: {error}") from None
 
 
-def read_measured(path: Path) -> Measured:
+def read_measured_response(path: Path) -> MeasuredResponse:
     """Return the points of a run that has a response over frequency.
 
     Raises:
@@ -124,10 +124,10 @@ def read_measured(path: Path) -> Measured:
         with Run(path) as run:
             points = run.points()
             if not len(points.get("frequency", ())) or "fundamental" not in points:
-                raise RunError(f"{path.name} has no points over frequency; take a finished sine dwell")
+                raise RunReadError(f"{path.name} has no points over frequency; take a finished sine dwell")
             order = np.argsort(points["frequency"], kind="stable")
             columns = {name: column[order] for name, column in points.items()}
-            return Measured(
+            return MeasuredResponse(
                 path,
                 f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
                 run.simulated,
@@ -138,22 +138,22 @@ def read_measured(path: Path) -> Measured:
                 2 * columns["fundamental"],
                 columns["fundamental_errors"],
                 np.unwrap(columns["phase"]),
-                usable(columns["quality"]),
+                usable_mask(columns["quality"]),
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunError(f"{path.name} is damaged inside: {error}") from None
+        raise RunReadError(f"{path.name} is damaged inside: {error}") from None
 
 
-def read_traces(trace: Trace, start: int = 0, stop: int | None = None) -> Traces:
-    """Smallest and largest of each of `COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
-    stop = trace.samples if stop is None else min(stop, trace.samples)
-    per = max(-(-(stop - start) // COLUMNS), 1)
-    if 0 < stop - start <= 2 * COLUMNS:
-        return Traces(
+def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) -> TraceWindow:
+    """Smallest and largest of each of `TRACE_COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
+    stop = trace.sample_count if stop is None else min(stop, trace.sample_count)
+    per = max(-(-(stop - start) // TRACE_COLUMNS), 1)
+    if 0 < stop - start <= 2 * TRACE_COLUMNS:
+        return TraceWindow(
             trace.time_s(start, stop), trace.drive_v(start, stop), 1e6 * trace.displacement_m(start, stop), raw=True
         )
     kept: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
-    step = max(CHUNK // per, 1) * per
+    step = max(ROWS_PER_CHUNK // per, 1) * per
     for first in range(start, stop, step):
         last = min(first + step, stop)
         edges = np.arange(0, last - first, per)
@@ -162,11 +162,11 @@ def read_traces(trace: Trace, start: int = 0, stop: int | None = None) -> Traces
             pairs = np.stack((np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)), axis=1)
             into.append(pairs.ravel())
     if not kept[0]:
-        return Traces(np.empty(0), np.empty(0), np.empty(0))
-    return Traces(np.repeat(np.concatenate(kept[0]), 2), np.concatenate(kept[1]), np.concatenate(kept[2]))
+        return TraceWindow(np.empty(0), np.empty(0), np.empty(0))
+    return TraceWindow(np.repeat(np.concatenate(kept[0]), 2), np.concatenate(kept[1]), np.concatenate(kept[2]))
 
 
-def look_closer(path: Path, from_s: float, to_s: float) -> Traces:
+def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:
     """The traces of a part of a run: every sample where they are few enough to be seen.
 
     Raises:
@@ -175,21 +175,25 @@ def look_closer(path: Path, from_s: float, to_s: float) -> Traces:
     try:
         with Run(path) as run:
             trace = run.trace
-            rows = range(trace.samples)
+            rows = range(trace.sample_count)
 
             def scanned(row: int) -> float:
                 return float(trace.time_s(row, row + 1)[0])
 
             start, stop = bisect_left(rows, from_s, key=scanned), bisect_right(rows, to_s, key=scanned)
-            return read_traces(trace, max(start - 1, 0), stop + 1)
+            return read_trace_window(trace, max(start - 1, 0), stop + 1)
     except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunError(f"{path} is damaged inside: {error}") from None
+        raise RunReadError(f"{path} is damaged inside: {error}") from None
 
 
-def _points(run: Run, kind: type[Protocol] | None) -> list[Any]:
+def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:
     columns = run.points()
-    if kind is not None and not draws(columns) and {f.name for f in fields(kind.point_type)} <= columns.keys():
-        return [point for _, point in points_of(run, kind.point_type)]
+    if (
+        kind is not None
+        and not has_response_columns(columns)
+        and {f.name for f in fields(kind.point_type)} <= columns.keys()
+    ):
+        return [point for _, point in measured_points(run, kind.point_type)]
     rows = zip(*columns.values(), strict=True)
     points = [SimpleNamespace(**dict(zip(columns, row, strict=True))) for row in rows]
     for point in points:
@@ -197,24 +201,28 @@ def _points(run: Run, kind: type[Protocol] | None) -> list[Any]:
     return points
 
 
-def _message(event: Happened, begun: datetime, protocol: type[Protocol] | None) -> Message | None:
+def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | None) -> LogLine | None:
     """The event as the log told it, or none where it told nothing."""
     kind: Any = EVENTS.get(event.kind)  # None for a type that only a newer version of this program knows
-    at = begun + timedelta(seconds=event.time_s)
+    at = started + timedelta(seconds=event.time_s)
     try:
         if event.kind == PointMeasured.kind:
-            make = SimpleNamespace if protocol is None or draws(event.fields["point"]) else protocol.point_type
-            return Message(at, Level.PLAIN, point_words(make(**event.fields["point"])))
-        if event.kind == Asked.kind:
-            return Message(at, Level.ATTENTION, f"Asked: {event.fields['prompt']['text']}")
-        if kind in (None, Playing, Recorded, BlockTaken):
+            make = (
+                SimpleNamespace
+                if protocol is None or has_response_columns(event.fields["point"])
+                else protocol.point_type
+            )
+            return LogLine(at, Severity.INFO, describe_point(make(**event.fields["point"])))
+        if event.kind == PromptShown.kind:
+            return LogLine(at, Severity.WARNING, f"Asked: {event.fields['prompt']['text']}")
+        if kind in (None, DriveStarted, RecordingFinished, BlockStored):
             return None
-        said = sentence(kind(**event.fields))
+        said = describe_event(kind(**event.fields))
     except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: its name at least
-        return Message(at, Level.PLAIN, event.kind)
-    return None if said is None else Message(at, *said)
+        return LogLine(at, Severity.INFO, event.kind)
+    return None if said is None else LogLine(at, *said)
 
 
-def draws(columns: Mapping[str, object]) -> bool:
+def has_response_columns(columns: Mapping[str, object]) -> bool:
     """Whether points are amplitudes over frequency, which are drawn and told also where a column is missing."""
     return "frequency" in columns and "peak_to_peak" in columns

@@ -8,15 +8,15 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from app.archive.notes import Notes
-from app.common.formatting import quantity
-from protocols.base.events import Status
-from protocols.runfile.reader import NewerRunError, NoRunError, Run, RunError
+from app.common.formatting import format_quantity
+from protocols.base.events import RunStatus
+from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError
 
-SILENT_S = 600.0
+STALE_AFTER_S = 600.0
 """A file that says `running` and was not written for so long is told apart."""
 
 
-class State(StrEnum):
+class RunState(StrEnum):
     """How a run stands. The first five are what the file says."""
 
     COMPLETED = "completed"
@@ -34,10 +34,10 @@ class State(StrEnum):
     @property
     def readable(self) -> bool:
         """Whether the run can be opened."""
-        return self not in (State.NEWER, State.DAMAGED)
+        return self not in (RunState.NEWER, RunState.DAMAGED)
 
 
-class Entry(NamedTuple):
+class RunSummary(NamedTuple):
     """One run as the list has it; a plain tuple, because there are ten thousand."""
 
     path: str
@@ -66,7 +66,7 @@ class Entry(NamedTuple):
         return PurePosixPath(self.path).name
 
     @property
-    def begun(self) -> datetime | None:
+    def started_at(self) -> datetime | None:
         """When it began, in local time."""
         try:
             return datetime.fromisoformat(self.start_time).astimezone()
@@ -75,23 +75,23 @@ class Entry(NamedTuple):
 
     @property
     def readable(self) -> bool:
-        return State(self.state).readable
+        return RunState(self.state).readable
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RunFilter:
     """Which runs are wanted; an empty text wants all. Every word of `words` must occur somewhere."""
 
-    words: str = ""
+    search_text: str = ""
     specimen: str = ""
     protocol: str = ""
     state: str = ""
     since: str = ""
     """ISO, UTC."""
 
-    def among(self, entries: Iterable[Entry]) -> list[Entry]:
+    def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
         """The wanted ones, in their order."""
-        words = self.words.casefold().split()
+        words = self.search_text.casefold().split()
         return [
             e
             for e in entries
@@ -125,22 +125,22 @@ def read_since(text: str, now: datetime | None = None) -> str:
     return begin.astimezone(UTC).isoformat(timespec="milliseconds")
 
 
-def read_entry(file: Path, path: str) -> Entry | None:
+def read_run_summary(file: Path, path: str) -> RunSummary | None:
     """The entry of a file, `path` within the folder; None where it is an HDF5 file of another kind.
 
     A file that cannot be read has an entry too, with the reason.
     """
     try:
         with Run(file) as run:
-            state = State(run.state)
-            found = "; ".join(f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates())
+            state = RunState(run.state)
+            found = "; ".join(f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates())
             reason = run.reason
-            if state is State.RUNNING and not reason:
-                reason = _running_words(file)
-            elif state is State.CRASHED and not reason:
+            if state is RunState.RUNNING and not reason:
+                reason = _running_reason(file)
+            elif state is RunState.CRASHED and not reason:
                 reason = "the program that wrote it is gone; everything up to its end is in the file"
-            return _worded(
-                Entry(
+            return _with_search_text(
+                RunSummary(
                     path=path,
                     state=state,
                     reason=reason,
@@ -159,20 +159,20 @@ def read_entry(file: Path, path: str) -> Entry | None:
                     words="",
                 )
             )
-    except NoRunError as error:
+    except NotARunError as error:
         # A run that lost its end may not even say what it is; its name does.
-        entry = bare_entry(path, State.DAMAGED, f"{error}; or it is damaged: copy it again")
+        entry = summary_from_file_name(path, RunState.DAMAGED, f"{error}; or it is damaged: copy it again")
         return entry if entry.start_time else None
-    except NewerRunError as error:
-        return bare_entry(path, State.NEWER, str(error))
-    except (RunError, OSError, KeyError, ValueError, RuntimeError) as error:
+    except NewerFormatError as error:
+        return summary_from_file_name(path, RunState.NEWER, str(error))
+    except (RunReadError, OSError, KeyError, ValueError, RuntimeError) as error:
         if not file.exists():
             return None
-        why = str(error) if isinstance(error, RunError) else f"{file} is damaged inside: {error}"
-        return bare_entry(path, State.DAMAGED, why)
+        why = str(error) if isinstance(error, RunReadError) else f"{file} is damaged inside: {error}"
+        return summary_from_file_name(path, RunState.DAMAGED, why)
 
 
-def bare_entry(path: str, state: State, reason: str) -> Entry:
+def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:
     """An entry from the file's name alone: `20261121T091502Z_T7_sine-dwell.h5`."""
     stamp, _, rest = PurePosixPath(path).stem.partition("_")
     specimen, _, protocol = rest.rpartition("_")
@@ -180,36 +180,38 @@ def bare_entry(path: str, state: State, reason: str) -> Entry:
         begun = datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).isoformat(timespec="milliseconds")
     except ValueError:
         begun = specimen = protocol = ""
-    return _worded(Entry(path, state, reason, protocol, specimen, begun, 0, 0, 0.0, "", "", "", 0, 0, 0, ""))
-
-
-def with_notes(entry: Entry, notes: Notes) -> Entry:
-    """The entry with what a person added."""
-    return _worded(entry._replace(tags=", ".join(notes.tags), note=notes.note))
-
-
-def _worded(entry: Entry) -> Entry:
-    begun = entry.begun
-    texts = (
-        entry.path,
-        entry.state,
-        entry.reason,
-        entry.protocol,
-        entry.specimen,
-        f"{begun:%Y-%m-%d %H:%M}" if begun else "",
-        "simulated" if entry.simulated else "",
-        entry.found,
-        entry.tags,
-        entry.note,
+    return _with_search_text(
+        RunSummary(path, state, reason, protocol, specimen, begun, 0, 0, 0.0, "", "", "", 0, 0, 0, "")
     )
-    return entry._replace(words="\n".join(texts).casefold())
 
 
-def _running_words(file: Path) -> str:
+def with_notes(summary: RunSummary, notes: Notes) -> RunSummary:
+    """The entry with what a person added."""
+    return _with_search_text(summary._replace(tags=", ".join(notes.tags), note=notes.note))
+
+
+def _with_search_text(summary: RunSummary) -> RunSummary:
+    begun = summary.started_at
+    texts = (
+        summary.path,
+        summary.state,
+        summary.reason,
+        summary.protocol,
+        summary.specimen,
+        f"{begun:%Y-%m-%d %H:%M}" if begun else "",
+        "simulated" if summary.simulated else "",
+        summary.found,
+        summary.tags,
+        summary.note,
+    )
+    return summary._replace(words="\n".join(texts).casefold())
+
+
+def _running_reason(file: Path) -> str:
     written = datetime.fromtimestamp(file.stat().st_mtime).astimezone()
-    if (datetime.now().astimezone() - written).total_seconds() < SILENT_S:
+    if (datetime.now().astimezone() - written).total_seconds() < STALE_AFTER_S:
         return "still being written"
     return f"says it is running, but was last written {written:%Y-%m-%d %H:%M}"
 
 
-assert {s.value for s in Status} <= {s.value for s in State}
+assert {s.value for s in RunStatus} <= {s.value for s in RunState}

@@ -5,18 +5,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.archive.export import Format, export
+from app.archive.export import Format, export_run
 from app.archive.notes import Notes, read_tags, write_notes
-from app.archive.replay import Measured, read_measured
-from app.common.progress import Tell, files, untold
+from app.archive.replay import MeasuredResponse, read_measured_response
+from app.common.progress import ProgressCallback, ignore_progress, split_progress_by_files
 from app.config.tables import AmplifierTable
-from protocols.runfile.reader import Run, RunError
+from protocols.runfile.reader import Run, RunReadError
 
-PIECE = 1 << 20
+COPY_CHUNK_BYTES = 1 << 20
 """Bytes that are copied between two looks at whether to go on."""
 
 
-def annotate(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
+def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
     """Tags and a note for runs; with several, the tags are added to each and notes stay.
 
     Args:
@@ -33,29 +33,36 @@ def annotate(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> Non
 
 
 def export_runs(
-    paths: Sequence[Path], folder: Path, kind: Format, stopped: Callable[[], bool], tell: Tell = untold
+    paths: Sequence[Path],
+    folder: Path,
+    kind: Format,
+    cancelled: Callable[[], bool],
+    progress: ProgressCallback = ignore_progress,
 ) -> int:
     """Write runs as files for other programs; how many files."""
     count = 0
-    for path, told in zip(paths, files(tell, paths), strict=True):
-        if stopped():
+    for path, told in zip(paths, split_progress_by_files(progress, paths), strict=True):
+        if cancelled():
             break
         with Run(path) as run:
-            count += len(export(run, folder, kind, told=told, stopped=stopped))
+            count += len(export_run(run, folder, kind, progress=told, cancelled=cancelled))
     return count
 
 
 @dataclass(frozen=True, slots=True)
-class TakenIn:
+class CopyResult:
     """Names of the runs that were copied, and of those that were there already."""
 
     copied: tuple[str, ...]
-    there: tuple[str, ...]
+    already_present: tuple[str, ...]
 
 
-def take_in(
-    paths: Sequence[Path], folder: Path, stopped: Callable[[], bool] = lambda: False, tell: Tell = untold
-) -> TakenIn:
+def copy_runs_into(
+    paths: Sequence[Path],
+    folder: Path,
+    cancelled: Callable[[], bool] = lambda: False,
+    progress: ProgressCallback = ignore_progress,
+) -> CopyResult:
     """Copy run files into a folder; what is there already is never replaced. Where `stopped` says so, whole files stay.
 
     Raises:
@@ -64,36 +71,36 @@ def take_in(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RunError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
+        raise RunReadError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
     copied, there = list[str](), list[str]()
-    for path, told in zip(paths, files(tell, paths), strict=True):
+    for path, told in zip(paths, split_progress_by_files(progress, paths), strict=True):
         if (folder / path.name).exists():
             there.append(path.name)
             continue
         with Run(path):  # nothing but runs
             pass
         try:
-            whole = _copied(path, folder / path.name, stopped, told)
+            whole = _copy_file(path, folder / path.name, cancelled, told)
         except OSError as error:
-            raise RunError(
+            raise RunReadError(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
             ) from None
         if not whole:
             break
         copied.append(path.name)
-    return TakenIn(tuple(copied), tuple(there))
+    return CopyResult(tuple(copied), tuple(there))
 
 
-def _copied(path: Path, to: Path, stopped: Callable[[], bool], tell: Tell) -> bool:
+def _copy_file(path: Path, to: Path, cancelled: Callable[[], bool], progress: ProgressCallback) -> bool:
     """Copy a file piece by piece; it has its name only when it is whole. False where it was stopped."""
     working, size = to.with_name(f".{to.name}.part"), max(path.stat().st_size, 1)
     try:
         with path.open("rb") as source, working.open("wb") as copy:
-            while piece := source.read(PIECE):
-                if stopped():
+            while piece := source.read(COPY_CHUNK_BYTES):
+                if cancelled():
                     return False
                 copy.write(piece)
-                tell(copy.tell() / size)
+                progress(copy.tell() / size)
         shutil.copystat(path, working)
         working.replace(to)
         return True
@@ -101,8 +108,12 @@ def _copied(path: Path, to: Path, stopped: Callable[[], bool], tell: Tell) -> bo
         working.unlink(missing_ok=True)
 
 
-def bring_in(
-    paths: Sequence[Path], folder: Path, specimen: str, amplifier: AmplifierTable, tell: Tell = untold
+def import_tables(
+    paths: Sequence[Path],
+    folder: Path,
+    specimen: str,
+    amplifier: AmplifierTable,
+    progress: ProgressCallback = ignore_progress,
 ) -> tuple[int, list[str]]:
     """Tables as run files, as `tactor-bench import` makes them without more words; how many, and what looks odd.
 
@@ -116,16 +127,16 @@ def bring_in(
     )
 
     options = ImportOptions(tuple(paths), folder, specimen=specimen or "unnamed")
-    taken, written = import_files(options, amplifier, tell)
-    return len(written), [words for each in taken for words in each.cautions]
+    taken, written = import_files(options, amplifier, progress)
+    return len(written), [words for each in taken for words in each.warnings]
 
 
-def measured_of(paths: Sequence[Path]) -> list[Measured]:
+def measured_responses(paths: Sequence[Path]) -> list[MeasuredResponse]:
     """The responses of those runs that have one."""
     runs = []
     for path in paths:
         try:
-            runs.append(read_measured(path))
-        except RunError:
+            runs.append(read_measured_response(path))
+        except RunReadError:
             continue
     return runs

@@ -14,12 +14,30 @@ from typing import Any, Literal, Self
 
 from pydantic import ValidationError
 
-from app.campaign.plan import CARRIED, PAPER, CampaignError, Item, Plan, campaign_path, known, read_record, write_record
-from app.campaign.status import GOOD, Listed, Made, Next, Shelf, basis_of, stand
+from app.campaign.plan import (
+    CARRIED_PARAMETERS,
+    PAPER_ITEMS,
+    CampaignError,
+    CampaignItem,
+    CampaignPlan,
+    campaign_path,
+    drop_unknown_protocols,
+    read_record,
+    write_record,
+)
+from app.campaign.status import (
+    HAS_VALID_RUN,
+    CampaignRun,
+    CampaignRunCache,
+    ItemState,
+    NextAction,
+    basis_of,
+    evaluate_items,
+)
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.base.protocol import Protocol
-from protocols.base.records import Estimate
+from protocols.base.records import EstimatedQuantity
 from protocols.registry import PROTOCOLS
 
 
@@ -31,15 +49,15 @@ class Campaign:
         self.specimen = str(record["specimen"])
         self.simulated = bool(record["simulated"])
         self.created = str(record["created"])
-        self._plan = Plan(tuple(Item.from_record(item) for item in record["items"]))
+        self._plan = CampaignPlan(tuple(CampaignItem.from_record(item) for item in record["items"]))
         self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
-        self._shelf = Shelf(path.parent)
-        self._writing: tuple[str, Path] | None = None
+        self._run_cache = CampaignRunCache(path.parent)
+        self._active_run: tuple[str, Path] | None = None
         """Item ("" for a run that is none of ours) and file that this program is writing: no second hand may open it."""
         self._lock = threading.RLock()
 
     @classmethod
-    def new(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[Item] = PAPER) -> Self:
+    def create(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[CampaignItem] = PAPER_ITEMS) -> Self:
         """Begin a campaign with those items whose protocol is known.
 
         Raises:
@@ -49,7 +67,7 @@ class Campaign:
         if path.exists():
             raise CampaignError(f"there is a campaign of {specimen} already: {path}; go on with it, or take it away")
         created = datetime.now(UTC).isoformat(timespec="milliseconds")
-        kept = [item.as_record() for item in known(items, PROTOCOLS)]
+        kept = [item.as_record() for item in drop_unknown_protocols(items, PROTOCOLS)]
         record = {"specimen": specimen, "simulated": simulated, "created": created, "items": kept, "based_on": {}}
         campaign = cls(path, record)
         campaign._save()
@@ -62,10 +80,10 @@ class Campaign:
         Raises:
             CampaignError: there is none, or its file cannot be understood.
         """
-        return cls.at(campaign_path(folder, specimen), specimen)
+        return cls.open_file(campaign_path(folder, specimen), specimen)
 
     @classmethod
-    def at(cls, path: Path, specimen: str = "") -> Self:
+    def open_file(cls, path: Path, specimen: str = "") -> Self:
         """The campaign of a file.
 
         Raises:
@@ -85,46 +103,50 @@ class Campaign:
             ) from None
 
     @property
-    def items(self) -> tuple[Item, ...]:
+    def items(self) -> tuple[CampaignItem, ...]:
         """What it consists of, in order."""
         return self._plan.items
 
     # -- how it stands -------------------------------------------------------------------------------------------------
 
-    def listed(self) -> tuple[Listed, ...]:
+    def item_states(self) -> tuple[ItemState, ...]:
         """Every item in order, as the run files have it now."""
         with self._lock:
-            name, file = self._writing or ("", None)
-            made = self._shelf.runs(self.created, leave=file)
-            runs = {item.name: self._of(item, made) for item in self.items}
+            name, file = self._active_run or ("", None)
+            made = self._run_cache.runs(self.created, exclude=file)
+            runs = {item.name: self._runs_of(item, made) for item in self.items}
             if file is not None and name:
                 item = self._plan.item(name)
-                runs[name].append(Made(file, self.specimen, item.protocol, {}, Status.RUNNING))
+                runs[name].append(CampaignRun(file, self.specimen, item.protocol, {}, RunStatus.RUNNING))
             titles = {name: PROTOCOLS.title(name) for name in PROTOCOLS}
-            return stand(self.items, titles, runs, self._based_on)
+            return evaluate_items(self.items, titles, runs, self._based_on)
 
-    def next(self, hands_free: bool = False) -> Listed | None:
+    def next_item(self, hands_free: bool = False) -> ItemState | None:
         """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
-        for line in self.listed():
-            if line.next in (Next.RUN, Next.AGAIN, Next.RESUME) and not (hands_free and self.needs_hands(line.item)):
+        for line in self.item_states():
+            if line.next_action in (NextAction.RUN, NextAction.REPEAT, NextAction.RESUME) and not (
+                hands_free and self.needs_operator(line.item)
+            ):
                 return line
         return None
 
-    def line(self, name: str) -> Listed:
+    def item_state(self, name: str) -> ItemState:
         """One item as it stands. Raises CampaignError for an unknown name."""
         self._plan.item(name)
-        return next(line for line in self.listed() if line.item.name == name)
+        return next(line for line in self.item_states() if line.item.name == name)
 
-    def protocol(self, item: Item) -> Protocol:
+    def protocol_for(self, item: CampaignItem) -> Protocol:
         """The item's protocol with its settings, and with what is carried on from the items it rests on.
 
         Raises:
             CampaignError: the protocol is not known here any more, or refuses the settings.
         """
-        carried = self.carried(item)
-        return self._made_of(item, {name: carried[of].value for name, of in CARRIED.items() if of in carried})
+        carried = self.accepted_estimates(item)
+        return self._make_protocol(
+            item, {name: carried[of].value for name, of in CARRIED_PARAMETERS.items() if of in carried}
+        )
 
-    def _made_of(self, item: Item, carried: Mapping[str, float]) -> Protocol:
+    def _make_protocol(self, item: CampaignItem, carried: Mapping[str, float]) -> Protocol:
         kind = PROTOCOLS.get(item.protocol)
         if kind is None:
             raise CampaignError(f"{item.name} is a run of '{item.protocol}', a protocol that is not known here")
@@ -137,48 +159,48 @@ class Campaign:
                 f"{item.name}: {'.'.join(map(str, fault['loc']))}: {fault['msg']}; correct it in {self.path}"
             ) from None
 
-    def needs_hands(self, item: Item) -> bool:
+    def needs_operator(self, item: CampaignItem) -> bool:
         """Whether a person must do more than switch high voltage."""
-        plan = self._made_of(item, {}).plan(AmplifierMap().rest_v)
+        plan = self._make_protocol(item, {}).plan(AmplifierMap().rest_v)
         return bool(item.prepare) or any(entry.setup is not None or entry.prompts for entry in plan)
 
-    def carried(self, item: Item) -> dict[str, Estimate]:
+    def accepted_estimates(self, item: CampaignItem) -> dict[str, EstimatedQuantity]:
         """The accepted estimates of everything the item rests on, by name; of two the later item's counts."""
-        lines = {line.item.name: line for line in self.listed()}
-        wanted = self._plan.below(item)
-        found: dict[str, Estimate] = {}
+        lines = {line.item.name: line for line in self.item_states()}
+        wanted = self._plan.dependencies(item)
+        found: dict[str, EstimatedQuantity] = {}
         for name, line in lines.items():
             if name in wanted:
                 found.update({estimate.name: estimate for estimate in line.estimates})
         return found
 
-    def counting(self) -> list[Path]:
+    def valid_runs(self) -> list[Path]:
         """The runs that count, in the order of their items."""
-        return [line.run for line in self.listed() if line.standing in GOOD and line.run is not None]
+        return [line.run for line in self.item_states() if line.status in HAS_VALID_RUN and line.run is not None]
 
     # -- what a person changes -----------------------------------------------------------------------------------------
 
-    def began(self, name: str, run: Path) -> None:
+    def run_started(self, name: str, run: Path) -> None:
         """A run of an item has been begun by this program: keep what it is based on."""
         with self._lock:
-            item, self._writing = self._plan.item(name), (name, run)
-            lines = {line.item.name: line for line in self.listed()}
+            item, self._active_run = self._plan.item(name), (name, run)
+            lines = {line.item.name: line for line in self.item_states()}
             self._based_on[run.name] = {n: basis_of(lines[n]) for n in item.needs if lines[n].run is not None}
             self._save()
 
-    def leave(self, run: Path) -> None:
+    def ignore_active_run(self, run: Path) -> None:
         """A run is being written here that is none of this campaign's items: its file is left alone."""
         with self._lock:
-            self._writing = ("", run)
+            self._active_run = ("", run)
 
-    def ended(self) -> None:
+    def run_ended(self) -> None:
         """The run that this program has begun is over, and its file closed."""
         with self._lock:
-            self._writing = None
+            self._active_run = None
 
-    def skip(self, name: str, why: str = "left out on purpose") -> None:
+    def skip(self, name: str, reason: str = "left out on purpose") -> None:
         """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
-        self._change(name, skipped=why)
+        self._change(name, skipped=reason)
 
     def repeat(self, name: str) -> None:
         """Measure an item again: runs until now do not count."""
@@ -186,14 +208,14 @@ class Campaign:
 
     def accept(self, name: str) -> None:
         """A person has looked at what the run of an item found, and takes it."""
-        line = self.line(name)
-        if line.run is None or line.standing not in GOOD:
-            raise CampaignError(f"{name} has no run that could be accepted: it is {line.standing}")
+        line = self.item_state(name)
+        if line.run is None or line.status not in HAS_VALID_RUN:
+            raise CampaignError(f"{name} has no run that could be accepted: it is {line.status}")
         self._change(name, accepted=(*line.item.accepted, line.run.name))
 
     def reject(self, name: str) -> None:
         """Do not accept the run of an item; the one before it counts, or the item is missing."""
-        line = self.line(name)
+        line = self.item_state(name)
         if line.run is None:
             raise CampaignError(f"{name} has no run that could be rejected")
         self._change(name, rejected=(*line.item.rejected, line.run.name))
@@ -224,9 +246,11 @@ class Campaign:
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _of(self, item: Item, runs: Sequence[Made]) -> list[Made]:
+    def _runs_of(self, item: CampaignItem, runs: Sequence[CampaignRun]) -> list[CampaignRun]:
         """The runs of an item, oldest first."""
-        settings = json.loads(json.dumps(self._made_of(item, {}).model_dump(mode="json", include=set(item.settings))))
+        settings = json.loads(
+            json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=set(item.settings)))
+        )
         return [
             run
             for run in runs

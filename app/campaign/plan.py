@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.common.atomic_write import write_whole
-from app.common.undo import History
+from app.common.atomic_write import write_atomic
+from app.common.undo import UndoHistory
 from protocols.base.steps import Prompt
 from protocols.runfile.schema import safe_name
 
@@ -27,7 +27,7 @@ def campaign_path(folder: Path, specimen: str) -> Path:
     return folder / f"{safe_name(specimen)}{SUFFIX}"
 
 
-def campaigns_in(folder: Path) -> list[Path]:
+def list_campaigns(folder: Path) -> list[Path]:
     """The campaigns of a folder, the one changed last first."""
     try:
         found = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
@@ -59,13 +59,13 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
     text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text)
+        write_atomic(path, text)
     except OSError as error:
         raise CampaignError(f"the campaign {path} cannot be written: {error.strerror}") from None
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class CampaignItem:
     """One measurement of a campaign.
 
     Attributes:
@@ -95,38 +95,40 @@ class Item:
         return {**asdict(self), "settings": dict(self.settings)}
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> "Item":
+    def from_record(cls, record: Mapping[str, Any]) -> "CampaignItem":
         """The item that `as_record` described. Raises TypeError or KeyError where it is none."""
         lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted") if name in record}
         prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
         return cls(**{**record, **lists, "prepare": prepare})
 
 
-MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
-FREE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
-PAPER_MASS = Prompt(
+TURN_MFC_UP = Prompt("turn-side", "Take all weights off and turn the specimen MFC up.", {"side": 1.0}, hands_on=True)
+REMOVE_MEMBRANE = Prompt("remove-membrane", "Take the membrane off: the tactor vibrates freely.", hands_on=True)
+FIX_PAPER_MASS = Prompt(
     "fix-mass", "Fix the mass of 7.73 g in the cylinder (the paper's).", {"mass_kg": 7.73e-3}, hands_on=True
 )
 
-PAPER: tuple[Item, ...] = (
-    Item("wiring", "wiring-check"),
-    Item("loading", "static-loading", needs=("wiring",), prepare=(FREE,)),
-    Item("resonance", "mass-resonance", needs=("wiring",), prepare=(FREE, MFC_UP)),
-    Item("steps", "voltage-steps", needs=("loading", "resonance"), prepare=(FREE, MFC_UP)),
-    Item("dwell", "sine-dwell", needs=("steps",), prepare=(FREE, MFC_UP, PAPER_MASS)),
-    Item("sag", "membrane-sag", needs=("wiring",)),
-    Item("membrane", "membrane-series", needs=("dwell", "sag"), prepare=(MFC_UP, PAPER_MASS)),
+PAPER_ITEMS: tuple[CampaignItem, ...] = (
+    CampaignItem("wiring", "wiring-check"),
+    CampaignItem("loading", "static-loading", needs=("wiring",), prepare=(REMOVE_MEMBRANE,)),
+    CampaignItem("resonance", "mass-resonance", needs=("wiring",), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP)),
+    CampaignItem("steps", "voltage-steps", needs=("loading", "resonance"), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP)),
+    CampaignItem("dwell", "sine-dwell", needs=("steps",), prepare=(REMOVE_MEMBRANE, TURN_MFC_UP, FIX_PAPER_MASS)),
+    CampaignItem("sag", "membrane-sag", needs=("wiring",)),
+    CampaignItem("membrane", "membrane-series", needs=("dwell", "sag"), prepare=(TURN_MFC_UP, FIX_PAPER_MASS)),
 )
 """The paper's campaign: k2 (loading, resonance) before mu (steps) before c0 (dwell) before c_s (membrane, with E_m of sag)."""
 
 
-CARRIED: Mapping[str, str] = {"decay_s": "decay time"}
+CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay time"}
 """Parameters that take their value from an accepted estimate of what the item rests on, unless its settings say another."""
 
 
-def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ...]:
+def drop_unknown_protocols(
+    items: Collection[CampaignItem], known_protocols: Collection[str]
+) -> tuple[CampaignItem, ...]:
     """Those items whose protocol is known; what needed one that is not needs what that one needed."""
-    lost = {item.name: item.needs for item in items if item.protocol not in protocols}
+    lost = {item.name: item.needs for item in items if item.protocol not in known_protocols}
 
     def needs(names: Collection[str]) -> tuple[str, ...]:
         found: dict[str, None] = {}
@@ -135,37 +137,37 @@ def known(items: Collection[Item], protocols: Collection[str]) -> tuple[Item, ..
         return tuple(found)
 
     return tuple(
-        Item(**{**{f: getattr(item, f) for f in Item.__dataclass_fields__}, "needs": needs(item.needs)})
+        CampaignItem(**{**{f: getattr(item, f) for f in CampaignItem.__dataclass_fields__}, "needs": needs(item.needs)})
         for item in items
         if item.name not in lost
     )
 
 
-class Plan(History[tuple[Item, ...]]):
+class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
     """The items in their order, and every change of them, which can be taken back. Kept nowhere."""
 
     @property
-    def items(self) -> tuple[Item, ...]:
-        return self.now
+    def items(self) -> tuple[CampaignItem, ...]:
+        return self.current
 
-    def item(self, name: str) -> Item:
+    def item(self, name: str) -> CampaignItem:
         """One item. Raises CampaignError where there is none of that name."""
         for item in self.items:
             if item.name == name:
                 return item
         raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
 
-    def below(self, item: Item) -> set[str]:
+    def dependencies(self, item: CampaignItem) -> set[str]:
         """Names of everything an item rests on."""
         found: set[str] = set()
         for need in item.needs:
-            found |= {need} | self.below(self.item(need))
+            found |= {need} | self.dependencies(self.item(need))
         return found
 
     def change(self, name: str, **values: Any) -> None:
         """Give an item other values."""
         changed = replace(self.item(name), **values)
-        self.go(tuple(changed if item.name == name else item for item in self.items))
+        self.push(tuple(changed if item.name == name else item for item in self.items))
 
     def move(self, name: str, before: str = "") -> None:
         """Put an item before another one, or at the end.
@@ -181,4 +183,4 @@ class Plan(History[tuple[Item, ...]]):
             if later := [need for need in item.needs if need in {other.name for other in items[i:]}]:
                 where = f"before {before}" if before else "at the end"
                 raise CampaignError(f"{name} cannot stand {where}: {item.name} needs {later[0]} before it")
-        self.go(items)
+        self.push(items)

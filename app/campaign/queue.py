@@ -6,31 +6,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.campaign.campaign import Campaign
-from app.campaign.plan import CampaignError, Item
-from app.campaign.status import Listed, Next, Standing
-from app.session.session import Refused, SessionEvent
+from app.campaign.plan import CampaignError, CampaignItem
+from app.campaign.status import ItemState, ItemStatus, NextAction
+from app.session.session import RunRejected, SessionEvent
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from model.parameters import Tactor
 from protocols.base.events import RunEnded, RunStarted
 from protocols.base.protocol import Protocol
 from protocols.base.steps import Prompt
-from protocols.rehearsal import Rehearsal, must_fit, rehearse
-from protocols.resume import Earlier, earlier
+from protocols.rehearsal import Rehearsal, check_disk_space, rehearse
+from protocols.resume import ResumableRun, load_resumable
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class ItemRunRequest:
     """A run of an item, ready to be begun."""
 
-    line: Listed
+    state: ItemState
     protocol: Protocol
     folder: Path
     specimen: str
-    earlier: Earlier | None
+    resume: ResumableRun | None
 
 
-class Begins(typing.Protocol):
+class RunStarter(typing.Protocol):
     """What a session does with an order."""
 
     def run(
@@ -38,12 +38,12 @@ class Begins(typing.Protocol):
         protocol: Protocol,
         folder: Path,
         specimen: str,
-        earlier: Earlier | None = None,
+        resume: ResumableRun | None = None,
         prepare: Sequence[Prompt] = (),
     ) -> None: ...
 
 
-class Conductor:
+class CampaignRunner:
     """Begins the runs of a campaign; an observer of the session that makes them.
 
     ::
@@ -55,40 +55,40 @@ class Conductor:
 
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
-        self._present = ""
+        self._active_item = ""
 
-    def order(self, line: Listed) -> Order:
+    def prepare(self, state: ItemState) -> ItemRunRequest:
         """What an item's run consists of, or going on with the one that was broken off. Reads files.
 
         Raises:
             CampaignError: the protocol is not known any more, or refuses its settings.
             RunError: the run cannot be gone on with.
         """
-        before = earlier(line.run) if line.next is Next.RESUME and line.run is not None else None
-        protocol = self.campaign.protocol(line.item) if before is None else before.protocol
-        return Order(line, protocol, self.campaign.path.parent, self.campaign.specimen, before)
+        before = load_resumable(state.run) if state.next_action is NextAction.RESUME and state.run is not None else None
+        protocol = self.campaign.protocol_for(state.item) if before is None else before.protocol
+        return ItemRunRequest(state, protocol, self.campaign.path.parent, self.campaign.specimen, before)
 
-    def give(self, session: Begins, order: Order) -> None:
+    def submit(self, session: RunStarter, request: ItemRunRequest) -> None:
         """Ask the session for a run; returns at once."""
-        self._present = order.line.item.name
-        session.run(order.protocol, order.folder, order.specimen, order.earlier, order.line.item.prepare)
+        self._active_item = request.state.item.name
+        session.run(request.protocol, request.folder, request.specimen, request.resume, request.state.item.prepare)
 
-    def begin(self, session: Begins, line: Listed) -> None:
+    def start(self, session: RunStarter, state: ItemState) -> None:
         """Ask the session for an item's run; returns at once. Raises what `order` raises."""
-        self.give(session, self.order(line))
+        self.submit(session, self.prepare(state))
 
     def __call__(self, event: SessionEvent) -> None:
         match event:
-            case RunStarted() if self._present:
-                self.campaign.began(self._present, Path(event.path))
+            case RunStarted() if self._active_item:
+                self.campaign.run_started(self._active_item, Path(event.path))
             case RunStarted():
-                self.campaign.leave(Path(event.path))
-            case RunEnded() | Refused():
-                self._present = ""
-                self.campaign.ended()
+                self.campaign.ignore_active_run(Path(event.path))
+            case RunEnded() | RunRejected():
+                self._active_item = ""
+                self.campaign.run_ended()
 
 
-def of_this_bench(campaign: Campaign, simulated: bool) -> None:
+def check_bench_kind(campaign: Campaign, simulated: bool) -> None:
     """Refuse a bench of the other kind.
 
     Raises:
@@ -99,48 +99,48 @@ def of_this_bench(campaign: Campaign, simulated: bool) -> None:
         raise CampaignError(f"the campaign of {campaign.specimen} is of {kind}; give that with --bench")
 
 
-def first(campaign: Campaign, name: str = "", hands_free: bool = False, resume: bool = False) -> Listed:
+def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, resume: bool = False) -> ItemState:
     """The item to begin with: the one that is named, or what comes next.
 
     Raises:
         CampaignError: there is nothing to do, or not with this item.
     """
     if name:
-        line = campaign.line(name)
-        if line.next is Next.NOTHING:
-            how = "take it in again" if line.standing is Standing.SKIPPED else "'repeat' measures it again"
-            raise CampaignError(f"{name} is {line.standing}: {line.reason}; {how}")
-        if line.next is Next.WAIT:
-            raise CampaignError(f"{name} has to wait: it is {line.standing}, {line.reason}")
+        line = campaign.item_state(name)
+        if line.next_action is NextAction.NONE:
+            how = "take it in again" if line.status is ItemStatus.SKIPPED else "'repeat' measures it again"
+            raise CampaignError(f"{name} is {line.status}: {line.reason}; {how}")
+        if line.next_action is NextAction.WAIT:
+            raise CampaignError(f"{name} has to wait: it is {line.status}, {line.reason}")
     elif resume:
-        broken = [line for line in campaign.listed() if line.next is Next.RESUME]
+        broken = [line for line in campaign.item_states() if line.next_action is NextAction.RESUME]
         if not broken:
             raise CampaignError(
                 "nothing was broken off that could be gone on with; 'campaign run' measures what comes next"
             )
         line = broken[0]
-    elif (found := campaign.next(hands_free)) is not None:
+    elif (found := campaign.next_item(hands_free)) is not None:
         line = found
     else:
-        left = [line.item.name for line in campaign.listed() if line.next is not Next.NOTHING]
+        left = [line.item.name for line in campaign.item_states() if line.next_action is not NextAction.NONE]
         hands = f"without hands; left: {', '.join(left)}" if left else "any more"
         raise CampaignError(f"there is nothing to do {hands}")
-    if resume and line.next is not Next.RESUME:
-        raise CampaignError(f"{line.item.name} was not broken off (it is {line.standing}: {line.reason})")
+    if resume and line.next_action is not NextAction.RESUME:
+        raise CampaignError(f"{line.item.name} was not broken off (it is {line.status}: {line.reason})")
     return line
 
 
-def following(campaign: Campaign, before: Listed, hands_free: bool) -> Listed | None:
+def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -> ItemState | None:
     """What to go on with once an item's run has ended well; None where the same would come again: it does not pass."""
-    line = campaign.next(hands_free)
-    return None if line is None or line.item.name == before.item.name else line
+    line = campaign.next_item(hands_free)
+    return None if line is None or line.item.name == previous.item.name else line
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignRehearsal:
     """What the items of a campaign will ask of the bench together, and one by one."""
 
-    items: tuple[tuple[Item, Rehearsal], ...]
+    items: tuple[tuple[CampaignItem, Rehearsal], ...]
     duration_s: float
     prompts: int
     highest_specimen_v: float
@@ -150,7 +150,7 @@ class CampaignRehearsal:
 
 
 def rehearse_campaign(
-    campaign: Campaign, bench: Bench, tactor: Tactor | None = None, lines: Iterable[Listed] | None = None
+    campaign: Campaign, bench: Bench, tactor: Tactor | None = None, states: Iterable[ItemState] | None = None
 ) -> CampaignRehearsal:
     """Go through what is left of a campaign, or through `lines`.
 
@@ -158,10 +158,14 @@ def rehearse_campaign(
         DriveRefused, CannotRun: an item cannot be done on this bench; the sentence names it.
         CampaignError: an item's protocol is not known, or refuses its settings.
     """
-    left = [line for line in campaign.listed() if line.next is not Next.NOTHING] if lines is None else lines
-    told: list[tuple[Item, Rehearsal]] = []
+    left = (
+        [line for line in campaign.item_states() if line.next_action is not NextAction.NONE]
+        if states is None
+        else states
+    )
+    told: list[tuple[CampaignItem, Rehearsal]] = []
     for line in left:
-        protocol = campaign.protocol(line.item)
+        protocol = campaign.protocol_for(line.item)
         try:
             one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
         except BenchError as error:
@@ -170,7 +174,7 @@ def rehearse_campaign(
         hands = protocol.high_voltage and any(prompt.hands_on for prompt in line.item.prepare)
         told.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
     file_bytes = sum(one.file_bytes for _, one in told)
-    must_fit(file_bytes, campaign.path.parent)
+    check_disk_space(file_bytes, campaign.path.parent)
     return CampaignRehearsal(
         items=tuple(told),
         duration_s=sum(one.duration_s for _, one in told),

@@ -10,19 +10,19 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from app.campaign.plan import Item
-from app.common.formatting import ended
-from protocols.base.events import Status
-from protocols.base.records import Estimate
+from app.campaign.plan import CampaignItem
+from app.common.formatting import format_outcome
+from protocols.base.events import RunStatus
+from protocols.base.records import EstimatedQuantity
 from protocols.registry import PROTOCOLS
-from protocols.resume import points_of
-from protocols.runfile.reader import Run, RunError
+from protocols.resume import measured_points
+from protocols.runfile.reader import Run, RunReadError
 
 CRASHED = "crashed"
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class CampaignRun:
     """One run file, as a campaign sees it."""
 
     path: Path
@@ -33,9 +33,9 @@ class Made:
     reason: str = ""
     start_time: str = ""
     points: int = 0
-    estimates: tuple[Estimate, ...] = ()
+    estimates: tuple[EstimatedQuantity, ...] = ()
     simulated: bool = False
-    failing: tuple[str, ...] = ()
+    failed_checks: tuple[str, ...] = ()
     """What its protocol's own verdicts (a wiring check's) say did not pass."""
 
     @property
@@ -44,66 +44,66 @@ class Made:
 
     @property
     def completed(self) -> bool:
-        return self.state == Status.COMPLETED and not self.failing
+        return self.state == RunStatus.COMPLETED and not self.failed_checks
 
     @property
     def running(self) -> bool:
-        return self.state == Status.RUNNING
+        return self.state == RunStatus.RUNNING
 
     @property
     def resumable(self) -> bool:
         """Whether it can be gone on with."""
-        return self.points > 0 and self.state in (Status.STOPPED, Status.FAILED, CRASHED)
+        return self.points > 0 and self.state in (RunStatus.STOPPED, RunStatus.FAILED, CRASHED)
 
 
-class Shelf:
+class CampaignRunCache:
     """The run files of a folder, in the order in which they were begun."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._read: dict[Path, tuple[tuple[int, int], Made | None]] = {}
+        self._cache: dict[Path, tuple[tuple[int, int], CampaignRun | None]] = {}
 
-    def runs(self, since: str, leave: Path | None = None) -> list[Made]:
+    def runs(self, since: str, exclude: Path | None = None) -> list[CampaignRun]:
         """All runs begun since (ISO, UTC) but `leave`, which this very program is writing.
 
         A file that cannot be read is none: `tactor-bench runs` says why.
         """
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
-        made = [run for path in self._files(stamp) if path != leave and (run := self._made(path))]
+        made = [run for path in self._files(stamp) if path != exclude and (run := self._read_if_changed(path))]
         return sorted((run for run in made if run.start_time >= since), key=lambda run: (run.start_time, run.name))
 
     def _files(self, stamp: str) -> Iterator[Path]:
         if self.folder.is_dir():
             yield from (path for path in self.folder.glob("*.h5") if path.name[: len(stamp)] >= stamp)
 
-    def _made(self, path: Path) -> Made | None:
+    def _read_if_changed(self, path: Path) -> CampaignRun | None:
         try:
             stat = path.stat()
         except OSError:
             return None
         seen = stat.st_mtime_ns, stat.st_size
-        known, made = self._read.get(path, (None, None))
+        known, made = self._cache.get(path, (None, None))
         # A file that says `running` does not change when its writer dies.
         if known != seen or (made is not None and made.running):
             try:
-                made = read(path)
-            except (RunError, OSError, KeyError, ValueError, RuntimeError):
+                made = read_campaign_run(path)
+            except (RunReadError, OSError, KeyError, ValueError, RuntimeError):
                 made = None
-            self._read[path] = seen, made
+            self._cache[path] = seen, made
         return made
 
 
-def read(path: Path) -> Made:
+def read_campaign_run(path: Path) -> CampaignRun:
     """A run file. Raises what `Run` raises where it is damaged."""
     with Run(path) as run:
         kind = PROTOCOLS.get(run.protocol)
-        points = points_of(run, kind.point_type) if kind is not None else ()
+        points = measured_points(run, kind.point_type) if kind is not None else ()
         failing: tuple[str, ...] = ()
         judge = getattr(kind, "verdicts", None)
-        if kind is not None and judge is not None and run.status is Status.COMPLETED:
+        if kind is not None and judge is not None and run.status is RunStatus.COMPLETED:
             table = judge(kind(**run.parameters), [point for _, point in points])
             failing = tuple(verdict.name for verdict in table if not verdict.passed)
-        return Made(
+        return CampaignRun(
             path=path,
             specimen=run.specimen,
             protocol=run.protocol,
@@ -114,18 +114,18 @@ def read(path: Path) -> Made:
             points=len({entry for entry, _ in points}),
             estimates=run.estimates(),
             simulated=run.simulated,
-            failing=failing,
+            failed_checks=failing,
         )
 
 
-SAME = 1e-9
+RELATIVE_TOLERANCE = 1e-9
 """Estimates that differ by less, relatively, are the same."""
 
 Basis = Mapping[str, Mapping[str, Any]]
 """By name of an item that a run rested on: which run of it, and what came out of that."""
 
 
-class Standing(StrEnum):
+class ItemStatus(StrEnum):
     """How an item stands."""
 
     DONE = "done"
@@ -141,34 +141,34 @@ class Standing(StrEnum):
     SKIPPED = "skipped"
 
 
-GOOD = (Standing.DONE, Standing.STALE)
+HAS_VALID_RUN = (ItemStatus.DONE, ItemStatus.STALE)
 """There is a run that counts."""
 
 
-class Next(StrEnum):
+class NextAction(StrEnum):
     """What an item asks for."""
 
-    NOTHING = ""
+    NONE = ""
     RUN = "run"
     RESUME = "resume"
-    AGAIN = "run again"
+    REPEAT = "run again"
     WAIT = "wait"
 
 
 @dataclass(frozen=True, slots=True)
-class Listed:
+class ItemState:
     """One line of a campaign: how an item stands, why, and what comes next. All a window needs to draw it."""
 
-    item: Item
+    item: CampaignItem
     title: str
-    standing: Standing
+    status: ItemStatus
     reason: str
-    next: Next
+    next_action: NextAction
     run: Path | None = None
     """The run that counts, or the one to go on with."""
-    begun: str = ""
+    started_at: str = ""
     """When that run was begun, ISO, UTC."""
-    estimates: tuple[Estimate, ...] = ()
+    estimates: tuple[EstimatedQuantity, ...] = ()
     """Of the run that counts; what the items after it are based on."""
 
     @property
@@ -177,12 +177,12 @@ class Listed:
         return self.run is not None and self.run.name in self.item.accepted
 
 
-def stand(
-    items: Sequence[Item],
+def evaluate_items(
+    items: Sequence[CampaignItem],
     titles: Mapping[str, str],
-    runs: Mapping[str, Sequence[Made]],
+    runs: Mapping[str, Sequence[CampaignRun]],
     based_on: Mapping[str, Basis],
-) -> tuple[Listed, ...]:
+) -> tuple[ItemState, ...]:
     """Every item, in order.
 
     Args:
@@ -191,80 +191,90 @@ def stand(
         runs: of each item by its name, oldest first.
         based_on: what each run was based on, by its file's name; nothing for a run that was made by hand.
     """
-    found: dict[str, Listed] = {}
+    found: dict[str, ItemState] = {}
     for item in items:
         title = titles.get(item.protocol, item.protocol)
-        found[item.name] = _one(item, title, runs.get(item.name, ()), found, based_on)
+        found[item.name] = _evaluate_item(item, title, runs.get(item.name, ()), found, based_on)
     return tuple(found.values())
 
 
-def _one(
-    item: Item, title: str, runs: Sequence[Made], before: Mapping[str, Listed], based_on: Mapping[str, Basis]
-) -> Listed:
+def _evaluate_item(
+    item: CampaignItem,
+    title: str,
+    runs: Sequence[CampaignRun],
+    previous: Mapping[str, ItemState],
+    based_on: Mapping[str, Basis],
+) -> ItemState:
     if item.skipped:
-        return Listed(item, title, Standing.SKIPPED, item.skipped, Next.NOTHING)
+        return ItemState(item, title, ItemStatus.SKIPPED, item.skipped, NextAction.NONE)
     last = runs[-1] if runs else None
     if last is not None and last.running:
-        return Listed(item, title, Standing.RUNNING, f"{last.name} is being written", Next.WAIT, last.path)
-    waits = [need for need in item.needs if before[need].standing not in (Standing.DONE, Standing.SKIPPED)]
-    do = Next.WAIT if waits else Next.AGAIN
+        return ItemState(item, title, ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, last.path)
+    waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
+    do = NextAction.WAIT if waits else NextAction.REPEAT
     if done := next((run for run in reversed(runs) if run.completed), None):
-        why = _why_stale(item, done, before, based_on.get(done.name))
+        why = _stale_reason(item, done, previous, based_on.get(done.name))
         later = f"; a later run is {last.state}" if last is not None and last is not done else ""
-        standing, reason = (Standing.STALE, why) if why else (Standing.DONE, done.reason)
-        return Listed(
+        standing, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, done.reason)
+        return ItemState(
             item,
             title,
             standing,
             reason + later,
-            do if why else Next.NOTHING,
+            do if why else NextAction.NONE,
             done.path,
             done.start_time,
             done.estimates,
         )  # fmt: skip
     if last is None:
         if waits:
-            return Listed(item, title, Standing.WAITING, f"needs {', '.join(waits)}", Next.WAIT)
-        return Listed(item, title, Standing.MISSING, "not measured yet", Next.RUN)
+            return ItemState(item, title, ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT)
+        return ItemState(item, title, ItemStatus.MISSING, "not measured yet", NextAction.RUN)
     if last.resumable:
         reason = f"{last.state} with {last.points} points: {last.reason or 'its program is gone'}"
-        do = Next.WAIT if waits else Next.RESUME
-        return Listed(item, title, Standing.UNFINISHED, reason, do, last.path, last.start_time)
-    reason = f"did not pass: {', '.join(last.failing)}" if last.failing else ended(last.state, last.reason)
-    standing = Standing.MISSING if last.state in (Status.STOPPED, CRASHED) else Standing.FAILED
-    return Listed(item, title, standing, reason, do, last.path, last.start_time)
+        do = NextAction.WAIT if waits else NextAction.RESUME
+        return ItemState(item, title, ItemStatus.UNFINISHED, reason, do, last.path, last.start_time)
+    reason = (
+        f"did not pass: {', '.join(last.failed_checks)}"
+        if last.failed_checks
+        else format_outcome(last.state, last.reason)
+    )
+    standing = ItemStatus.MISSING if last.state in (RunStatus.STOPPED, CRASHED) else ItemStatus.FAILED
+    return ItemState(item, title, standing, reason, do, last.path, last.start_time)
 
 
-def _why_stale(item: Item, done: Made, before: Mapping[str, Listed], basis: Basis | None) -> str:
+def _stale_reason(
+    item: CampaignItem, completed: CampaignRun, previous: Mapping[str, ItemState], basis: Basis | None
+) -> str:
     """Why a run does not hold any more, from what it was based on; empty where it does."""
     for need in item.needs:
-        line = before[need]
-        if line.standing is Standing.SKIPPED:
+        line = previous[need]
+        if line.status is ItemStatus.SKIPPED:
             continue
-        if line.standing is not Standing.DONE:
-            return f"{need} is {line.standing}"
+        if line.status is not ItemStatus.DONE:
+            return f"{need} is {line.status}"
         if basis is None:  # made by hand: all that can be said is what came first
-            if line.begun > done.start_time:
+            if line.started_at > completed.start_time:
                 return f"{need} was measured after it"
-        elif need in basis and (why := _changed(need, basis[need], basis_of(line))):
+        elif need in basis and (why := _describe_change(need, basis[need], basis_of(line))):
             return why
     return ""
 
 
-def basis_of(line: Listed) -> dict[str, Any]:
+def basis_of(state: ItemState) -> dict[str, Any]:
     """What an item after this one rests on: which run, and what came out of it."""
-    estimates = {estimate.name: estimate.value for estimate in line.estimates if math.isfinite(estimate.value)}
-    return {"run": line.run.name if line.run else "", "estimates": estimates}
+    estimates = {estimate.name: estimate.value for estimate in state.estimates if math.isfinite(estimate.value)}
+    return {"run": state.run.name if state.run else "", "estimates": estimates}
 
 
-def _changed(need: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+def _describe_change(need: str, old_basis: Mapping[str, Any], new_basis: Mapping[str, Any]) -> str:
     """What has changed between two bases, in words; empty where nothing has."""
-    if was["run"] != now["run"]:
+    if old_basis["run"] != new_basis["run"]:
         return f"{need} was measured again"
-    old, new = was["estimates"], now["estimates"]
+    old, new = old_basis["estimates"], new_basis["estimates"]
     for name in sorted(old.keys() | new.keys()):
         if name not in old or name not in new:
             return f"{name} of {need} {'is new' if name in new else 'is not there any more'}"
-        if abs(new[name] - old[name]) > SAME * abs(old[name]):
+        if abs(new[name] - old[name]) > RELATIVE_TOLERANCE * abs(old[name]):
             return f"{name} of {need} changed from {old[name]:.6g} to {new[name]:.6g}"
     return ""

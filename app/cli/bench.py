@@ -18,47 +18,47 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.run import chosen_bench, make_protocol, run_headless
+from app.cli.run import make_protocol, run_headless, selected_bench
 from app.common.errors import DONE, FAILED, UsageError
-from app.common.inputs import path
-from app.config.discovery import find
-from app.config.template import first_bench
-from drivers.bench.rest import RETURN_TOLERANCE_V
-from protocols.base.events import AtRest, PointMeasured, RunEnded
-from protocols.base.jsonable import plain
+from app.common.inputs import path_argument
+from app.config.discovery import find_devices
+from app.config.template import bench_template
+from drivers.bench.rest import REST_REPEATABILITY_V
+from protocols.base.events import PointMeasured, RestMeasured, RunEnded
+from protocols.base.jsonable import to_jsonable
 from protocols.measurements.wiring_check import Verdict, WiringCheck
-from sim_hardware.plant.faults import FAULTS
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 
-Options = Callable[[argparse.ArgumentParser], None]
+AddOptions = Callable[[argparse.ArgumentParser], None]
 
 
-def add_bench_commands(known: Any, bench_options: Options, setting_option: Options) -> None:
+def add_bench_commands(subparsers: Any, add_bench_options: AddOptions, add_setting_option: AddOptions) -> None:
     """Register the commands with the subparsers of the command; the options are those of `run`."""
-    check = known.add_parser(
+    check = subparsers.add_parser(
         "check",
         help="check the wiring with small voltages: a table of pass and fail",
         description="The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with "
         "its limits. Exit code 0 all passed, 1 something did not, 3 UNSAFE.",
         epilog="example: tactor-bench check --bench bench1.toml --set level_v='50 mV'",
     )
-    bench_options(check)
-    setting_option(check)
+    add_bench_options(check)
+    add_setting_option(check)
     add_fault_option(check)
     check.add_argument("--json", action="store_true", help="the table as one JSON object on standard output, SI units")
     check.set_defaults(command=_check)
 
-    devices = known.add_parser(
+    devices = subparsers.add_parser(
         "devices",
         help="find what is connected: VISA instruments, NI cards, serial ports",
         description="What can be found: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC "
         "server, serial ports. A raw LAN socket cannot be found, only asked: name its host.",
         epilog="example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763",
     )
-    _finding_options(devices)
+    _add_discovery_options(devices)
     devices.add_argument("--json", action="store_true", help="as one JSON object on standard output")
     devices.set_defaults(command=_devices)
 
-    bench = known.add_parser("bench", help="write a first bench file", description="Bench files.")
+    bench = subparsers.add_parser("bench", help="write a first bench file", description="Bench files.")
     verbs = bench.add_subparsers(title="what to do", metavar="VERB", required=True, parser_class=type(bench))
     new = verbs.add_parser(
         "new",
@@ -66,11 +66,11 @@ def add_bench_commands(known: Any, bench_options: Options, setting_option: Optio
         description="Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",
         epilog="example: tactor-bench bench new bench1.toml --host 192.0.2.7",
     )
-    new.add_argument("file", type=path, metavar="FILE", help="the file to write")
-    _finding_options(new)
+    new.add_argument("file", type=path_argument, metavar="FILE", help="the file to write")
+    _add_discovery_options(new)
     new.set_defaults(command=_bench_new)
 
-    faults = known.add_parser(
+    faults = subparsers.add_parser(
         "faults",
         help="list what can be broken on a simulated bench",
         description="The faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'.",
@@ -93,7 +93,7 @@ def add_fault_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _finding_options(parser: argparse.ArgumentParser) -> None:
+def _add_discovery_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host",
         dest="hosts",
@@ -114,12 +114,12 @@ def _check(options: argparse.Namespace) -> int:
 
 def _devices(options: argparse.Namespace) -> int:
 
-    return devices(options)
+    return list_devices(options)
 
 
 def _bench_new(options: argparse.Namespace) -> int:
 
-    return bench_new(options)
+    return write_bench_template(options)
 
 
 def _faults(options: argparse.Namespace) -> int:
@@ -127,12 +127,12 @@ def _faults(options: argparse.Namespace) -> int:
     return list_faults(options)
 
 
-SCALES = {"m": (1e6, "µm"), "s": (1e3, "ms"), "m/V": (1e6, "µm/V")}
+DISPLAY_UNITS = {"m": (1e6, "µm"), "s": (1e3, "ms"), "m/V": (1e6, "µm/V")}
 
 
 def check(options: argparse.Namespace) -> int:
     """Run it; 0 where everything passed, 1 where not or where the run failed, 3 UNSAFE."""
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     protocol = make_protocol(WiringCheck.name, options.settings)
     assert isinstance(protocol, WiringCheck)
     events: list[Any] = []
@@ -142,8 +142,8 @@ def check(options: argparse.Namespace) -> int:
     points = [event.point for event in events if isinstance(event, PointMeasured)]
     verdicts = protocol.verdicts(points)
     if verdicts:
-        rest = next((event for event in events if isinstance(event, AtRest)), None)
-        verdicts = (*verdicts, _rest_confirmed(rest, points[0].drive))
+        rest = next((event for event in events if isinstance(event, RestMeasured)), None)
+        verdicts = (*verdicts, _rest_verdict(rest, points[0].drive))
     passed = code == DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
     if options.json:
         ended = next((event for event in events if isinstance(event, RunEnded)), None)
@@ -152,12 +152,12 @@ def check(options: argparse.Namespace) -> int:
             "status": ended.status if ended else "failed",
             "reason": ended.reason if ended else "the bench could not be opened",
             "file": str(path) if path else None,
-            "checks": [_record(verdict) for verdict in verdicts],
+            "checks": [_verdict_record(verdict) for verdict in verdicts],
         }
-        sys.stdout.write(json.dumps(plain(record), allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(to_jsonable(record), allow_nan=False) + "\n")
     else:
         Console(markup=False).print(
-            _table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
+            _verdict_table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
         )
         for verdict in verdicts:
             if not verdict.passed:
@@ -167,13 +167,13 @@ def check(options: argparse.Namespace) -> int:
     return code if code != DONE else (DONE if passed else FAILED)
 
 
-def _rest_confirmed(rest: AtRest | None, before_v: float) -> Verdict:
+def _rest_verdict(rest: RestMeasured | None, initial_v: float) -> Verdict:
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
-    low, high = before_v - RETURN_TOLERANCE_V, before_v + RETURN_TOLERANCE_V
+    low, high = initial_v - REST_REPEATABILITY_V, initial_v + REST_REPEATABILITY_V
     return Verdict("rest confirmed at the end", measured_v, "V", low, high, "see the run's own sentence above")
 
 
-def _record(verdict: Verdict) -> dict[str, Any]:
+def _verdict_record(verdict: Verdict) -> dict[str, Any]:
     return {
         "name": verdict.name,
         "value": verdict.value,
@@ -185,12 +185,12 @@ def _record(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _table(verdicts: Sequence[Verdict]) -> Table:
+def _verdict_table(verdicts: Sequence[Verdict]) -> Table:
     table = Table(title="Wiring check", title_justify="left")
     for head in ("", "what", "figure", "limits", "unit"):
         table.add_column(head, justify="right" if head in ("figure", "limits") else "left")
     for verdict in verdicts:
-        factor, unit = SCALES.get(verdict.unit, (1.0, verdict.unit))
+        factor, unit = DISPLAY_UNITS.get(verdict.unit, (1.0, verdict.unit))
         low, high = (None if limit is None else f"{factor * limit:.4g}" for limit in (verdict.low, verdict.high))
         limits = f"{low} .. {high}" if low and high else f"at least {low}" if low else f"at most {high}"
         word = Text("pass", "green") if verdict.passed else Text("FAIL", "bold red")
@@ -199,9 +199,9 @@ def _table(verdicts: Sequence[Verdict]) -> Table:
     return table
 
 
-def devices(options: argparse.Namespace) -> int:
+def list_devices(options: argparse.Namespace) -> int:
     """Print what is connected; 0 also where nothing is."""
-    found, notes = find(options.hosts, options.server)
+    found, notes = find_devices(options.hosts, options.server)
     if options.json:
         sys.stdout.write(json.dumps({"found": [asdict(one) for one in found], "notes": notes}) + "\n")
         return DONE
@@ -216,7 +216,7 @@ def devices(options: argparse.Namespace) -> int:
     return DONE
 
 
-def bench_new(options: argparse.Namespace) -> int:
+def write_bench_template(options: argparse.Namespace) -> int:
     """Write a first bench file.
 
     Raises:
@@ -224,10 +224,10 @@ def bench_new(options: argparse.Namespace) -> int:
     """
     if options.file.exists():
         raise UsageError(f"{options.file} is there already and is not overwritten; give another name")
-    found, notes = find(options.hosts, options.server)
+    found, notes = find_devices(options.hosts, options.server)
     try:
         with options.file.open("x", encoding="utf-8") as file:
-            file.write(first_bench(found, options.server))
+            file.write(bench_template(found, options.server))
     except FileExistsError:
         raise UsageError(f"{options.file} is there already and is not overwritten; give another name") from None
     except OSError as error:
@@ -244,8 +244,8 @@ def bench_new(options: argparse.Namespace) -> int:
 def list_faults(options: argparse.Namespace) -> int:
     """Print what can be broken on a simulated bench."""
     if options.json:
-        sys.stdout.write(json.dumps(FAULTS) + "\n")
+        sys.stdout.write(json.dumps(FAULT_DESCRIPTIONS) + "\n")
         return DONE
-    width = max(map(len, FAULTS))
-    sys.stdout.write("".join(f"{name:{width}}  {words}\n" for name, words in FAULTS.items()))
+    width = max(map(len, FAULT_DESCRIPTIONS))
+    sys.stdout.write("".join(f"{name:{width}}  {words}\n" for name, words in FAULT_DESCRIPTIONS.items()))
     return DONE

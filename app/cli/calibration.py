@@ -3,66 +3,66 @@
 import argparse
 from dataclasses import replace
 
-from app.cli.identify_tables import parameters
-from app.cli.output import Answer, Column, Table, deliver
+from app.cli.identify_tables import estimate_table
+from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
-from model.identification.calibration import Calibration, changes
+from model.identification.calibration import Calibration, compare_calibrations
 
 
 def calibration(options: argparse.Namespace) -> int:
     """`tactor-bench calibration show|diff|use SPECIMEN`."""
     try:
-        known = calibrations.read(options.folder, options.specimen)
+        known = calibrations.read_calibrations(options.folder, options.specimen)
         match options.what:
             case "show":
-                return deliver(_shown(known.get(options.version), known), options)
+                return render(_version_result(known.get(options.version), known), options)
             case "diff":
-                return deliver(_difference(known.get(options.first), known.get(options.second)), options)
+                return render(_difference_result(known.get(options.first), known.get(options.second)), options)
             case _:
                 chosen = known.get(options.version)
-                calibrations.write(options.folder, options.specimen, replace(known, active=chosen.version))
-                return deliver(_shown(chosen, replace(known, active=chosen.version)), options)
+                calibrations.write_calibrations(options.folder, options.specimen, replace(known, active=chosen.version))
+                return render(_version_result(chosen, replace(known, active=chosen.version)), options)
     except CalibrationError as error:
         raise UsageError(f"specimen {options.specimen}: {error}") from None
 
 
-def _shown(one: Calibration, known: Calibrations) -> Answer:
-    simulated = ", SIMULATED" if one.simulated else ""
-    active = "active" if one.version == known.active else f"version {known.active} is active"
-    title = f"Specimen {one.specimen}, version {one.version} ({active}){simulated}"
+def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
+    simulated = ", SIMULATED" if version.simulated else ""
+    active = "active" if version.version == calibrations.active else f"version {calibrations.active} is active"
+    title = f"Specimen {version.specimen}, version {version.version} ({active}){simulated}"
     notes = [
-        f"{one.method}, accepted {one.accepted_at} by {one.accepted_by or 'nobody named'}, program {one.code}",
-        f"from {', '.join(one.runs)}",
+        f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or 'nobody named'}, program {version.code}",
+        f"from {', '.join(version.runs)}",
     ]
-    return Answer(
+    return CommandResult(
         "calibration show",
-        {name: value for name, value in one.fixed.items() if value is not None},
-        (parameters(title, one.estimates),),
-        (*notes, *_reduced(one), *([one.note] if one.note else []), *_versions(known)),
-        more={"version": one.version, "active": known.active, "record": one.as_record()},
+        {name: value for name, value in version.fixed.items() if value is not None},
+        (estimate_table(title, version.estimates),),
+        (*notes, *_correction_lines(version), *([version.note] if version.note else []), *_version_lines(calibrations)),
+        extra={"version": version.version, "active": calibrations.active, "record": version.as_record()},
     )
 
 
-def _versions(known: Calibrations) -> list[str]:
+def _version_lines(calibrations: Calibrations) -> list[str]:
     """All versions in a line, where there are several."""
-    if len(known.versions) < 2:
+    if len(calibrations.versions) < 2:
         return []
     each = (
         f"{c.version} ({c.accepted_at[:10]}{', ' + c.accepted_by if c.accepted_by else ''}"
-        f"{', active' if c.version == known.active else ''})"
-        for c in known.versions
+        f"{', active' if c.version == calibrations.active else ''})"
+        for c in calibrations.versions
     )
     return [f"versions: {'; '.join(each)}"]
 
 
-def _reduced(one: Calibration) -> list[str]:
+def _correction_lines(version: Calibration) -> list[str]:
     """Which corrected calibration of the instruments a version rests on."""
-    if not one.reduced:
+    if not version.reduced:
         return []
-    sensor, amplifier = one.reduced["sensor"], one.reduced["amplifier"]
-    words = [f"raw samples reduced anew with {one.reduced['bench']} (SHA-256 {one.reduced['sha256'][:16]}...)"]
+    sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
+    words = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
     if sensor:
         when = sensor["calibrated"] or "nobody tells when"
         words.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
@@ -73,17 +73,17 @@ def _reduced(one: Calibration) -> list[str]:
     return ["; ".join(words)]
 
 
-def _difference(before: Calibration, after: Calibration) -> Answer:
-    every = changes(before, after)
-    table = Table(
+def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
+    every = compare_calibrations(old, new)
+    table = ResultTable(
         "changes",
-        f"Specimen {after.specimen}: version {before.version} to {after.version}",
+        f"Specimen {new.specimen}: version {old.version} to {new.version}",
         (
-            Column("name", "", [c.name for c in every], "parameter"),
-            Column("before", "", [c.before for c in every]),
-            Column("after", "", [c.after for c in every]),
-            Column("unit", "", [c.unit for c in every]),
-            Column("standard_errors", "", [c.standard_errors for c in every], "in standard errors", form="+.1f"),
+            ResultColumn("name", "", [c.name for c in every], "parameter"),
+            ResultColumn("before", "", [c.before for c in every]),
+            ResultColumn("after", "", [c.after for c in every]),
+            ResultColumn("unit", "", [c.unit for c in every]),
+            ResultColumn("standard_errors", "", [c.sigmas for c in every], "in standard errors", format_spec="+.1f"),
         ),
     )
-    return Answer("calibration diff", {}, (table,))
+    return CommandResult("calibration diff", {}, (table,))

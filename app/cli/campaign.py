@@ -13,17 +13,24 @@ from typing import Any
 
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
-from app.campaign.presentation import DOES, MARKS
-from app.campaign.queue import CampaignRehearsal, Conductor, first, following, of_this_bench, rehearse_campaign
-from app.campaign.status import Listed
+from app.campaign.presentation import ACTION_LABELS, STATUS_MARKS
+from app.campaign.queue import (
+    CampaignRehearsal,
+    CampaignRunner,
+    check_bench_kind,
+    first_item,
+    next_item_after,
+    rehearse_campaign,
+)
+from app.campaign.status import ItemState
 from app.cli.bench import add_fault_option
-from app.cli.headless import exit_code, headless
-from app.cli.run import chosen_bench
+from app.cli.headless import exit_code, headless_session
+from app.cli.run import selected_bench
 from app.common.errors import DONE, UsageError
-from app.common.formatting import duration, size, uncertain
+from app.common.formatting import format_bytes, format_duration, format_uncertain
 from drivers.errors import BenchError
-from protocols.base.jsonable import plain
-from protocols.runfile.reader import RunError
+from protocols.base.jsonable import to_jsonable
+from protocols.runfile.reader import RunReadError
 
 
 def campaign(options: argparse.Namespace) -> int:
@@ -31,8 +38,8 @@ def campaign(options: argparse.Namespace) -> int:
     folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
     try:
         if options.verb == "new":
-            begun = Campaign.new(folder, specimen, chosen_bench(options)[0].simulated)
-            return _show(begun, options.json)
+            begun = Campaign.create(folder, specimen, selected_bench(options)[0].simulated)
+            return _print_campaign(begun, options.json)
         known = Campaign.open(folder, specimen)
         match options.verb:
             case "rehearse":
@@ -49,110 +56,114 @@ def campaign(options: argparse.Namespace) -> int:
                 known.reject(options.item)
             case "move":
                 known.move(options.item, options.before)
-        return _show(known, options.json)
-    except (CampaignError, RunError) as error:
+        return _print_campaign(known, options.json)
+    except (CampaignError, RunReadError) as error:
         raise UsageError(str(error)) from None
 
 
-def _run(known: Campaign, options: argparse.Namespace) -> int:
-    config, speed = chosen_bench(options)
-    of_this_bench(known, config.simulated)
-    line: Listed | None = first(known, options.item or "", options.hands_free, options.verb == "resume")
-    conductor, on = Conductor(known), options.all or options.hands_free
-    with headless(config, speed, options, [conductor], options.faults) as front:
+def _run(campaign_: Campaign, options: argparse.Namespace) -> int:
+    config, speed = selected_bench(options)
+    check_bench_kind(campaign_, config.simulated)
+    line: ItemState | None = first_item(campaign_, options.item or "", options.hands_free, options.verb == "resume")
+    conductor, on = CampaignRunner(campaign_), options.all or options.hands_free
+    with headless_session(config, speed, options, [conductor], options.faults) as front:
         while line is not None:
             if not options.json:
-                does = DOES[line.next].lower()
-                sys.stderr.write(f"campaign of {known.specimen}: {does} {line.item.name} ({line.title})\n")
-            conductor.begin(front.session, line)
+                does = ACTION_LABELS[line.next_action].lower()
+                sys.stderr.write(f"campaign of {campaign_.specimen}: {does} {line.item.name} ({line.title})\n")
+            conductor.start(front.session, line)
             front.wait()
-            if exit_code(front.session) != DONE or front.stopped.is_set() or not on:
+            if exit_code(front.session) != DONE or front.interrupted.is_set() or not on:
                 break
-            line = following(known, line, options.hands_free)
+            line = next_item_after(campaign_, line, options.hands_free)
     if not options.json:
-        _show(known, as_json=False)
+        _print_campaign(campaign_, as_json=False)
     return exit_code(front.session)
 
 
-def _rehearse(known: Campaign, options: argparse.Namespace) -> int:
-    from app.campaign.summary import believed
+def _rehearse(campaign_: Campaign, options: argparse.Namespace) -> int:
+    from app.campaign.summary import identified_tactor
     from app.session.connect import connect
 
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     try:
         with connect(config, None if config.simulated else speed) as lab:
-            told = rehearse_campaign(known, lab.bench, believed(known, lab.bench.amplifier.map))
+            told = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
     except BenchError as error:
         raise UsageError(str(error)) from None
     print(_rehearsal_record(told) if options.json else _rehearsal_text(told))  # noqa: T201 - the command line speaks here
     return DONE
 
 
-def _rehearsal_record(told: CampaignRehearsal) -> str:
-    items = [{"item": item.name, **asdict(one)} for item, one in told.items]
-    return json.dumps(plain({**asdict(told), "items": items}), allow_nan=False)
+def _rehearsal_record(rehearsal: CampaignRehearsal) -> str:
+    items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
+    return json.dumps(to_jsonable({**asdict(rehearsal), "items": items}), allow_nan=False)
 
 
-def _rehearsal_text(told: CampaignRehearsal) -> str:
+def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
     lines = []
-    for item, one in told.items:
+    for item, one in rehearsal.items:
         volts = f"{one.lowest_specimen_v:+.0f} ... {one.highest_specimen_v:+.0f} V"
         lines.append(
-            f"{item.name:10} {duration(one.duration_s):>12}  {one.entries:4} points  {one.prompts:4} prompts  {volts:>18}  "
-            f"{size(one.file_bytes):>7}  closest to a limit: {one.worst}"
+            f"{item.name:10} {format_duration(one.duration_s):>12}  {one.entries:4} points  {one.prompts:4} prompts  {volts:>18}  "
+            f"{format_bytes(one.file_bytes):>7}  closest to a limit: {one.worst}"
         )
-    volts = f"{told.lowest_specimen_v:+.0f} ... {told.highest_specimen_v:+.0f} V on the specimen"
-    lines.append(f"together {duration(told.duration_s)}, {told.prompts} prompts, {volts}, {size(told.file_bytes)}")
-    return "\n".join([*lines, *(f"caution: {words}" for words in told.cautions)])
+    volts = f"{rehearsal.lowest_specimen_v:+.0f} ... {rehearsal.highest_specimen_v:+.0f} V on the specimen"
+    lines.append(
+        f"together {format_duration(rehearsal.duration_s)}, {rehearsal.prompts} prompts, {volts}, {format_bytes(rehearsal.file_bytes)}"
+    )
+    return "\n".join([*lines, *(f"caution: {words}" for words in rehearsal.cautions)])
 
 
-def _show(known: Campaign, as_json: bool) -> int:
-    from app.campaign.summary import identified
+def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
+    from app.campaign.summary import identify_campaign_runs
 
-    lines, found = known.listed(), identified(known)
+    lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
     estimates = () if isinstance(found, str) else found.estimates
     if as_json:
-        record = {"specimen": known.specimen, "simulated": known.simulated, "path": str(known.path)}
+        record = {"specimen": campaign_.specimen, "simulated": campaign_.simulated, "path": str(campaign_.path)}
         record["identified"] = [asdict(estimate) for estimate in estimates]
-        print(json.dumps(plain({**record, "items": [_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
+        print(json.dumps(to_jsonable({**record, "items": [_item_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
         return DONE
-    print(f"campaign of {known.specimen}" + ("   SIMULATED" if known.simulated else "") + f"   {known.path}")  # noqa: T201
+    print(  # noqa: T201
+        f"campaign of {campaign_.specimen}" + ("   SIMULATED" if campaign_.simulated else "") + f"   {campaign_.path}"
+    )
     for line in lines:
-        print(_text(line))  # noqa: T201
+        print(_item_text(line))  # noqa: T201
     if estimates:
         print("identified so far, by the paper's chain ('tactor-bench identify' for more):")  # noqa: T201
     for estimate in estimates:
-        value = uncertain(estimate.value, estimate.standard_error, estimate.unit)
+        value = format_uncertain(estimate.value, estimate.standard_error, estimate.unit)
         print(f"    {estimate.name}: {value}")  # noqa: T201
     return DONE
 
 
-def _record(line: Listed) -> dict[str, Any]:
-    estimates = {estimate.name: estimate for estimate in line.estimates}
+def _item_record(state: ItemState) -> dict[str, Any]:
+    estimates = {estimate.name: estimate for estimate in state.estimates}
     return {
-        "item": line.item.name,
-        "protocol": line.item.protocol,
-        "needs": line.item.needs,
-        "state": line.standing,
-        "reason": line.reason,
-        "accepted": line.accepted,
-        "next": line.next,
-        "run": line.run and str(line.run),
+        "item": state.item.name,
+        "protocol": state.item.protocol,
+        "needs": state.item.needs,
+        "state": state.status,
+        "reason": state.reason,
+        "accepted": state.accepted,
+        "next": state.next_action,
+        "run": state.run and str(state.run),
         "estimates": {name: asdict(estimate) for name, estimate in estimates.items()},
     }
 
 
-def _text(line: Listed) -> str:
-    mark = MARKS.get(line.standing, " ")
-    accepted = "accepted, " if line.accepted else ""
-    words = [f"{mark} {line.item.name:10} {line.standing:10} {line.title:16} {accepted}{line.reason}"]
-    if line.run is not None:
-        words.append(f"    {line.run.name}")
-    words += [f"    {e.name}: {uncertain(e.value, e.standard_error, e.unit)}" for e in line.estimates]
+def _item_text(state: ItemState) -> str:
+    mark = STATUS_MARKS.get(state.status, " ")
+    accepted = "accepted, " if state.accepted else ""
+    words = [f"{mark} {state.item.name:10} {state.status:10} {state.title:16} {accepted}{state.reason}"]
+    if state.run is not None:
+        words.append(f"    {state.run.name}")
+    words += [f"    {e.name}: {format_uncertain(e.value, e.standard_error, e.unit)}" for e in state.estimates]
     return "\n".join(words)
 
 
-Options = Callable[[argparse.ArgumentParser], None]
+AddOptions = Callable[[argparse.ArgumentParser], None]
 
 VERBS: dict[str, tuple[str, str]] = {
     "new": ("begin a campaign of a specimen: the paper's measurements in their order", ""),
@@ -168,9 +179,9 @@ VERBS: dict[str, tuple[str, str]] = {
 }
 
 
-def add_campaign_command(known: Any, bench_options: Options) -> None:
+def add_campaign_command(subparsers: Any, add_bench_options: AddOptions) -> None:
     """Register the command with the subparsers of the command; the options are those of `run`."""
-    campaign = known.add_parser(
+    campaign = subparsers.add_parser(
         "campaign",
         help="the measurements of one specimen in their order: new, status, run, resume ...",
         description="All measurements of one specimen, each after what it is based on. How they stand is read from the run "
@@ -185,7 +196,7 @@ def add_campaign_command(known: Any, bench_options: Options) -> None:
             description=f"{words[0].upper()}{words[1:]}.",
             epilog=f"example: tactor-bench campaign {verb} {'dwell ' if item else ''}--specimen T7",
         )
-        bench_options(one)
+        add_bench_options(one)
         if item:
             one.add_argument("item", nargs=None if item.endswith("!") else "?", help="name of the item, as in 'status'")
         one.add_argument("--json", action="store_true", help="one JSON object on standard output, SI units")

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc
 
-from app.cli.output import Answer, Column, Table, deliver
+from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
-from model.identification.fit_result import chance
-from protocols.base.quality import usable
-from protocols.runfile.reader import Run, RunError
+from model.identification.fit_result import format_p_value
+from protocols.base.quality import usable_mask
+from protocols.runfile.reader import Run, RunReadError
 
-SETTINGS = ("side", "repeat", "direction", "level", "mass", "load")
+MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
 """Columns that tell two points of one x apart, where both runs have them."""
 
 Point = dict[str, float]
@@ -23,12 +23,12 @@ def compare_runs(options: argparse.Namespace) -> int:
     """`tactor-bench compare A B`."""
     try:
         with Run(options.first) as a, Run(options.second) as b:
-            return deliver(_comparison(a, b), options)
-    except (RunError, ValueError) as error:
+            return render(_comparison_result(a, b), options)
+    except (RunReadError, ValueError) as error:
         raise UsageError(str(error)) from None
 
 
-def _comparison(a: Run, b: Run) -> Answer:
+def _comparison_result(a: Run, b: Run) -> CommandResult:
     if a.protocol != b.protocol:
         raise ValueError(f"{a.path.name} is a {a.protocol} and {b.path.name} a {b.protocol}: compare runs of one kind")
     from protocols.registry import PROTOCOLS
@@ -37,8 +37,8 @@ def _comparison(a: Run, b: Run) -> Answer:
     if kind is None:
         raise ValueError(f"{a.path.name} is a run of '{a.protocol}', a protocol that is not known here")
     x, y = kind.axes
-    units, left, right = a.units(), _usable(a), _usable(b)
-    pairs = _pairs(left, right, x)
+    units, left, right = a.units(), _usable_points(a), _usable_points(b)
+    pairs = _match_points(left, right, x)
     if not pairs:
         raise ValueError(f"these runs have no usable point at the same {x.replace('_', ' ')} in common")
     rows: dict[str, list[float | None]] = {"x": [], "first": [], "second": [], "difference": [], "errors": []}
@@ -51,36 +51,45 @@ def _comparison(a: Run, b: Run) -> Answer:
     told = [v for v in rows["errors"] if v is not None]
     shown = {"m": "µm"}.get(units[y], "")
     apart = [
-        n for n in (*SETTINGS, "elongation") if n != x and n in units and len({f"{p.get(n)}" for p, _ in pairs}) > 1
+        n
+        for n in (*MATCH_COLUMNS, "elongation")
+        if n != x and n in units and len({f"{p.get(n)}" for p, _ in pairs}) > 1
     ]
     columns = (
-        *(Column(n, units[n].removesuffix("1"), [_told(p[n]) for p, _ in pairs], form=".4g") for n in apart),
-        Column(x, units[x].removesuffix("1"), rows["x"]),
-        Column(f"{y} first", units[y], rows["first"], shown=shown),
-        Column(f"{y} second", units[y], rows["second"], shown=shown),
-        Column("difference", units[y], rows["difference"], shown=shown, form="+.3g"),
-        Column("standard errors", "", rows["errors"], form="+.1f"),
+        *(
+            ResultColumn(n, units[n].removesuffix("1"), [_finite_or_text(p[n]) for p, _ in pairs], format_spec=".4g")
+            for n in apart
+        ),
+        ResultColumn(x, units[x].removesuffix("1"), rows["x"]),
+        ResultColumn(f"{y} first", units[y], rows["first"], display_unit=shown),
+        ResultColumn(f"{y} second", units[y], rows["second"], display_unit=shown),
+        ResultColumn("difference", units[y], rows["difference"], display_unit=shown, format_spec="+.3g"),
+        ResultColumn("standard errors", "", rows["errors"], format_spec="+.1f"),
     )
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
     if told:
         chi = sum(v * v for v in told)
         notes[0] += (
-            f"; chi-square of the differences {chi:.1f} for {len(told)} points ({chance(float(chdtrc(len(told), chi)), 2)}), statistical errors only"
+            f"; chi-square of the differences {chi:.1f} for {len(told)} points ({format_p_value(float(chdtrc(len(told), chi)), 2)}), statistical errors only"
         )
     if len(told) < len(pairs):
         notes.append(f"of {len(pairs) - len(told)} points nobody told how certain they are")
-    notes += _drives(a, b, left, right)
-    return Answer("compare", {}, (Table("points", title, columns if told else columns[:-1]),), tuple(notes))
+    notes += _drive_differences(a, b, left, right)
+    return CommandResult(
+        "compare", {}, (ResultTable("points", title, columns if told else columns[:-1]),), tuple(notes)
+    )
 
 
-def _told(value: float) -> float | str:
+def _finite_or_text(value: float) -> float | str:
     return value if math.isfinite(value) else "none"
 
 
-def _pairs(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:
+def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:
     """Points at the same setting, whatever their place in their plans; several at one setting in their order."""
-    named = [n for n in SETTINGS if left and right and all(math.isfinite(p.get(n, math.nan)) for p in (*left, *right))]
+    named = [
+        n for n in MATCH_COLUMNS if left and right and all(math.isfinite(p.get(n, math.nan)) for p in (*left, *right))
+    ]
     named += [n for n in ("elongation",) if n in (left[0] if left else {})]
 
     def by_setting(points: Sequence[Point]) -> dict[tuple[str, ...], Point]:
@@ -95,7 +104,7 @@ def _pairs(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[
     return [(point, others[key]) for key, point in by_setting(left).items() if key in others]
 
 
-def _drives(a: Run, b: Run, left: Sequence[Point], right: Sequence[Point]) -> list[str]:
+def _drive_differences(a: Run, b: Run, left: Sequence[Point], right: Sequence[Point]) -> list[str]:
     """A sentence where the two were driven differently."""
     volts = [2 * float(np.median([p.get("drive_amplitude", 0.0) for p in points])) for points in (left, right)]
     if abs(volts[0] - volts[1]) <= 0.01 * max(volts):
@@ -103,10 +112,10 @@ def _drives(a: Run, b: Run, left: Sequence[Point], right: Sequence[Point]) -> li
     return [f"the drives differ: {volts[0]:.3g} V in {a.path.name}, {volts[1]:.3g} V in {b.path.name}, max - min"]
 
 
-def _usable(run: Run) -> list[Point]:
+def _usable_points(run: Run) -> list[Point]:
     """The usable points, one-valued columns only."""
     columns = run.points()
     return [
         {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
-        for at in np.flatnonzero(usable(columns["quality"]))
+        for at in np.flatnonzero(usable_mask(columns["quality"]))
     ]

@@ -8,32 +8,32 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common.formatting import curve_line, duration, point_line, quantity
-from app.session.session import BenchFailed, BenchOpened, Refused, SessionEvent
+from app.common.formatting import format_curve, format_duration, format_point, format_quantity
+from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base.events import (
-    Answered,
-    Armed,
-    Asked,
-    AtRest,
-    BlockSeen,
-    BlockTaken,
+    BenchArmed,
+    BlockDiscarded,
+    BlockStored,
     CurveReady,
-    FaultSwitched,
-    GoingToRest,
-    Noted,
-    Paused,
+    InjectedFaultChanged,
+    LogMessage,
     PointMeasured,
-    Progressed,
-    Resumed,
+    ProgressUpdated,
+    PromptAnswered,
+    PromptShown,
+    RestMeasured,
     RunEnded,
+    RunPaused,
+    RunResumed,
     RunStarted,
+    ShutdownStarted,
     event_record,
 )
 
-COLOURS = {"completed": "green", "unsafe": "bold red"}
+STATUS_COLORS = {"completed": "green", "unsafe": "bold red"}
 
 
-class Terminal(Console):
+class StderrConsole(Console):
     """Standard error. Nobody reading it any more (`... 2>&1 | head`) is no reason to end a run: it goes on in silence."""
 
     def __init__(self) -> None:
@@ -51,9 +51,9 @@ class ConsoleObserver:
     is no instruction to the terminal.
     """
 
-    def __init__(self, console: Console, keys: str = "") -> None:
+    def __init__(self, console: Console, key_help: str = "") -> None:
         """`keys` is what a person may press while it runs, told where the run begins."""
-        self._console, self._keys = console, keys
+        self._console, self._key_help = console, key_help
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=None),
@@ -77,55 +77,55 @@ class ConsoleObserver:
         match event:
             case BenchOpened(name, simulated, identities):
                 self._simulated = simulated
-                self._say((name, "bold"), ("  SIMULATED" if simulated else "", "bold red"))
+                self._print((name, "bold"), ("  SIMULATED" if simulated else "", "bold red"))
                 for role, identity in identities.items():
-                    self._say(f"  {role}: {identity}")
+                    self._print(f"  {role}: {identity}")
             case RunStarted():
                 self._task = self._progress.add_task("arming", total=event.entries, left="")
-                self._say(f"writing {event.path}" + (f"; {self._keys}" if self._keys else ""))
-            case Armed(high_voltage):
+                self._print(f"writing {event.path}" + (f"; {self._key_help}" if self._key_help else ""))
+            case BenchArmed(high_voltage):
                 on = "high voltage is on, says the operator" if high_voltage else "high voltage is off and stays off"
-                self._say(f"rest is measured; {on}")
-            case Asked(_, prompt):
-                self._say((f"> {prompt.text}", "bold yellow"))
-            case Answered(_, words):
-                self._say(f"  {words}")
-            case Noted(text):
-                self._say(text)
-            case FaultSwitched(fault, words, broken):
-                self._say((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {words} ({fault})")
+                self._print(f"rest is measured; {on}")
+            case PromptShown(_, prompt):
+                self._print((f"> {prompt.text}", "bold yellow"))
+            case PromptAnswered(_, words):
+                self._print(f"  {words}")
+            case LogMessage(text):
+                self._print(text)
+            case InjectedFaultChanged(fault, words, broken):
+                self._print((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {words} ({fault})")
             case PointMeasured(_, point):
-                self._say(point_line(point))
-            case CurveReady(curve) if words := curve_line(curve):
-                self._say(words)
-            case Progressed() if self._task is not None:
-                left = f"{duration(event.left_s)} left" if event.done < event.entries else ""
+                self._print(format_point(point))
+            case CurveReady(curve) if words := format_curve(curve):
+                self._print(words)
+            case ProgressUpdated() if self._task is not None:
+                left = f"{format_duration(event.left_s)} left" if event.done < event.entries else ""
                 self._progress.update(self._task, completed=event.done, description=event.label, left=left)
-            case Paused(words):
-                self._say(("paused", "bold yellow"), f": {words}")
-            case Resumed():
-                self._say("goes on")
-            case GoingToRest() if self._task is not None:
+            case RunPaused(words):
+                self._print(("paused", "bold yellow"), f": {words}")
+            case RunResumed():
+                self._print("goes on")
+            case ShutdownStarted() if self._task is not None:
                 self._progress.update(self._task, description="going to rest", left="")
-            case AtRest(confirmed, _, words):
-                self._say(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), words)
+            case RestMeasured(confirmed, _, words):
+                self._print(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), words)
             case RunEnded():
-                self._ended(event)
-            case BenchFailed(words) | Refused(words):
-                self._say(("error", "bold red"), f": {words}")
+                self._print_outcome(event)
+            case BenchFailed(words) | RunRejected(words):
+                self._print(("error", "bold red"), f": {words}")
 
-    def _ended(self, event: RunEnded) -> None:
+    def _print_outcome(self, event: RunEnded) -> None:
         for estimate in event.estimates:
-            value = quantity(estimate.value, estimate.standard_error, estimate.unit)
-            self._say(f"{estimate.name}: {value}")
+            value = format_quantity(estimate.value, estimate.standard_error, estimate.unit)
+            self._print(f"{estimate.name}: {value}")
         if self._task is not None:
             self._progress.update(self._task, description=str(event.status), left="")
         if not self._simulated:
             words = "High voltage may still be on: switch it off at the amplifier before you touch anything."
-            self._say((words, "bold yellow"))
-        self._say((str(event.status), COLOURS.get(event.status, "yellow")), f": {event.reason}")
+            self._print((words, "bold yellow"))
+        self._print((str(event.status), STATUS_COLORS.get(event.status, "yellow")), f": {event.reason}")
 
-    def _say(self, *parts: str | tuple[str, str]) -> None:
+    def _print(self, *parts: str | tuple[str, str]) -> None:
         self._progress.console.print(Text.assemble(*parts), soft_wrap=True)
 
 
@@ -133,7 +133,7 @@ class JsonObserver:
     """Every event but the blocks as one JSON object a line, in SI units."""
 
     def __init__(self) -> None:
-        self._read = True
+        self._reader_present = True
 
     def __enter__(self) -> "JsonObserver":
         return self
@@ -141,12 +141,12 @@ class JsonObserver:
     def __exit__(self, *_: object) -> None: ...
 
     def __call__(self, event: SessionEvent) -> None:
-        if isinstance(event, BlockTaken | BlockSeen) or not self._read:
+        if isinstance(event, BlockStored | BlockDiscarded) or not self._reader_present:
             return
         line = {"event": event.kind, **event_record(event)}
         try:
             sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
             sys.stdout.flush()
         except OSError as error:  # whoever read it has gone, or its disk is full
-            self._read = False
+            self._reader_present = False
             sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")

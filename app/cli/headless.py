@@ -12,17 +12,17 @@ from typing import Any
 from app.common.errors import DONE, FAILED, UNSAFE, UsageError
 from app.config.bench_file import BenchConfig
 from app.session.session import Session
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 
-EXIT_CODES = {Status.COMPLETED: DONE, Status.UNSAFE: UNSAFE}
+EXIT_CODES = {RunStatus.COMPLETED: DONE, RunStatus.UNSAFE: UNSAFE}
 
 
 @dataclass
-class Headless:
+class HeadlessSession:
     """A session that is open; `stopped` is set when somebody pressed Ctrl-C: then nothing new is begun."""
 
     session: Session
-    stopped: threading.Event = field(default_factory=threading.Event)
+    interrupted: threading.Event = field(default_factory=threading.Event)
 
     def wait(self) -> None:
         """Until the run that was asked for has ended, or there is no bench."""
@@ -37,33 +37,33 @@ def exit_code(session: Session) -> int:
 
 
 @contextmanager
-def headless(
+def headless_session(
     config: BenchConfig,
     speed: float | None,
     options: argparse.Namespace,
-    listeners: Sequence[Callable[[Any], None]] = (),
-    planned: Sequence[str] = (),
-) -> Iterator[Headless]:
+    observers: Sequence[Callable[[Any], None]] = (),
+    planned_faults: Sequence[str] = (),
+) -> Iterator[HeadlessSession]:
     """A bench that is being opened; let go of at the end, at rest.
 
     Raises:
         UsageError: faults were planned for a real bench.
     """
-    if planned and not config.simulated:
+    if planned_faults and not config.simulated:
         raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
-    from app.cli.console import ConsoleObserver, JsonObserver, Terminal
-    from app.cli.prompts import KEYS, ConsoleOperator, can_listen
-    from app.session.connect import HASTY_BLOCK_S, connect
-    from app.session.fault_injection import FaultPlan, planned_fault
+    from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
+    from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
+    from app.session.connect import UNATTENDED_BLOCK_S, connect
+    from app.session.fault_injection import FaultPlan, parse_planned_fault
 
-    plan = FaultPlan([planned_fault(text) for text in planned])
+    plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
-    keys = KEYS if can_listen() else ""
-    observer = JsonObserver() if options.json else ConsoleObserver(Terminal(), keys)
+    keys = KEY_HELP if can_poll_keyboard() else ""
+    observer = JsonObserver() if options.json else ConsoleObserver(StderrConsole(), keys)
     with observer:
-        way = plan.around(lambda: connect(config, speed, HASTY_BLOCK_S))
-        front = Headless(Session(way, [observer, operator, plan, *listeners], operator))
-        plan.tell = front.session.happened
+        way = plan.wrap(lambda: connect(config, speed, UNATTENDED_BLOCK_S))
+        front = HeadlessSession(Session(way, [observer, operator, plan, *observers], operator))
+        plan.on_switched = front.session.inject_event
         with _stop_on_signal(front), operator.listening(front.session):
             front.session.start()
             try:
@@ -73,12 +73,12 @@ def headless(
 
 
 @contextmanager
-def _stop_on_signal(front: Headless) -> Iterator[None]:
+def _stop_on_signal(headless: HeadlessSession) -> Iterator[None]:
     """Ctrl-C and SIGTERM ask the run to go to rest; asking again changes nothing, because rest comes first."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
-        front.stopped.set()
-        front.session.stop()
+        headless.interrupted.set()
+        headless.session.stop()
 
     numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
     before = {number: signal.signal(number, stop) for number in numbers}

@@ -12,31 +12,31 @@ from typing import Any
 
 import numpy as np
 
-from app.cli.identify_tables import answer_of, plans, profiled, proposed
-from app.cli.output import Answer, deliver, tracked
+from app.cli.identify_tables import identification_command_result, profile_table, proposals_table, rank_proposals
+from app.cli.output import CommandResult, progress_bar, render
 from app.common.errors import UsageError
-from app.common.inputs import path
+from app.common.inputs import path_argument
 from app.common.units import UnitError, to_number
 from app.common.version import version
 from app.config.bench_file import ConfigError
 from app.config.tables import AmplifierTable
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
-from app.identification.identify import Identified, identify
-from app.identification.observations import ObservingError
+from app.identification.identify import IdentificationResult, identify
+from app.identification.observations import ObservationError
 from app.identification.recalibration import Correction
 from model.amplifier_map import AmplifierMap
 from model.identification.calibration import Calibration
-from model.identification.fit_options import Setting
+from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
-from model.identification.parameters import quantity
+from model.identification.parameters import parameter_spec
 from model.parameter_spec import ParameterError
-from protocols.runfile.reader import Run, RunError
+from protocols.runfile.reader import Run, RunReadError
 
 
-def add_identify_commands(known: Any) -> None:
+def add_identify_commands(subparsers: Any) -> None:
     """Register the commands with the subparsers of the command."""
-    identify = known.add_parser(
+    identify = subparsers.add_parser(
         "identify",
         help="parameters of a specimen from its runs, with errors",
         description="Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
@@ -46,18 +46,18 @@ def add_identify_commands(known: Any) -> None:
     _add_identification(identify)
     identify.add_argument("--accept", action="store_true", help="keep the result as the specimen's calibration")
 
-    compare = known.add_parser(
+    compare = subparsers.add_parser(
         "compare",
         help="what differs between two runs of the same kind",
         description="Points of two runs side by side: values, difference, and the difference in standard errors.",
         epilog="example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5",
     )
-    compare.add_argument("first", type=path)
-    compare.add_argument("second", type=path)
+    compare.add_argument("first", type=path_argument)
+    compare.add_argument("second", type=path_argument)
     compare.add_argument("--json", action="store_true", help="as one JSON object, SI units")
     compare.set_defaults(command=_compare)
 
-    calibration = known.add_parser(
+    calibration = subparsers.add_parser(
         "calibration",
         help="the accepted estimates of a specimen: accept, show, diff, use another version",
         description="What was accepted of a specimen: one version after the other, one of them active.",
@@ -82,13 +82,13 @@ def add_identify_commands(known: Any) -> None:
     use.add_argument("specimen")
     use.add_argument("version", type=int)
     for each, what in ((show, "show"), (diff, "diff"), (use, "use")):
-        each.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
+        each.add_argument("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
         each.add_argument("--json", action="store_true", help="as one JSON object, SI units")
         each.set_defaults(command=_calibration, what=what)
 
 
 def _add_identification(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("runs", nargs="+", type=path, metavar="RUN", help="run files of one specimen")
+    parser.add_argument("runs", nargs="+", type=path_argument, metavar="RUN", help="run files of one specimen")
     parser.add_argument("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
     parser.add_argument(
         "--free", metavar="NAMES", help="free parameters, e.g. k2,mu,m_add,c0 (default: what the runs are there for)"
@@ -134,9 +134,9 @@ def _add_identification(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_identify)
 
 
-def add_report_command(known: Any) -> None:
+def add_report_command(subparsers: Any) -> None:
     """Register `report` with the subparsers of the command."""
-    report = known.add_parser(
+    report = subparsers.add_parser(
         "report",
         help="the report of a specimen: PDF and HTML",
         description="One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
@@ -146,18 +146,20 @@ def add_report_command(known: Any) -> None:
         epilog="example: tactor-bench report T7 --limits limits.toml --out reports",
     )
     report.add_argument("specimen", nargs="?")
-    report.add_argument("--folder", type=path, default=Path("runs"), help="of the runs (default: runs)")
-    report.add_argument("--out", type=path, default=Path(), metavar="FOLDER", help="where it goes (default: here)")
+    report.add_argument("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
+    report.add_argument(
+        "--out", type=path_argument, default=Path(), metavar="FOLDER", help="where it goes (default: here)"
+    )
     report.add_argument(
         "--limits",
-        type=path,
+        type=path_argument,
         metavar="FILE",
         help="limits to be met (default: limits.toml beside the runs, if it is there)",
     )
     report.add_argument("--golden", metavar="SPECIMEN", help="the specimen that the limits compare with")
     report.add_argument(
         "--new-limits",
-        type=path,
+        type=path_argument,
         metavar="FILE",
         help="write a commented example of limits into this file, and nothing else",
     )
@@ -166,9 +168,9 @@ def add_report_command(known: Any) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from app.cli.report import report
+    from app.cli.report import report_command
 
-    return report(options)
+    return report_command(options)
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -188,8 +190,10 @@ def _calibration(options: argparse.Namespace) -> int:
     return calibration(options)
 
 
-WRONG_FIRST = "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
-SIMULATED_SHAPES = ", as many as the simulated tactor has"
+INADEQUATE_MODEL_HINT = (
+    "next best: find out why the runs do not follow the model; another run would only be surer of a wrong one"
+)
+SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
 def identify_runs(options: argparse.Namespace) -> int:
@@ -201,33 +205,37 @@ def identify_runs(options: argparse.Namespace) -> int:
     if not 0 < options.coverage < 1:
         raise UsageError(f"--coverage {options.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
     free = tuple(name.strip() for name in (options.free or "").split(",") if name.strip())
-    fixed = dict(_fixed(text) for text in options.fixed)
+    fixed = dict(_parse_fixed(text) for text in options.fixed)
     corrected = _correction(options)
     try:
-        notes = [words for path in options.runs if corrected and (words := corrected.words(path))]
-        setting = Setting(
+        notes = [words for path in options.runs if corrected and (words := corrected.describe_changes(path))]
+        setting = FitOptions(
             free=free or None,
             fixed=fixed,
             loss="cauchy" if options.robust else "linear",
-            amplifier=corrected.amplifier.map if corrected and corrected.amplifier else _amplifier(options.runs),
+            amplifier=corrected.amplifier.amplifier_map
+            if corrected and corrected.amplifier
+            else _amplifier_of_runs(options.runs),
         )
         found = identify(
             options.runs,
             options.method,
             setting,
             options.shapes,
-            opened=corrected.opened if corrected else Run,
-            told=lambda paths: tracked(paths, "reducing anew" if corrected else "reading runs"),
+            open_run=corrected.open if corrected else Run,
+            track=lambda paths: progress_bar(paths, "reducing anew" if corrected else "reading runs"),
         )
-        answer = answer_of(found)
-        if found.fit is not None:
-            answer = _with_plans(answer, found, found.fit, options)
-    except (ObservingError, RunError, ParameterError, ValueError) as error:
+        answer = identification_command_result(found)
+        if found.joint_fit is not None:
+            answer = _add_proposals(answer, found, found.joint_fit, options)
+    except (ObservationError, RunReadError, ParameterError, ValueError) as error:
         raise UsageError(str(error)) from None
-    notes.append(f"fitted with {found.shapes} shape functions" + (SIMULATED_SHAPES if found.campaign.simulated else ""))
+    notes.append(
+        f"fitted with {found.shapes} shape functions" + (SIMULATED_SHAPES_NOTE if found.observations.simulated else "")
+    )
     if options.accept:
         notes.append(_accept(found, options, corrected))
-    return deliver(replace(answer, notes=(*answer.notes, *notes)), options)
+    return render(replace(answer, notes=(*answer.notes, *notes)), options)
 
 
 def _correction(options: argparse.Namespace) -> Correction | None:
@@ -236,70 +244,74 @@ def _correction(options: argparse.Namespace) -> Correction | None:
     if options.bench == "sim":
         raise UsageError("--bench sim: give the corrected bench file itself")
     try:
-        return Correction.of(Path(options.bench))
+        return Correction.from_bench_file(Path(options.bench))
     except ConfigError as error:
         raise UsageError(str(error)) from None
 
 
-def _with_plans(answer: Answer, found: Identified, fit: JointFit, options: argparse.Namespace) -> Answer:
+def _add_proposals(
+    result: CommandResult, identification: IdentificationResult, fit: JointFit, options: argparse.Namespace
+) -> CommandResult:
     """The answer with what else was asked of a joint fit, and the one line of what to measure next."""
-    tables, notes = list(answer.tables), list(answer.notes)
+    tables, notes = list(result.tables), list(result.notes)
     if options.profile:
-        tables.append(profiled(fit, options.profile, options.coverage))
-    if fit.parameters:
-        proposals = proposed(fit, options.next or None)
+        tables.append(profile_table(fit, options.profile, options.coverage))
+    if fit.free_parameters:
+        proposals = rank_proposals(fit, options.next or None)
         if options.next is not None:
-            tables.append(plans(proposals))
-        wrong = found.adequacy is not None and found.adequacy.adequate is False
-        notes.append(WRONG_FIRST if wrong else f"next best: {proposals[0].words}")
-    return replace(answer, tables=tuple(tables), notes=tuple(notes))
+            tables.append(proposals_table(proposals))
+        wrong = identification.adequacy is not None and identification.adequacy.adequate is False
+        notes.append(INADEQUATE_MODEL_HINT if wrong else f"next best: {proposals[0].summary}")
+    return replace(result, tables=tuple(tables), notes=tuple(notes))
 
 
-def _fixed(text: str) -> tuple[str, float]:
+def _parse_fixed(text: str) -> tuple[str, float]:
     name, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--fix {text}: write NAME=VALUE, for example --fix k2=8.7e-3")
     try:
-        return name.strip(), to_number(value.strip(), quantity(name.strip()).unit)
+        return name.strip(), to_number(value.strip(), parameter_spec(name.strip()).unit)
     except (UnitError, ParameterError) as error:
         raise UsageError(f"--fix {text}: {error}") from None
 
 
-def _amplifier(paths: Sequence[Path]) -> AmplifierMap:
+def _amplifier_of_runs(paths: Sequence[Path]) -> AmplifierMap:
     """The amplifier as it was in these runs: its map is copied into every run file."""
     maps = []
     for run_path in paths:
         try:
             with Run(run_path) as run:
-                maps.append(AmplifierTable.of(run.configuration).map)
-        except RunError as error:
+                maps.append(AmplifierTable.from_configuration(run.configuration).amplifier_map)
+        except RunReadError as error:
             raise UsageError(str(error)) from None
     if any(each != maps[0] for each in maps):
         raise UsageError("these runs were made with differently configured amplifiers: identify them by themselves")
     return maps[0]
 
 
-def _accept(found: Identified, options: argparse.Namespace, corrected: Correction | None) -> str:
+def _accept(identification: IdentificationResult, options: argparse.Namespace, correction: Correction | None) -> str:
     folder = options.runs[0].parent
     try:
-        known = calibrations.read(folder, found.specimen)
+        known = calibrations.read_calibrations(folder, identification.specimen)
         number = max((each.version for each in known.versions), default=0) + 1
         accepted = Calibration(
-            specimen=found.specimen,
+            specimen=identification.specimen,
             version=number,
-            estimates=found.estimates,
-            covariance=tuple(tuple(row) for row in np.asarray(found.covariance).tolist()),
-            method=found.method,
+            estimates=identification.estimates,
+            covariance=tuple(tuple(row) for row in np.asarray(identification.covariance).tolist()),
+            method=identification.method,
             runs=tuple(path.name for path in options.runs),
             code=version(),
             accepted_at=datetime.now(UTC).isoformat(timespec="seconds"),
             accepted_by=options.by,
-            simulated=found.campaign.simulated,
-            fixed=dict(found.fixed),
+            simulated=identification.observations.simulated,
+            fixed=dict(identification.fixed),
             note=options.note,
-            reduced=corrected.as_record() if corrected else {},
+            reduced=correction.as_record() if correction else {},
         )
-        path = calibrations.write(folder, found.specimen, Calibrations((*known.versions, accepted), number))
+        path = calibrations.write_calibrations(
+            folder, identification.specimen, Calibrations((*known.versions, accepted), number)
+        )
     except (CalibrationError, ParameterError) as error:
         raise UsageError(str(error)) from None
-    return f"accepted as version {number} of {found.specimen}, now active, in {path}"
+    return f"accepted as version {number} of {identification.specimen}, now active, in {path}"

@@ -9,205 +9,222 @@ from typing import Any
 
 import numpy as np
 
-from app.cli.output import Answer, Column, Table, tracked
-from app.common.formatting import uncertain
-from app.identification.identify import Identified
+from app.cli.output import CommandResult, ResultColumn, ResultTable, progress_bar
+from app.common.formatting import format_uncertain
+from app.identification.identify import IdentificationResult
 from model.identification.adequacy import Adequacy
-from model.identification.experiment_design import Expected, Proposal, candidates, next_best
-from model.identification.fit_result import JointFit, chance
-from model.identification.observations import Campaign, MassResonance, MembraneSag, observed
-from model.identification.parameters import quantity
-from model.identification.profile_likelihood import Profile, profile
+from model.identification.experiment_design import ExpectedPrecision, Proposal, default_candidates, rank_candidates
+from model.identification.fit_result import JointFit, format_p_value
+from model.identification.observations import (
+    MassResonanceObservation,
+    MembraneSagObservation,
+    ObservationSet,
+    observed_values,
+)
+from model.identification.parameters import parameter_spec
+from model.identification.profile_likelihood import ProfileInterval, profile_interval
 from model.parameter_spec import ParameterError
-from protocols.base.jsonable import plain
+from protocols.base.jsonable import to_jsonable
 
-MOST = 10
+MAX_FINDINGS = 10
 """Findings a person is shown."""
 
 
-def findings(told: Adequacy) -> Iterator[Table]:
+def adequacy_tables(adequacy: Adequacy) -> Iterator[ResultTable]:
     """The first ways in which the runs do not follow the model; nothing where they do."""
-    if not told.findings:
+    if not adequacy.findings:
         return
-    first, more = told.findings[:MOST], len(told.findings) - MOST
-    yield Table(
+    first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
+    yield ResultTable(
         "findings",
-        "How the runs depart from the model" + (f" (the first {MOST}; {more} more with --json)" if more > 0 else ""),
+        "How the runs depart from the model"
+        + (f" (the first {MAX_FINDINGS}; {more} more with --json)" if more > 0 else ""),
         (
-            Column("kind", "", [f.kind for f in first]),
-            Column("words", "", [f.words for f in first], "what is seen"),
-            Column("probability", "", [chance(f.probability).removeprefix("p = ") for f in first], "by chance"),
-        ),
-    )
-
-
-def proposed(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]:
-    """What could be measured next, the best first, for one parameter or the one known worst.
-
-    Raises:
-        ParameterError: the parameter was not free.
-    """
-    return next_best(fit, candidates(fit, expected(fit.campaign)), parameter)
-
-
-def expected(campaign: Campaign) -> Expected:
-    """What further runs can be expected to do: what those that were done did, half of them better."""
-    shares: list[float] = []
-    for run in campaign.runs:
-        if not isinstance(run, MassResonance | MembraneSag):
-            values, errors = observed(run)
-            shares += (np.abs(errors) / np.abs(values)).tolist()
-    resonances = [e for run in campaign.of(MassResonance) for e in run.errors_hz[run.use]]
-    usual = Expected(common=tuple(campaign.common.values()))
-    relative = float(np.median(shares)) if shares else usual.relative
-    return replace(
-        usual,
-        relative=relative,
-        floor_m=usual.floor_m * relative / usual.relative,
-        resonance_hz=float(np.median(resonances)) if resonances else usual.resonance_hz,
-    )
-
-
-def plans(every: Sequence[Proposal]) -> Table:
-    """All proposals for one parameter."""
-    best = every[0]
-    return Table(
-        "next",
-        f"What to measure next for {best.parameter}, the most a minute first",
-        (
-            Column("run", "", [p.candidate.run.label for p in every]),
-            Column("minutes", "min", [p.candidate.minutes for p in every], form=".3g"),
-            Column("before", "%", [_known(p.before) for p in every], "error now", form=".2g"),
-            Column("after", "%", [_known(p.after) for p in every], "error then", form=".2g"),
-            Column(
-                "less",
-                "%",
-                [100 * (1 - (p.after / p.before) ** (1 / p.candidate.minutes)) for p in every],
-                "less a minute",
-                form=".2g",
+            ResultColumn("kind", "", [f.kind for f in first]),
+            ResultColumn("words", "", [f.words for f in first], "what is seen"),
+            ResultColumn(
+                "probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"
             ),
         ),
     )
 
 
-def _known(share: float) -> float | str:
+def rank_proposals(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]:
+    """What could be measured next, the best first, for one parameter or the one known worst.
+
+    Raises:
+        ParameterError: the parameter was not free.
+    """
+    return rank_candidates(fit, default_candidates(fit, expected_precision(fit.observations)), parameter)
+
+
+def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
+    """What further runs can be expected to do: what those that were done did, half of them better."""
+    shares: list[float] = []
+    for run in observations.runs:
+        if not isinstance(run, MassResonanceObservation | MembraneSagObservation):
+            values, errors = observed_values(run)
+            shares += (np.abs(errors) / np.abs(values)).tolist()
+    resonances = [e for run in observations.of_type(MassResonanceObservation) for e in run.errors_hz[run.usable]]
+    usual = ExpectedPrecision(shared_errors=tuple(observations.shared_errors.values()))
+    relative = float(np.median(shares)) if shares else usual.relative_error
+    return replace(
+        usual,
+        relative_error=relative,
+        floor_m=usual.floor_m * relative / usual.relative_error,
+        resonance_hz=float(np.median(resonances)) if resonances else usual.resonance_hz,
+    )
+
+
+def proposals_table(proposals: Sequence[Proposal]) -> ResultTable:
+    """All proposals for one parameter."""
+    best = proposals[0]
+    return ResultTable(
+        "next",
+        f"What to measure next for {best.parameter}, the most a minute first",
+        (
+            ResultColumn("run", "", [p.candidate.run.label for p in proposals]),
+            ResultColumn("minutes", "min", [p.candidate.minutes for p in proposals], format_spec=".3g"),
+            ResultColumn(
+                "before", "%", [_format_share(p.error_before) for p in proposals], "error now", format_spec=".2g"
+            ),
+            ResultColumn(
+                "after", "%", [_format_share(p.error_after) for p in proposals], "error then", format_spec=".2g"
+            ),
+            ResultColumn(
+                "less",
+                "%",
+                [100 * (1 - (p.error_after / p.error_before) ** (1 / p.candidate.minutes)) for p in proposals],
+                "less a minute",
+                format_spec=".2g",
+            ),
+        ),
+    )
+
+
+def _format_share(share: float) -> float | str:
     return "not identified" if share > 1 else 100 * share
 
 
-def profiled(fit: JointFit, names: Sequence[str], coverage: float) -> Table:
+def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> ResultTable:
     """Profile intervals of parameters.
 
     Raises:
         ParameterError: one was not free.
     """
     for name in names:
-        if name not in fit.parameters:
+        if name not in fit.free_parameters:
             raise ParameterError(
-                f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.parameters)}"
+                f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.free_parameters)}"
             )
-    found: list[Profile] = [profile(fit, name, coverage) for name in tracked(names, "profiles")]
-    errors = dict(zip(fit.names, (fit.stretch * fit.covariance.diagonal() ** 0.5).tolist(), strict=True))
+    found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in progress_bar(names, "profiles")]
+    errors = dict(zip(fit.names, (fit.error_scale * fit.covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    return Table(
+    return ResultTable(
         "profiles",
         f"{100 * coverage:g} % intervals by profile: how far each can move while all others give way",
         (
-            Column("name", "", [p.name for p in found], "parameter"),
-            Column("low", "", [_end(p.low) for p in found], "from"),
-            Column("value", "", [values[p.name] for p in found], form=".6g"),
-            Column("high", "", [_end(p.high) for p in found], "to"),
-            Column("unit", "", [quantity(p.name, fit.campaign).unit for p in found]),
-            Column(
+            ResultColumn("name", "", [p.name for p in found], "parameter"),
+            ResultColumn("low", "", [_format_limit(p.low) for p in found], "from"),
+            ResultColumn("value", "", [values[p.name] for p in found], format_spec=".6g"),
+            ResultColumn("high", "", [_format_limit(p.high) for p in found], "to"),
+            ResultColumn("unit", "", [parameter_spec(p.name, fit.observations).unit for p in found]),
+            ResultColumn(
                 "lopsided",
                 "",
-                [_lopsided(p, values[p.name], errors[p.name]) for p in found],
+                [_format_arms(p, values[p.name], errors[p.name]) for p in found],
                 "against the standard error",
             ),
         ),
     )
 
 
-def _end(value: float | None) -> Any:
+def _format_limit(value: float | None) -> Any:
     return "open" if value is None else f"{value:.6g}"
 
 
-def _lopsided(told: Profile, value: float, error: float) -> str:
+def _format_arms(profile_: ProfileInterval, value: float, error: float) -> str:
     """Its two arms in standard errors."""
-    arms = ["open" if end is None else f"{(end - value) / error:+.2f}" for end in (told.low, told.high)]
+    arms = ["open" if end is None else f"{(end - value) / error:+.2f}" for end in (profile_.low, profile_.high)]
     return f"{arms[0]}, {arms[1]} standard errors"
 
 
-ADEQUATE = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
+ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknown"}
 
 
-def answer_of(found: Identified) -> Answer:
+def identification_command_result(identification: IdentificationResult) -> CommandResult:
     """Parameters with their errors, how well each run is explained, and what is wrong with the model."""
-    simulated = ", SIMULATED" if found.campaign.simulated else ""
-    method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[found.method]
-    tables = [parameters(f"Specimen {found.specimen}: {method}{simulated}", found.estimates)]
-    if found.misfits:
-        runs = found.misfits
+    simulated = ", SIMULATED" if identification.observations.simulated else ""
+    method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
+    tables = [estimate_table(f"Specimen {identification.specimen}: {method}{simulated}", identification.estimates)]
+    if identification.misfits:
+        runs = identification.misfits
         tables.append(
-            Table(
+            ResultTable(
                 "runs",
                 "How well each run is explained",
                 (
-                    Column("run", "", [r.label for r in runs]),
-                    Column("residuals", "", [r.points for r in runs]),
-                    Column("chi_square", "", [r.chi_square for r in runs], "chi-square", form=".4g"),
-                    Column("probability", "", [r.probability for r in runs], form=".2g"),
-                    Column("outliers", "", [r.outliers for r in runs], "beyond 4 errors"),
+                    ResultColumn("run", "", [r.label for r in runs]),
+                    ResultColumn("residuals", "", [r.points for r in runs]),
+                    ResultColumn("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
+                    ResultColumn("probability", "", [r.probability for r in runs], format_spec=".2g"),
+                    ResultColumn("outliers", "", [r.outliers for r in runs], "beyond 4 errors"),
                 ),
             )
         )
-    if found.validation:
-        curves = found.validation
+    if identification.validation:
+        curves = identification.validation
         tables.append(
-            Table(
+            ResultTable(
                 "validation",
                 "How well each curve is predicted",
                 (
-                    Column("run", "", [v.label for v in curves]),
-                    Column("r", "", [v.r for v in curves], "Pearson's r", form=".5f"),
-                    Column("p", "", [v.p for v in curves], form=".2g"),
-                    Column("points", "", [v.points for v in curves]),
+                    ResultColumn("run", "", [v.label for v in curves]),
+                    ResultColumn("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
+                    ResultColumn("p", "", [v.p for v in curves], format_spec=".2g"),
+                    ResultColumn("points", "", [v.points for v in curves]),
                 ),
             )
         )
-    told = [f"{found.verdict}.", *(f"not identifiable from these runs: {words}" for words in found.unidentified)]
+    told = [
+        f"{identification.verdict}.",
+        *(f"not identifiable from these runs: {words}" for words in identification.unidentified),
+    ]
     more: dict[str, Any] = {}
-    if found.adequacy is not None:
-        tables += findings(found.adequacy)
-        told.insert(0, f"{ADEQUATE[found.adequacy.adequate]}: {found.adequacy.words}.")
-        more = {"adequate": found.adequacy.adequate, "adequacy": found.adequacy.words}
-        more["every_finding"] = [plain(finding) for finding in found.adequacy.findings]
-    told += found.notes
-    fixed = {name: value for name, value in found.fixed.items() if value is not None}
+    if identification.adequacy is not None:
+        tables += adequacy_tables(identification.adequacy)
+        told.insert(0, f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.")
+        more = {"adequate": identification.adequacy.adequate, "adequacy": identification.adequacy.message}
+        more["every_finding"] = [to_jsonable(finding) for finding in identification.adequacy.findings]
+    told += identification.notes
+    fixed = {name: value for name, value in identification.fixed.items() if value is not None}
     more |= {
-        "method": found.method,
-        "simulated": found.campaign.simulated,
-        "unidentified": list(found.unidentified),
+        "method": identification.method,
+        "simulated": identification.observations.simulated,
+        "unidentified": list(identification.unidentified),
     }
-    more |= {"covariance": np.asarray(found.covariance).tolist(), "verdict": found.verdict}
-    return Answer("identify", fixed, tuple(tables), tuple(told), more=more)
+    more |= {"covariance": np.asarray(identification.covariance).tolist(), "verdict": identification.verdict}
+    return CommandResult("identify", fixed, tuple(tables), tuple(told), extra=more)
 
 
-def parameters(title: str, estimates: Sequence[Any]) -> Table:
+def estimate_table(title: str, estimates: Sequence[Any]) -> ResultTable:
     """Estimates, one a row: value with error and unit, relative error, and the runs they are from."""
-    return Table(
+    return ResultTable(
         "parameters",
         title,
         (
-            Column("name", "", [e.name for e in estimates], "parameter"),
-            Column("estimate", "", [uncertain(e.value, e.standard_error, "1") for e in estimates], "value"),
-            Column("unit", "", [e.unit for e in estimates]),
-            Column("relative", "%", [_relative(e) for e in estimates], "error", "%", form=".2g"),
-            Column("value", "", [e.value for e in estimates], told=False),
-            Column("standard_error", "", [e.standard_error for e in estimates], told=False),
-            Column("source", "", [", ".join(e.source) for e in estimates], "from"),
+            ResultColumn("name", "", [e.name for e in estimates], "parameter"),
+            ResultColumn(
+                "estimate", "", [format_uncertain(e.value, e.standard_error, "1") for e in estimates], "value"
+            ),
+            ResultColumn("unit", "", [e.unit for e in estimates]),
+            ResultColumn("relative", "%", [_relative_error(e) for e in estimates], "error", "%", format_spec=".2g"),
+            ResultColumn("value", "", [e.value for e in estimates], displayed=False),
+            ResultColumn("standard_error", "", [e.standard_error for e in estimates], displayed=False),
+            ResultColumn("source", "", [", ".join(e.source) for e in estimates], "from"),
         ),
     )
 
 
-def _relative(estimate: Any) -> float | None:
+def _relative_error(estimate: Any) -> float | None:
     return abs(estimate.standard_error / estimate.value) if estimate.value else None

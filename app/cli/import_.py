@@ -9,26 +9,26 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.importing.importer import ImportOptions, import_files, read_time
-from app.archive.importing.points import Taken
-from app.cli.output import Answer, Column, Table, deliver
+from app.archive.importing.points import ImportedRun
+from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
-from app.common.inputs import path, specimen
-from app.common.progress import bar
+from app.common.inputs import path_argument, specimen_argument
+from app.common.progress import terminal_progress
 from app.common.units import UnitError, to_number
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
 
 
-def import_tables(options: argparse.Namespace) -> int:
+def import_command(options: argparse.Namespace) -> int:
     """`tactor-bench import FILE...`."""
     words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
-    with bar(words, options.json) as tell:
-        taken, written = import_files(_options(options), _amplifier(options.bench), tell)
-    return deliver(_answer(taken, written), options)
+    with terminal_progress(words, options.json) as tell:
+        taken, written = import_files(_options(options), _load_amplifier(options.bench), tell)
+    return render(_import_result(taken, written), options)
 
 
 def _options(options: argparse.Namespace) -> ImportOptions:
-    elongation = _number("--membrane-elongation", options.membrane_elongation, "m")
+    elongation = _parse_number("--membrane-elongation", options.membrane_elongation, "m")
     if elongation is not None and not 0 <= elongation <= 0.05:
         raise UsageError(f"--membrane-elongation {options.membrane_elongation}: it must lie between 0 and 50 mm")
     return ImportOptions(
@@ -36,21 +36,21 @@ def _options(options: argparse.Namespace) -> ImportOptions:
         folder=options.out,
         kind=options.kind,
         specimen=options.specimen,
-        columns=_pairs("--column", options.column),
-        units=_pairs("--unit", options.unit),
-        uncertainties=_pairs("--uncertainty", options.uncertainty),
-        settings=_pairs("--set", options.settings),
+        columns=_parse_pairs("--column", options.column),
+        units=_parse_pairs("--unit", options.unit),
+        uncertainties=_parse_pairs("--uncertainty", options.uncertainty),
+        settings=_parse_pairs("--set", options.settings),
         elongation_m=elongation,
         sensor=options.sensor,
-        gain_error=_number("--gain-error", options.gain_error, "1") or 0.0,
-        delay_s=_number("--sensor-delay", options.sensor_delay, "s") or 0.0,
+        gain_error=_parse_number("--gain-error", options.gain_error, "1") or 0.0,
+        delay_s=_parse_number("--sensor-delay", options.sensor_delay, "s") or 0.0,
         simulated=options.simulated,
         measured=read_time(options.measured) if options.measured else None,
         dry_run=options.dry_run,
     )
 
 
-def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -60,7 +60,7 @@ def _pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _number(option: str, text: str | None, unit: str) -> float | None:
+def _parse_number(option: str, text: str | None, unit: str) -> float | None:
     if text is None:
         return None
     try:
@@ -73,48 +73,48 @@ def _number(option: str, text: str | None, unit: str) -> float | None:
     return number
 
 
-def _amplifier(bench: str) -> AmplifierTable:
+def _load_amplifier(bench: str) -> AmplifierTable:
     try:
         return load_bench(bench).amplifier
     except ConfigError as error:
         raise UsageError(str(error)) from None
 
 
-def _answer(every: Sequence[Taken], written: Sequence[Path]) -> Answer:
+def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> CommandResult:
     tables, notes = [], list[str]()
-    for taken in every:
+    for taken in runs:
         names = ", ".join(name for name, _ in taken.files)
         sources = taken.sources
         tables.append(
-            Table(
+            ResultTable(
                 f"columns of {names}",
                 f"{taken.protocol.title} from {names}: {len(taken.points)} points"
                 + (", SIMULATED" if taken.simulated else ""),
                 (
-                    Column("quantity", "", [s.name for s in sources]),
-                    Column("column", "", [s.head for s in sources]),
-                    Column("unit", "", [s.unit for s in sources]),
-                    Column("meaning", "", [s.meaning for s in sources]),
+                    ResultColumn("quantity", "", [s.name for s in sources]),
+                    ResultColumn("column", "", [s.heading for s in sources]),
+                    ResultColumn("unit", "", [s.unit for s in sources]),
+                    ResultColumn("meaning", "", [s.description for s in sources]),
                 ),
-                most=200,
+                max_rows=200,
             )
         )
-        notes += [f"caution: {words}" for words in taken.cautions]
-        if taken.left:
-            notes.append(f"left out: {', '.join(repr(head) for head in taken.left)}")
+        notes += [f"caution: {words}" for words in taken.warnings]
+        if taken.unused_columns:
+            notes.append(f"left out: {', '.join(repr(head) for head in taken.unused_columns)}")
     notes += [f"wrote {path}" for path in written] or ["nothing was written (--dry-run)"]
     more = {
         "written": [str(path) for path in written],
-        "points": sum(len(taken.points) for taken in every),
-        "cautions": [words for taken in every for words in taken.cautions],
-        "left_out": [head for taken in every for head in taken.left],
+        "points": sum(len(taken.points) for taken in runs),
+        "cautions": [words for taken in runs for words in taken.warnings],
+        "left_out": [head for taken in runs for head in taken.unused_columns],
     }
-    return Answer("import", {}, tuple(tables), tuple(notes), more=more)
+    return CommandResult("import", {}, tuple(tables), tuple(notes), extra=more)
 
 
-def add_import_command(known: Any) -> None:
+def add_import_command(subparsers: Any) -> None:
     """Register `import` with the subparsers of the command."""
-    command = known.add_parser(
+    command = subparsers.add_parser(
         "import",
         help="old tables and time series as run files: CSV or MAT",
         description="Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
@@ -125,7 +125,11 @@ def add_import_command(known: Any) -> None:
         "--uncertainty 'peak_to_peak=1 %'",
     )
     command.add_argument(
-        "files", nargs="+", type=path, metavar="FILE", help="CSV (any delimiter, decimal comma or point) or MAT files"
+        "files",
+        nargs="+",
+        type=path_argument,
+        metavar="FILE",
+        help="CSV (any delimiter, decimal comma or point) or MAT files",
     )
     command.add_argument(
         "--as",
@@ -156,7 +160,9 @@ def add_import_command(known: Any) -> None:
             metavar=name,
             help=f"{words}; may be given often",
         )
-    command.add_argument("--specimen", type=specimen, default="unnamed", help="name of the specimen (default: unnamed)")
+    command.add_argument(
+        "--specimen", type=specimen_argument, default="unnamed", help="name of the specimen (default: unnamed)"
+    )
     command.add_argument(
         "--membrane-elongation",
         metavar="LENGTH",
@@ -191,7 +197,11 @@ def add_import_command(known: Any) -> None:
         "--simulated", action="store_true", help="these values come from a simulation; the run will say so"
     )
     command.add_argument(
-        "--out", type=path, default=Path("runs"), metavar="FOLDER", help="folder for the run files (default: runs)"
+        "--out",
+        type=path_argument,
+        default=Path("runs"),
+        metavar="FOLDER",
+        help="folder for the run files (default: runs)",
     )
     command.add_argument("--dry-run", action="store_true", help="tell what would be read, and write nothing")
     command.add_argument("--json", action="store_true", help="as one JSON object, SI units")
@@ -200,4 +210,4 @@ def add_import_command(known: Any) -> None:
 
 def _import(options: argparse.Namespace) -> int:
 
-    return import_tables(options)
+    return import_command(options)

@@ -13,12 +13,12 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from app.common.errors import DONE, FAILED, USAGE, UsageError
-from app.common.inputs import path, seed, shortened, specimen
+from app.common.inputs import path_argument, seed_argument, specimen_argument, truncate_text
 
 PROGRAM = "tactor-bench"
-GARBAGE = 50_000
+GC_THRESHOLD = 50_000
 """Objects made between two looks for garbage. Python's own 700 is a seventh of the time to a window: imports leave none."""
-PROTOCOL = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
+PROTOCOL_HELP = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -35,7 +35,7 @@ class _Version(argparse.Action):
         parser.exit(message=f"{PROGRAM} {version()}\n")
 
 
-def _later(name: str) -> Callable[[argparse.Namespace], int]:
+def _deferred_command(name: str) -> Callable[[argparse.Namespace], int]:
     """A function of `app.cli.run`, imported when it runs: a help text or the model need none of its half second."""
 
     def command(options: argparse.Namespace) -> int:
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Nor pydantic's: looking through every installed package for plug-ins of it, of which we use none.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    gc.set_threshold(GARBAGE)
+    gc.set_threshold(GC_THRESHOLD)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
         options = _parser().parse_args(arguments)
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
         return FAILED
     except OSError as error:  # what nobody foresaw still gets its sentence
-        where = f"{shortened(str(error.filename))}: " if error.filename else ""
+        where = f"{truncate_text(str(error.filename))}: " if error.filename else ""
         sys.stderr.write(f"{PROGRAM}: {where}{error.strerror or error}\n")
         return FAILED
     except MemoryError:
@@ -85,7 +85,7 @@ def entry() -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
         code = FAILED if code == DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")
-    if runfile is not None and runfile.unclosable():
+    if runfile is not None and runfile.has_unclosable_file():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -110,9 +110,9 @@ def _parser() -> argparse.ArgumentParser:
         "3 UNSAFE: rest could not be confirmed.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="the program's version")
-    _bench_options(parser)
+    _add_bench_options(parser)
     parser.set_defaults(
-        command=_later("window"),
+        command=_deferred_command("window"),
         protocol="sine-dwell",
         settings=[],
         autostart=False,
@@ -130,12 +130,12 @@ def _parser() -> argparse.ArgumentParser:
         description="Run a protocol: progress on the terminal, one HDF5 file as result.",
         epilog="example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
     )
-    run.add_argument("protocol", help=f"{PROTOCOL}, or a lab's own file: ./my_protocol.py")
-    _bench_options(run)
-    _setting_option(run)
+    run.add_argument("protocol", help=f"{PROTOCOL_HELP}, or a lab's own file: ./my_protocol.py")
+    _add_bench_options(run)
+    _add_setting_option(run)
     run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
     add_fault_option(run)
-    run.set_defaults(command=_later("run"))
+    run.set_defaults(command=_deferred_command("run"))
 
     window = known.add_parser(
         "window",
@@ -143,13 +143,13 @@ def _parser() -> argparse.ArgumentParser:
         description="Open the window, with a protocol's form filled in and, if asked, started.",
         epilog="example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
     )
-    window.add_argument("protocol", nargs="?", default="sine-dwell", help=PROTOCOL)
-    _bench_options(window)
-    _setting_option(window)
+    window.add_argument("protocol", nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
+    _add_bench_options(window)
+    _add_setting_option(window)
     window.add_argument(
         "--start", dest="autostart", action="store_true", help="start the run as soon as the bench is there"
     )
-    window.set_defaults(command=_later("window"))
+    window.set_defaults(command=_deferred_command("window"))
 
     demo = known.add_parser(
         "demo",
@@ -158,9 +158,9 @@ def _parser() -> argparse.ArgumentParser:
         "opened, the same run with a progress bar, leaving the run file and a picture.",
         epilog="example: tactor-bench demo --out runs",
     )
-    _bench_options(demo)
+    _add_bench_options(demo)
     demo.add_argument("--no-window", action="store_true", help="do without the window even where there is a screen")
-    demo.set_defaults(command=_later("demo"))
+    demo.set_defaults(command=_deferred_command("demo"))
 
     show = known.add_parser(
         "show",
@@ -168,32 +168,36 @@ def _parser() -> argparse.ArgumentParser:
         description="What a run file holds: how the run ended, its points and estimates.",
         epilog="example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
     )
-    show.add_argument("run", type=path, help="a run file")
+    show.add_argument("run", type=path_argument, help="a run file")
     show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
-    show.add_argument("--picture", type=path, metavar="PNG", help="also draw it into this PNG file")
-    show.set_defaults(command=_later("show"))
-    add_bench_commands(known, _bench_options, _setting_option)
-    add_campaign_command(known, _bench_options)
+    show.add_argument("--picture", type=path_argument, metavar="PNG", help="also draw it into this PNG file")
+    show.set_defaults(command=_deferred_command("show"))
+    add_bench_commands(known, _add_bench_options, _add_setting_option)
+    add_campaign_command(known, _add_bench_options)
     add_model_commands(known)
     add_run_commands(known)
     add_import_command(known)
-    add_protocol_commands(known, _bench_options)
+    add_protocol_commands(known, _add_bench_options)
     add_identify_commands(known)
     add_report_command(known)
     return parser
 
 
-def _bench_options(parser: argparse.ArgumentParser) -> None:
+def _add_bench_options(parser: argparse.ArgumentParser) -> None:
     # SUPPRESS: a command's own default must not overwrite what stood before the command.
     add = functools.partial(parser.add_argument, default=argparse.SUPPRESS)
     add("--bench", metavar="FILE|sim", help="bench file, or 'sim' (default) for the simulated bench")
     add("--speed", metavar="N|max", help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)")
-    add("--seed", type=seed, help="simulated bench only: seed of its noise")
-    add("--out", type=path, help="folder for run files (default: runs; the window: the one used last)")
-    add("--specimen", type=specimen, help="name of the specimen (default: unnamed; the window: the one used last)")
+    add("--seed", type=seed_argument, help="simulated bench only: seed of its noise")
+    add("--out", type=path_argument, help="folder for run files (default: runs; the window: the one used last)")
+    add(
+        "--specimen",
+        type=specimen_argument,
+        help="name of the specimen (default: unnamed; the window: the one used last)",
+    )
 
 
-def _setting_option(parser: argparse.ArgumentParser) -> None:
+def _add_setting_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set",
         dest="settings",

@@ -11,20 +11,27 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from app.cli.model_options import VOLTAGE, read_load, read_specimen, read_values, refusing, specimen_words
+from app.cli.model_options import (
+    VOLTAGE,
+    describe_specimen,
+    read_load,
+    read_specimen,
+    read_values,
+    translate_model_errors,
+)
 from app.cli.model_response import frequency_response, membrane, step
-from app.cli.output import Answer, Column, Table, check_files, deliver, tracked
+from app.cli.output import CommandResult, ResultColumn, ResultTable, check_output_files, progress_bar, render
 from app.common.errors import UsageError
-from app.common.inputs import path
+from app.common.inputs import path_argument
 from app.common.units import read_number
-from model.parameter_spec import Quantity, quantities
+from model.parameter_spec import ParameterSpec, parameter_specs
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import FREQUENCY, poles
+from model.response.frequency_response import FREQUENCY_SPEC, poles
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
-from model.specimen import Specimen, specimen_record, variables
-from model.studies.paper_figures import Curve, Figure
+from model.specimen import Specimen, specimen_record, variable_specs
+from model.studies.paper_figures import FigureCurve, PaperFigure
 
 SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
@@ -32,15 +39,15 @@ SET_HELP = (
 )
 
 
-NEGATIVE = re.compile(r"-\.?\d")
+NEGATIVE_NUMBER = re.compile(r"-\.?\d")
 """What argparse takes for a negative number and not an option; before Python 3.14 it does not know `-500V` or `-5e2`."""
 
 
-def add_model_commands(known: Any) -> None:
+def add_model_commands(subparsers: Any) -> None:
     """Register `model`, `study` and `figures` with the subparsers of the command."""
-    _add_model(known)
-    _add_study(known)
-    _add_figures(known)
+    _add_model(subparsers)
+    _add_study(subparsers)
+    _add_figures(subparsers)
 
 
 def _run_model(options: argparse.Namespace) -> int:
@@ -55,13 +62,13 @@ def _run_study(options: argparse.Namespace) -> int:
 
 
 def _run_figures(options: argparse.Namespace) -> int:
-    from app.cli.study import figures
+    from app.cli.study import write_figures
 
-    return figures(options)
+    return write_figures(options)
 
 
-def _add_model(known: Any) -> None:
-    model = known.add_parser(
+def _add_model(subparsers: Any) -> None:
+    model = subparsers.add_parser(
         "model",
         help="ask the model: parameters, modes, statics, frequency response, step, membrane, convergence",
         description="The theory on its own: every number of the model, for any parameters.",
@@ -74,7 +81,7 @@ def _add_model(known: Any) -> None:
             name, help=words, description=words[:1].upper() + words[1:] + ".", epilog=f"example: tactor-bench {example}"
         )
         parser.set_defaults(command=_run_model, topic=name)
-        _settings(parser)
+        _add_settings_option(parser)
         return parser
 
     one = topic(
@@ -82,38 +89,38 @@ def _add_model(known: Any) -> None:
         "every parameter with value, unit, limits and meaning, and what follows from them",
         "model parameters --set 'E_Al=69 GPa' --elongation '1.27 mm'",
     )
-    _pre_stretch(one)
+    _add_pre_stretch_option(one)
 
     one = topic(
         "modes",
         "natural frequencies, poles and damping ratios, free and on the membrane",
         "model modes --set m_add=0 --pre-stretch 0.0075 --picture modes.png",
     )
-    _pre_stretch(one)
-    _shapes(one)
+    _add_pre_stretch_option(one)
+    _add_shapes_option(one)
     one.add_argument("--count", type=int, default=3, help="how many modes to tell (default: %(default)s)")
-    _files(one, "the mode shapes")
+    _add_file_options(one, "the mode shapes")
 
     one = topic(
         "static",
         "deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape",
         "model static --load '200 g' --voltage '1500 V' --csv shape.csv",
     )
-    _pre_stretch(one)
+    _add_pre_stretch_option(one)
     one.add_argument(
         "--load", default="1 N", help="force at the centre, or a mass for its weight (default: %(default)s)"
     )
     one.add_argument("--voltage", default="1500 V", help="voltage on the specimen (default: %(default)s)")
-    _files(one, "the shape w(x)")
+    _add_file_options(one, "the shape w(x)")
 
     one = topic(
         "frequency-response",
         "amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min",
         "model frequency-response --frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv",
     )
-    _pre_stretch(one)
-    _shapes(one)
-    _drive(one)
+    _add_pre_stretch_option(one)
+    _add_shapes_option(one)
+    _add_drive_options(one)
     one.add_argument(
         "--frequencies",
         metavar="LIST",
@@ -123,48 +130,48 @@ def _add_model(known: Any) -> None:
     one.add_argument("--waveform", choices=("sine", "square"), default="sine", help="drive (default: %(default)s)")
     one.add_argument("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
     one.add_argument("--exact", action="store_true", help="the closed-form solution beside the n shape functions")
-    _files(one, "the response")
+    _add_file_options(one, "the response")
 
     one = topic(
         "step",
         "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
         "model step --voltage '1500 V' --frequency '160 Hz' --picture step.png",
     )
-    _pre_stretch(one)
-    _shapes(one)
-    _drive(one)
+    _add_pre_stretch_option(one)
+    _add_shapes_option(one)
+    _add_drive_options(one)
     one.add_argument("--voltage", default="1500 V", help="step on the specimen (default: %(default)s)")
     one.add_argument("--frequency", default="160 Hz", help="of the sine that begins (default: %(default)s)")
     one.add_argument("--threshold", default="50 um", help="deflection that is felt (default: %(default)s)")
     one.add_argument("--tolerance", default="2 %", help="settling band (default: %(default)s)")
     one.add_argument("--duration", help="of the curves (default: until both have settled)")
-    _files(one, "both curves")
+    _add_file_options(one, "both curves")
 
     one = topic(
         "membrane",
         "sag of the membrane by von Karman with linear theory beside it, skin stiffness and damping, by pre-stretch",
         "model membrane --elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
     )
-    _pre_stretch(one, many=True)
+    _add_pre_stretch_option(one, multiple=True)
     one.add_argument("--density", default="1000", help="of the membrane, kg/m^3 (default: %(default)s)")
     one.add_argument("--load", help="weight per length in its place, e.g. '0.906 N/m'")
-    _files(one, "the table")
+    _add_file_options(one, "the table")
 
     one = topic(
         "convergence",
         "error of n shape functions against the closed form",
         "model convergence --shapes 3,5,7,10,20,40 --frequencies 1:500:500",
     )
-    _pre_stretch(one)
+    _add_pre_stretch_option(one)
     one.add_argument(
         "--shapes", default="3,5,7,10,14,20,28,40", metavar="LIST", help="values of n (default: %(default)s)"
     )
     one.add_argument("--frequencies", default="1:500:500", metavar="LIST", help="(default: %(default)s)")
-    _files(one, "the table")
+    _add_file_options(one, "the table")
 
 
-def _add_study(known: Any) -> None:
-    study = known.add_parser(
+def _add_study(subparsers: Any) -> None:
+    study = subparsers.add_parser(
         "study",
         help="vary any parameters over any values: curves, HDF5 and CSV files, sensitivity",
         description="The response for every combination of the values given, or one of the paper's studies.",
@@ -186,14 +193,14 @@ def _add_study(known: Any) -> None:
         choices=("fundamental", "peak_to_peak", "receptance"),
         help="twice the fundamental (default), max - min, or the complex deflection per volt on the specimen",
     )
-    _drive(study)
-    _shapes(study, default=None)
-    _settings(study)
-    _pre_stretch(study)
+    _add_drive_options(study)
+    _add_shapes_option(study, default=None)
+    _add_settings_option(study)
+    _add_pre_stretch_option(study)
     study.add_argument(
-        "--out", type=path, default=argparse.SUPPRESS, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
+        "--out", type=path_argument, default=argparse.SUPPRESS, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
     )
-    _files(study, "the result")
+    _add_file_options(study, "the result")
     study.add_argument(
         "--sensitivity",
         action="store_true",
@@ -207,192 +214,201 @@ def _add_study(known: Any) -> None:
     study.set_defaults(command=_run_study)
 
 
-def _add_figures(known: Any) -> None:
-    figures = known.add_parser(
+def _add_figures(subparsers: Any) -> None:
+    figures = subparsers.add_parser(
         "figures",
         help="the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
         description="The theory curves of the paper's figures. Where the text's claim and the equations differ, the "
         "caption in the picture says so.",
         epilog="example: tactor-bench figures --out figures --only fig9 --pdf",
     )
-    figures.add_argument("--out", type=path, default=argparse.SUPPRESS, help="folder to write to (default: figures)")
+    figures.add_argument(
+        "--out", type=path_argument, default=argparse.SUPPRESS, help="folder to write to (default: figures)"
+    )
     figures.add_argument("--only", action="append", metavar="FIG", help="one of them, e.g. fig9; may be given often")
     figures.add_argument("--pdf", action="store_true", help="PDF beside PNG")
-    _settings(figures)
+    _add_settings_option(figures)
     figures.set_defaults(command=_run_figures)
 
 
-def _settings(parser: argparse.ArgumentParser) -> None:
-    parser._negative_number_matcher = NEGATIVE  # noqa: SLF001 - see there
+def _add_settings_option(parser: argparse.ArgumentParser) -> None:
+    parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - see there
     parser.add_argument("--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help=SET_HELP)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, SI units")
 
 
-def _pre_stretch(parser: argparse.ArgumentParser, many: bool = False) -> None:
-    which = ", one or a list" if many else "; puts the tactor on the membrane"
+def _add_pre_stretch_option(parser: argparse.ArgumentParser, multiple: bool = False) -> None:
+    which = ", one or a list" if multiple else "; puts the tactor on the membrane"
     parser.add_argument("--pre-stretch", metavar="DELTA", help=f"of the membrane, e.g. 0.0075 or '0.75 %%'{which}")
     parser.add_argument("--elongation", metavar="LENGTH", help=f"of the membrane, e.g. '1.27 mm'{which}")
 
 
-def _shapes(parser: argparse.ArgumentParser, default: int | None = 7) -> None:
+def _add_shapes_option(parser: argparse.ArgumentParser, default: int | None = 7) -> None:
     parser.add_argument("-n", type=int, default=default, help="number of shape functions, 3 to 300 (default: 7)")
 
 
-def _drive(parser: argparse.ArgumentParser) -> None:
+def _add_drive_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--peak-to-peak", default="5 V", metavar="VOLTS", help="at the amplifier's input (default: 5 V)"
     )
     parser.add_argument("--offset", default="2.5 V", metavar="VOLTS", help="at the amplifier's input (default: 2.5 V)")
 
 
-def _files(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--csv", type=path, metavar="FILE", help=f"write {what} as CSV, SI units")
-    parser.add_argument("--picture", type=path, metavar="PNG", help=f"draw {what}")
+def _add_file_options(parser: argparse.ArgumentParser, description: str) -> None:
+    parser.add_argument("--csv", type=path_argument, metavar="FILE", help=f"write {description} as CSV, SI units")
+    parser.add_argument("--picture", type=path_argument, metavar="PNG", help=f"draw {description}")
 
 
-SHAPES = Quantity("n", "", Interval(), "number of shape functions", 7)
-POINTS = 201
+SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
+CURVE_POINTS = 201
 
 
 def model(options: argparse.Namespace) -> int:
     """`tactor-bench model TOPIC`."""
-    check_files(options)
-    with refusing():
+    check_output_files(options)
+    with translate_model_errors():
         answer = TOPICS[options.topic](options)
-    return deliver(answer, options)
+    return render(answer, options)
 
 
-def parameters(options: argparse.Namespace) -> Answer:
+def parameters(options: argparse.Namespace) -> CommandResult:
     """Every parameter with unit and meaning, and what follows from them."""
     specimen = read_specimen(options, on_membrane=True)
     t, values = specimen.tactor, specimen_record(specimen)
-    known = variables()
+    known = variable_specs()
 
-    def listed(name: str, title: str, names: list[str]) -> Table:
-        facts = (Column(n, known[n].unit, [values[n]], meaning=f"{known[n].words}; {known[n].limits}") for n in names)
-        return Table(name, title, tuple(facts), upright=True)
+    def listed(name: str, title: str, names: list[str]) -> ResultTable:
+        facts = (
+            ResultColumn(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
+            for n in names
+        )
+        return ResultTable(name, title, tuple(facts), vertical=True)
 
     derived = (
-        Column("I_Al", "m^4", [t.I_Al], meaning="second moment of area of the plate"),
-        Column("k1", "N m^2", [t.k1], meaning="bending stiffness of the bare plate"),
-        Column("eta", "kg/m", [t.eta], meaning="added mass per length of the third segment, m_add / (2 (L - L2))"),
-        Column("tau", "s", [t.tau], meaning="characteristic time sqrt(rho1 L^4 / k1)"),
-        Column("c_bar", "kg/(m s)", [t.c_bar], meaning="characteristic damping k1 tau / L^4"),
-        Column("k_s", "N/m^2", [values["k_s"]], meaning="distributed stiffness of the skin"),
-        Column("c_s", "kg/(m s)", [values["c_s"]], meaning="distributed damping of the skin"),
+        ResultColumn("I_Al", "m^4", [t.I_Al], description="second moment of area of the plate"),
+        ResultColumn("k1", "N m^2", [t.k1], description="bending stiffness of the bare plate"),
+        ResultColumn(
+            "eta", "kg/m", [t.eta], description="added mass per length of the third segment, m_add / (2 (L - L2))"
+        ),
+        ResultColumn("tau", "s", [t.tau], description="characteristic time sqrt(rho1 L^4 / k1)"),
+        ResultColumn("c_bar", "kg/(m s)", [t.c_bar], description="characteristic damping k1 tau / L^4"),
+        ResultColumn("k_s", "N/m^2", [values["k_s"]], description="distributed stiffness of the skin"),
+        ResultColumn("c_s", "kg/(m s)", [values["c_s"]], description="distributed damping of the skin"),
     )
     tables = (
-        listed("tactor", "Tactor", [q.name for q in quantities(Tactor)]),
-        listed("skin", "Membrane and skin", [*(q.name for q in quantities(Membrane)), "delta", "contact_length"]),
-        Table("derived", "What follows", derived, upright=True),
+        listed("tactor", "Tactor", [q.name for q in parameter_specs(Tactor)]),
+        listed("skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]),
+        ResultTable("derived", "What follows", derived, vertical=True),
     )
     note = "Change one with --set, for example --set 'L=22 mm'; k_s and c_s too, in place of the membrane's."
-    return Answer("model parameters", values, tables, (note,))
+    return CommandResult("model parameters", values, tables, (note,))
 
 
-def modes(options: argparse.Namespace) -> Answer:
+def modes(options: argparse.Namespace) -> CommandResult:
     """Undamped frequencies, poles and damping ratios, free and on the skin."""
     on = read_specimen(options, on_membrane=True)
     free = Specimen(on.tactor)
     count = min(options.count, options.n)
     if count < 1:
         raise UsageError(f"--count {options.count}: ask for at least one mode")
-    x = np.linspace(0, on.tactor.L, POINTS)
-    columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
+    x = np.linspace(0, on.tactor.L, CURVE_POINTS)
+    columns, panels, curve = [ResultColumn("mode", "", range(1, count + 1))], [], [ResultColumn("x", "m", x)]
     tables = []
     for key, head, specimen in (("free", "free", free), ("on_skin", "on the skin", on)):
         f = natural_frequencies(on.tactor, specimen.skin, options.n)[:count]
-        columns.append(Column(f"{key}_frequency", "Hz", f, f"{head}, undamped", form=".2f"))
+        columns.append(ResultColumn(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
         s = poles(on.tactor, specimen.skin, options.n)
         s = s[s.imag >= 0][:count]
         tables.append(
-            Table(
+            ResultTable(
                 f"{key}_poles",
-                f"Poles, {specimen_words(specimen)}",
+                f"Poles, {describe_specimen(specimen)}",
                 (
-                    Column("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", form=".2f"),
-                    Column("damping_ratio", "", damping_ratios(s), "damping ratio", form=".4f"),
-                    Column("pole_re", "1/s", s.real, "real part", form=".2f"),
-                    Column("pole_im", "rad/s", s.imag, "imaginary part", form=".2f"),
+                    ResultColumn("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", format_spec=".2f"),
+                    ResultColumn("damping_ratio", "", damping_ratios(s), "damping ratio", format_spec=".4f"),
+                    ResultColumn("pole_re", "1/s", s.real, "real part", format_spec=".2f"),
+                    ResultColumn("pole_im", "rad/s", s.imag, "imaginary part", format_spec=".2f"),
                 ),
             )
         )
         shapes = mode_shapes(on.tactor, x, specimen.skin, options.n, count)
-        curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
-        lines = tuple(Curve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1))
-        caption = f"Undamped mode shapes of the half beam, {specimen_words(specimen)}."
-        panels.append(Figure(f"modes_{key}", "x, clamp to centre", "m", "mode shape", "kg^-1/2", lines, caption))
-    first = Table("undamped", "Natural frequencies without damping", tuple(columns))
-    return Answer(
+        curve += [ResultColumn(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
+        lines = tuple(
+            FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
+        )
+        caption = f"Undamped mode shapes of the half beam, {describe_specimen(specimen)}."
+        panels.append(PaperFigure(f"modes_{key}", "x, clamp to centre", "m", "mode shape", "kg^-1/2", lines, caption))
+    first = ResultTable("undamped", "Natural frequencies without damping", tuple(columns))
+    return CommandResult(
         "model modes",
         specimen_record(on),
         (first, *tables),
-        curve=Table("shapes", "", tuple(curve)),
-        pictures=tuple(panels),
+        csv_table=ResultTable("shapes", "", tuple(curve)),
+        figures=tuple(panels),
     )
 
 
-def static(options: argparse.Namespace) -> Answer:
+def static(options: argparse.Namespace) -> CommandResult:
     """Compliance, voltage gain, and the shape under a load and a voltage together."""
     specimen = read_specimen(options)
     t, volts, load_n = specimen.tactor, read_number(options.voltage, VOLTAGE), read_load(options.load)
-    x = np.linspace(0, t.L, POINTS)
+    x = np.linspace(0, t.L, CURVE_POINTS)
     if specimen.membrane is None and specimen.skin.k_s == 0:
         compliance, gain, w = load_compliance(t), voltage_gain(t), deflection(t, x, volts, load_n)
     else:  # Eqs. (7) and (8) know no skin; the closed form at 0 Hz does
         unit = [exact_response(t, 0.0, specimen.skin, x, source)[:, 0].real for source in ("load", "voltage")]
         compliance, gain, w = unit[0][-1], unit[1][-1], load_n * unit[0] + volts * unit[1]
-    facts = Table(
+    facts = ResultTable(
         "static",
-        f"Static deflection of the centre, {specimen_words(specimen)}",
+        f"Static deflection of the centre, {describe_specimen(specimen)}",
         (
-            Column("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
-            Column("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
-            Column("load", "N", [load_n], "load"),
-            Column("voltage", "V", [volts], "voltage"),
-            Column("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
-            Column("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
-            Column("deflection", "m", [w[-1]], "both", "µm"),
+            ResultColumn("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
+            ResultColumn("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
+            ResultColumn("load", "N", [load_n], "load"),
+            ResultColumn("voltage", "V", [volts], "voltage"),
+            ResultColumn("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
+            ResultColumn("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
+            ResultColumn("deflection", "m", [w[-1]], "both", "µm"),
         ),
-        upright=True,
+        vertical=True,
     )
-    caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {specimen_words(specimen)}."
-    figure = Figure("static", "x, clamp to centre", "m", "deflection", "m", (Curve("w(x)", x, w),), caption)
-    curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
-    return Answer("model static", specimen_record(specimen), (facts,), curve=curve, pictures=(figure,))
+    caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {describe_specimen(specimen)}."
+    figure = PaperFigure("static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption)
+    curve = ResultTable("shape", "", (ResultColumn("x", "m", x), ResultColumn("deflection", "m", w)))
+    return CommandResult("model static", specimen_record(specimen), (facts,), csv_table=curve, figures=(figure,))
 
 
-def convergence(options: argparse.Namespace) -> Answer:
+def convergence(options: argparse.Namespace) -> CommandResult:
     """Error of n shape functions against the closed form, for several n."""
     from model.studies.convergence import convergence as study
 
     specimen = read_specimen(options)
-    n: list[Any] = [int(v) if v == int(v) else v for v in read_values(options.shapes, SHAPES)]
-    f = read_values(options.frequencies, FREQUENCY)
-    got = [study(specimen.tactor, specimen.skin, f, [k]) for k in tracked(n, "shape functions")]
+    n: list[Any] = [int(v) if v == int(v) else v for v in read_values(options.shapes, SHAPE_COUNT)]
+    f = read_values(options.frequencies, FREQUENCY_SPEC)
+    got = [study(specimen.tactor, specimen.skin, f, [k]) for k in progress_bar(n, "shape functions")]
     worst, worst_amplitude, first = (
         np.concatenate(column)
-        for column in zip(*((c.worst, c.worst_amplitude, c.first_frequency_hz) for c in got), strict=True)
+        for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)
     )
-    table = Table(
+    table = ResultTable(
         "convergence",
-        f"Worst deviation from the closed form over {min(f):g} to {max(f):g} Hz, {specimen_words(specimen)}",
+        f"Worst deviation from the closed form over {min(f):g} to {max(f):g} Hz, {describe_specimen(specimen)}",
         (
-            Column("n", "", n, form="g"),
-            Column("error", "", worst, "complex", "%", ".3g"),
-            Column("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
-            Column("first_frequency", "Hz", first, "first frequency, undamped", form=".4f"),
+            ResultColumn("n", "", n, format_spec="g"),
+            ResultColumn("error", "", worst, "complex", "%", ".3g"),
+            ResultColumn("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
+            ResultColumn("first_frequency", "Hz", first, "first frequency, undamped", format_spec=".4f"),
         ),
     )
     shapes = np.array(n, float)
-    lines = (Curve("complex", shapes, worst), Curve("amplitude", shapes, worst_amplitude))
-    figure = Figure(
+    lines = (FigureCurve("complex", shapes, worst), FigureCurve("amplitude", shapes, worst_amplitude))
+    figure = PaperFigure(
         "convergence", "number of shape functions n", "", "worst relative error", "", lines, f"{table.title}."
     )
-    return Answer("model convergence", specimen_record(specimen), (table,), pictures=(figure,), log=True)
+    return CommandResult("model convergence", specimen_record(specimen), (table,), figures=(figure,), log_scale=True)
 
 
-TOPICS: Mapping[str, Callable[[argparse.Namespace], Answer]] = {
+TOPICS: Mapping[str, Callable[[argparse.Namespace], CommandResult]] = {
     "parameters": parameters,
     "modes": modes,
     "static": static,

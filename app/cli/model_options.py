@@ -15,26 +15,26 @@ from annotated_types import Interval
 from app.common.errors import UsageError
 from app.common.units import UnitError, read_number, to_number
 from model.membrane import GRAVITY
-from model.parameter_spec import ParameterError, Quantity
+from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.skin import PRE_STRETCH
-from model.specimen import Specimen, changed, variables
+from model.specimen import Specimen, replace_variables, variable_specs
 
-VOLTAGE = Quantity("voltage", "V", Interval(), "voltage on the specimen", None)
-LOAD = Quantity("load", "N", Interval(), "load at the centre", None)
-OFFSET = Quantity("offset", "V", Interval(), "offset of the drive at the amplifier's input", 2.5)
-ELONGATION = Quantity("elongation", "m", Interval(ge=0), "elongation of the membrane", None)
-DURATION = Quantity("duration", "s", Interval(gt=0), "duration of the curve", None)
-DENSITY = Quantity("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
+VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
+LOAD = ParameterSpec("load", "N", Interval(), "load at the centre", None)
+OFFSET = ParameterSpec("offset", "V", Interval(), "offset of the drive at the amplifier's input", 2.5)
+ELONGATION = ParameterSpec("elongation", "m", Interval(ge=0), "elongation of the membrane", None)
+DURATION = ParameterSpec("duration", "s", Interval(gt=0), "duration of the curve", None)
+DENSITY = ParameterSpec("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
 
-MOST_VALUES = 100_000
+MAX_VALUES = 100_000
 """Longest list that a range may stand for."""
 
-WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
+NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
 
 
 @contextmanager
-def refusing() -> Iterator[None]:
+def translate_model_errors() -> Iterator[None]:
     """Turns what the model refuses, or cannot compute, into a UsageError."""
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
@@ -59,7 +59,7 @@ def read_load(text: str) -> float:
             raise UnitError(f"load: '{text}' is no force and no mass; write for example '0.5 N' or '50 g'") from None
 
 
-def read_values(text: str, quantity: Quantity) -> tuple[float, ...]:
+def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
     """`25, 50, 75 Hz` (a unit at the end is everybody's), `START:STOP:COUNT`, or `START:STOP:COUNT:log`.
 
     Raises:
@@ -67,13 +67,16 @@ def read_values(text: str, quantity: Quantity) -> tuple[float, ...]:
         UnitError, ParameterError: a number that is none, or not admitted.
     """
     if ":" not in text:
-        items = text.split(",") if "," in text else _words(text)
-        return tuple(read_number(item, quantity) for item in _shared_unit(items))
-    ends, (count, *how) = _shared_unit(text.split(":")[:2]), (*text.split(":")[2:], "")[: max(text.count(":") - 1, 1)]
+        items = text.split(",") if "," in text else _split_list(text)
+        return tuple(read_number(item, quantity) for item in _apply_shared_unit(items))
+    ends, (count, *how) = (
+        _apply_shared_unit(text.split(":")[:2]),
+        (*text.split(":")[2:], "")[: max(text.count(":") - 1, 1)],
+    )
     if not count.strip().isdigit() or how not in ([], ["log"]):
         raise UsageError(f"{quantity.name}: '{text}' is no range; write START:STOP:COUNT, or START:STOP:COUNT:log")
-    if not 2 <= int(count) <= MOST_VALUES:
-        raise UsageError(f"{quantity.name}: '{text}' has {count} values; a range has 2 to {MOST_VALUES}")
+    if not 2 <= int(count) <= MAX_VALUES:
+        raise UsageError(f"{quantity.name}: '{text}' has {count} values; a range has 2 to {MAX_VALUES}")
     start, stop = (read_number(end, quantity) for end in ends)
     if not how:
         return tuple(np.linspace(start, stop, int(count)).tolist())
@@ -87,7 +90,7 @@ def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
     name, equals, values = text.partition("=")
     if not equals or not values.strip():
         raise UsageError(f"--vary {text}: write NAME=START:STOP:COUNT or NAME=LIST, for example --vary delta=0:0.04:9")
-    return name.strip(), read_values(values.strip(), _variable(name.strip()))
+    return name.strip(), read_values(values.strip(), _variable_spec(name.strip()))
 
 
 def read_settings(settings: Sequence[str]) -> dict[str, float]:
@@ -99,11 +102,11 @@ def read_settings(settings: Sequence[str]) -> dict[str, float]:
         UsageError: a text that is no setting, or an unknown name.
     """
     values = {}
-    for setting in (one for text in settings for one in _each(text)):
+    for setting in (one for text in settings for one in _expand_setting(text)):
         name, equals, value = setting.partition("=")
         if not equals or not value.strip():
             raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set 'L=22 mm'")
-        quantity = _variable(name.strip())
+        quantity = _variable_spec(name.strip())
         values[quantity.name] = read_number(value.strip(), quantity)
     return values
 
@@ -125,12 +128,12 @@ def read_specimen(options: argparse.Namespace, on_membrane: bool = False) -> Spe
         values["delta"] = read_number(options.pre_stretch, PRE_STRETCH)
     elongation = getattr(options, "elongation", None)
     if elongation is not None:
-        specimen = changed(Specimen(membrane=Membrane()), values)
+        specimen = replace_variables(Specimen(membrane=Membrane()), values)
         values["delta"] = read_number(elongation, ELONGATION) / specimen.value("L_m")
-    return changed(Specimen(membrane=Membrane() if on_membrane else None), values)
+    return replace_variables(Specimen(membrane=Membrane() if on_membrane else None), values)
 
 
-def specimen_words(specimen: Specimen) -> str:
+def describe_specimen(specimen: Specimen) -> str:
     """Where the specimen vibrates: free, or on which skin."""
     skin = specimen.skin
     if specimen.membrane is None and skin.k_s == 0 and skin.c_s == 0:
@@ -142,7 +145,7 @@ def specimen_words(specimen: Specimen) -> str:
     return f"on the membrane at pre-stretch {specimen.delta:.4g} ({length:.3g} mm elongation): {bed}"
 
 
-def _each(text: str) -> list[str]:
+def _expand_setting(text: str) -> list[str]:
     """The settings that a text of many stands for; one that is a single one, as it is."""
     if text.startswith("@"):
         try:
@@ -158,20 +161,20 @@ def _each(text: str) -> list[str]:
     return [f"{name}={value}" for name, value in record.items()]
 
 
-def _variable(name: str) -> Quantity:
-    known = variables()
+def _variable_spec(name: str) -> ParameterSpec:
+    known = variable_specs()
     if name not in known:
         raise UsageError(f"there is no parameter '{name}'; there are: {', '.join(known)}")
     return known[name]
 
 
-def _shared_unit(items: Sequence[str]) -> list[str]:
+def _apply_shared_unit(items: Sequence[str]) -> list[str]:
     """A unit that only the last item has is meant for all: nobody means 1 m by `1, 2 mm`."""
-    last = None if _is_number(items[-1]) else WITH_UNIT.fullmatch(items[-1].strip())
+    last = None if _is_number(items[-1]) else NUMBER_WITH_UNIT.fullmatch(items[-1].strip())
     return [f"{item.strip()} {last['unit']}" if last and _is_number(item) else item.strip() for item in items]
 
 
-def _words(text: str) -> list[str]:
+def _split_list(text: str) -> list[str]:
     """A list separated by spaces, unless a space stands before a unit."""
     return text.split() if all(_is_number(word) for word in text.split()) and text.strip() else [text]
 

@@ -16,29 +16,34 @@ from app.cli.model_options import (
     ELONGATION,
     OFFSET,
     VOLTAGE,
+    describe_specimen,
     read_settings,
     read_specimen,
     read_values,
-    specimen_words,
 )
-from app.cli.output import Answer, Column, Table
+from app.cli.output import CommandResult, ResultColumn, ResultTable
 from app.common.errors import UsageError
 from app.common.units import PEAK_TO_PEAK, read_number
 from model.amplifier_map import AmplifierMap
-from model.membrane import LOAD as WEIGHT
-from model.membrane import Sag, sag, weight
-from model.parameter_spec import ParameterError, Quantity
+from model.membrane import LOAD_SPEC as WEIGHT
+from model.membrane import SagSolution, sag, weight_per_length
+from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import series
-from model.response.frequency_response import PERIODIC, amplifier_response, modal, orders_for
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import (
+    PERIODIC_FREQUENCY_SPEC,
+    amplifier_response,
+    harmonic_orders,
+    tactor_modal_form,
+)
 from model.response.frequency_response import frequency_response as receptance
-from model.response.latency import THRESHOLD, TOLERANCE, Latency, sine_latency, step_latency
-from model.response.perception import margin, usable_bands
+from model.response.latency import THRESHOLD_SPEC, TOLERANCE_SPEC, Latency, sine_latency, step_latency
+from model.response.perception import perception_margin, usable_bands
 from model.response.time_response import onset_response, step_response
 from model.skin import PRE_STRETCH, point_stiffness
-from model.specimen import Specimen, changed, specimen_record
-from model.studies.paper_figures import Curve, Figure
+from model.specimen import Specimen, replace_variables, specimen_record
+from model.studies.paper_figures import FigureCurve, PaperFigure
 
 DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250"
 """The paper's frequencies."""
@@ -46,60 +51,65 @@ CURVE_HZ = "1:250:250"
 POINTS = 2001
 
 
-def frequency_response(options: argparse.Namespace) -> Answer:
+def frequency_response(options: argparse.Namespace) -> CommandResult:
     """Fundamental and max - min under the amplifier's drive, and the margin over what can be felt."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
     usual = CURVE_HZ if options.csv or options.picture else DWELL_HZ
-    f = np.array(read_values(usual if options.frequencies is None else options.frequencies, PERIODIC))
-    amplitude, offset = _drive(options)
-    at = None if options.at is None else read_number(options.at, _along(specimen))
+    f = np.array(read_values(usual if options.frequencies is None else options.frequencies, PERIODIC_FREQUENCY_SPEC))
+    amplitude, offset = _read_drive(options)
+    at = None if options.at is None else read_number(options.at, _position_spec(specimen))
     got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=options.waveform, n=n, x=at)
     twice = 2 * np.abs(got.fundamental)
     H = receptance(t, f, skin, n, at)
     columns = [
-        Column("frequency", "Hz", f, form=".6g"),
-        Column("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
-        Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
-        Column("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
-        Column("receptance_re", "m/V", H.real, told=False),
-        Column("receptance_im", "m/V", H.imag, told=False),
-        Column("margin", "", margin(f, got.peak_to_peak), "x 50 µm", form=".2f"),
+        ResultColumn("frequency", "Hz", f, format_spec=".6g"),
+        ResultColumn("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
+        ResultColumn("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
+        ResultColumn("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
+        ResultColumn("receptance_re", "m/V", H.real, displayed=False),
+        ResultColumn("receptance_im", "m/V", H.imag, displayed=False),
+        ResultColumn("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
     ]
-    lines = [Curve("max - min", f, got.peak_to_peak), Curve("2 x fundamental", f, twice)]
+    lines = [FigureCurve("max - min", f, got.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
     if options.exact:
         exact = exact_response(t, f, skin, at)
-        V = series(options.waveform, amplitude, offset, AmplifierMap(), 1)
-        columns.append(Column("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
-        lines.append(Curve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
-    where = specimen_words(specimen)
+        V = fourier_series(options.waveform, amplitude, offset, AmplifierMap(), 1)
+        columns.append(ResultColumn("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
+        lines.append(FigureCurve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
+    where = describe_specimen(specimen)
     title = f"Response to a {options.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
-    table = Table("response", title, tuple(columns))
-    figure = Figure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
-    note, bands = _felt(f, got.peak_to_peak)
-    return Answer(
+    table = ResultTable("response", title, tuple(columns))
+    figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
+    note, bands = _describe_felt_bands(f, got.peak_to_peak)
+    return CommandResult(
         "model frequency-response",
         specimen_record(specimen),
         (table,),
         (note,),
-        pictures=(figure,),
-        more={"felt_hz": bands},
+        figures=(figure,),
+        extra={"felt_hz": bands},
     )
 
 
-def step(options: argparse.Namespace) -> Answer:
+def step(options: argparse.Namespace) -> CommandResult:
     """Latency of a step and of a sine's onset."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
-    volts, hz = read_number(options.voltage, VOLTAGE), read_number(options.frequency, PERIODIC)
-    amplitude, offset = _drive(options)
-    threshold, tolerance = read_number(options.threshold, THRESHOLD), read_number(options.tolerance, TOLERANCE)
+    volts, hz = read_number(options.voltage, VOLTAGE), read_number(options.frequency, PERIODIC_FREQUENCY_SPEC)
+    amplitude, offset = _read_drive(options)
+    threshold, tolerance = (
+        read_number(options.threshold, THRESHOLD_SPEC),
+        read_number(options.tolerance, TOLERANCE_SPEC),
+    )
     stepped = step_latency(t, volts, threshold, tolerance, skin, n)
     begun = sine_latency(t, hz, amplitude, offset, threshold, tolerance, skin, n=n)
-    where, felt = specimen_words(specimen), f"time to {1e6 * threshold:g} µm"
+    where, felt = describe_specimen(specimen), f"time to {1e6 * threshold:g} µm"
     tables = (
-        _latency("step", f"Step of {volts:g} V on the specimen, {where}", "final deflection", felt, stepped, tolerance),
-        _latency(
+        _latency_table(
+            "step", f"Step of {volts:g} V on the specimen, {where}", "final deflection", felt, stepped, tolerance
+        ),
+        _latency_table(
             "sine_onset",
             f"Onset of a sine of {hz:g} Hz, {2 * amplitude:g} V peak to peak around {offset:g} V at the amplifier's input",
             "amplitude of the fundamental",
@@ -109,26 +119,32 @@ def step(options: argparse.Namespace) -> Answer:
         ),
     )
     longest = max(stepped.settling_s or 0.02, begun.settling_s or 0.02)
-    duration = 1.5 * longest if options.duration is None else read_number(options.duration, DURATION)
+    duration = 1.5 * longest if options.format_duration is None else read_number(options.format_duration, DURATION)
     time = np.linspace(0, duration, POINTS)
-    V = series("sine", amplitude, offset, AmplifierMap(), orders_for(np.array([hz])))
+    V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
     w = step_response(t, time, volts, skin, n)
-    onset = onset_response(modal(t, skin, n), time, hz, V).real
-    curve = Table("time", "", (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)))
-    lines = (Curve(f"step of {volts:g} V", time, w), Curve(f"onset of {hz:g} Hz", time, onset))
-    figure = Figure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
-    return Answer("model step", specimen_record(specimen), tables, curve=curve, pictures=(figure,))
+    onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
+    curve = ResultTable(
+        "time",
+        "",
+        (ResultColumn("time", "s", time), ResultColumn("step", "m", w), ResultColumn("sine_onset", "m", onset)),
+    )
+    lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
+    figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
+    return CommandResult("model step", specimen_record(specimen), tables, csv_table=curve, figures=(figure,))
 
 
-def _drive(options: argparse.Namespace) -> tuple[float, float]:
+def _read_drive(options: argparse.Namespace) -> tuple[float, float]:
     return read_number(options.peak_to_peak, PEAK_TO_PEAK) / 2, read_number(options.offset, OFFSET)
 
 
-def _along(specimen: Specimen) -> Quantity:
-    return Quantity("at", "m", Interval(ge=0, le=specimen.tactor.L), "distance from the clamp", None)
+def _position_spec(specimen: Specimen) -> ParameterSpec:
+    return ParameterSpec("at", "m", Interval(ge=0, le=specimen.tactor.L), "distance from the clamp", None)
 
 
-def _felt(f: NDArray[np.float64], amplitude: NDArray[np.float64]) -> tuple[str, tuple[tuple[float, float], ...]]:
+def _describe_felt_bands(
+    f: NDArray[np.float64], amplitude: NDArray[np.float64]
+) -> tuple[str, tuple[tuple[float, float], ...]]:
     """Where max - min exceeds what the abdomen can tell, within the frequencies given: in words and in Hz."""
     rising, order = np.unique(f, return_index=True)
     bands = usable_bands(rising, amplitude[order])
@@ -142,15 +158,15 @@ def _felt(f: NDArray[np.float64], amplitude: NDArray[np.float64]) -> tuple[str, 
     )
 
 
-def _latency(name: str, title: str, final: str, felt: str, got: Latency, tolerance: float) -> Table:
+def _latency_table(name: str, title: str, final: str, felt: str, latency: Latency, tolerance: float) -> ResultTable:
     columns = (
-        Column("final", "m", [got.final_m], final, "µm", ".1f"),
-        Column("to_threshold", "s", [got.to_threshold_s], felt, "ms", ".3f"),
-        Column("rise", "s", [got.rise_s], "10 % to 90 % rise", "ms", ".3f"),
-        Column("overshoot", "", [got.overshoot], "overshoot", "%", ".1f"),
-        Column("settling", "s", [got.settling_s], f"settled within {100 * tolerance:g} %", "ms", ".2f"),
+        ResultColumn("final", "m", [latency.final_m], final, "µm", ".1f"),
+        ResultColumn("to_threshold", "s", [latency.to_threshold_s], felt, "ms", ".3f"),
+        ResultColumn("rise", "s", [latency.rise_s], "10 % to 90 % rise", "ms", ".3f"),
+        ResultColumn("overshoot", "", [latency.overshoot], "overshoot", "%", ".1f"),
+        ResultColumn("settling", "s", [latency.settling_s], f"settled within {100 * tolerance:g} %", "ms", ".2f"),
     )
-    return Table(name, title, columns, upright=True)
+    return ResultTable(name, title, columns, vertical=True)
 
 
 ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
@@ -158,14 +174,14 @@ ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
 ELONGATION_CURVE = "0:6.35 mm:64"
 
 
-def membrane(options: argparse.Namespace) -> Answer:
+def membrane(options: argparse.Namespace) -> CommandResult:
     """Sag under its own weight and the skin it makes, at each pre-stretch asked for."""
     values = read_settings(options.settings)
     if "delta" in values:
         raise UsageError("--set delta: the membrane is told at several pre-stretches; write --pre-stretch 0.0075")
     if options.pre_stretch is not None and options.elongation is not None:
         raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
-    specimen = changed(Specimen(membrane=Membrane()), values)
+    specimen = replace_variables(Specimen(membrane=Membrane()), values)
     m = specimen.membrane or Membrane()
     if options.pre_stretch is not None:
         delta = np.array(read_values(options.pre_stretch, PRE_STRETCH))
@@ -173,22 +189,26 @@ def membrane(options: argparse.Namespace) -> Answer:
         usual = ELONGATION_CURVE if options.csv or options.picture else ELONGATIONS
         wanted = usual if options.elongation is None else options.elongation
         delta = np.array(read_values(wanted, ELONGATION)) / m.L_m
-    q = weight(m, read_number(options.density, DENSITY)) if options.load is None else read_number(options.load, WEIGHT)
-    sags = [_sag(m, q, float(d)) for d in delta]
+    q = (
+        weight_per_length(m, read_number(options.density, DENSITY))
+        if options.load is None
+        else read_number(options.load, WEIGHT)
+    )
+    sags = [_sag_result(m, q, float(d)) for d in delta]
     skins = [replace(specimen, delta=float(d)).skin for d in delta]
-    table = Table(
+    table = ResultTable(
         "membrane",
         f"Membrane, E_m = {m.E_m / 1e6:.4g} MPa, under {q:.4g} N/m of its own weight",
         (
-            Column("elongation", "m", delta * m.L_m, shown="mm", form=".2f"),
-            Column("pre_stretch", "", delta, "pre-stretch", form=".5f"),
-            Column("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
-            Column("linear_sag", "m", [s.linear_m for s in sags], "linear theory", "mm", ".3f"),
-            Column("tension", "N", [s.tension_n for s in sags], "tension", form=".4g"),
-            Column("stretch", "", [s.stretch for s in sags], form=".5f"),
-            Column("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), form=".5g"),
-            Column("k_s", "N/m^2", [s.k_s for s in skins]),
-            Column("c_s", "kg/(m s)", [s.c_s for s in skins]),
+            ResultColumn("elongation", "m", delta * m.L_m, display_unit="mm", format_spec=".2f"),
+            ResultColumn("pre_stretch", "", delta, "pre-stretch", format_spec=".5f"),
+            ResultColumn("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
+            ResultColumn("linear_sag", "m", [s.linear_theory_m for s in sags], "linear theory", "mm", ".3f"),
+            ResultColumn("tension", "N", [s.tension_n for s in sags], "tension", format_spec=".4g"),
+            ResultColumn("stretch", "", [s.stretch for s in sags], format_spec=".5f"),
+            ResultColumn("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), format_spec=".5g"),
+            ResultColumn("k_s", "N/m^2", [s.k_s for s in skins]),
+            ResultColumn("c_s", "kg/(m s)", [s.c_s for s in skins]),
         ),
     )
     note = (
@@ -197,18 +217,22 @@ def membrane(options: argparse.Namespace) -> Answer:
     )
     lines = {c.name: c for c in table.columns}
     panels = tuple(
-        Figure(name, "elongation of the membrane", "m", words, lines[names[0]].unit, curves, words.capitalize() + ".")
+        PaperFigure(
+            name, "elongation of the membrane", "m", words, lines[names[0]].unit, curves, words.capitalize() + "."
+        )
         for name, words, names in (
             ("sag", "sag of the centre", ("sag", "linear_sag")),
             ("k_s", "skin stiffness k_s", ("k_s",)),
             ("c_s", "skin damping c_s", ("c_s",)),
         )
-        for curves in [tuple(Curve(lines[n].head or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)]
+        for curves in [
+            tuple(FigureCurve(lines[n].heading or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)
+        ]
     )
-    return Answer("model membrane", specimen_record(specimen), (table,), (note,), pictures=panels)
+    return CommandResult("model membrane", specimen_record(specimen), (table,), (note,), figures=panels)
 
 
-def _sag(m: Membrane, q: float, delta: float) -> Sag:
+def _sag_result(m: Membrane, q: float, delta: float) -> SagSolution:
     try:
         return sag(m, q, delta)
     except ParameterError:

@@ -8,24 +8,24 @@ import threading
 from collections.abc import Iterator
 from typing import Any, Protocol
 
-from protocols.base.events import Answered, RunEnded
+from protocols.base.events import PromptAnswered, RunEnded
 from protocols.base.operator import ENABLE_HIGH_VOLTAGE
 from protocols.base.steps import Prompt
 
-TYPED = {ENABLE_HIGH_VOLTAGE.action: "on"}
+CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}
 """Prompts of one choice that a bare Enter does not answer, and the word that does: nobody enables high voltage by leaning
 on a key."""
 
-PAUSE = "p"
-KEYS = "p and Enter pauses, Ctrl-C stops the run"
-LOOK_S = 0.1
+PAUSE_KEY = "p"
+KEY_HELP = "p and Enter pauses, Ctrl-C stops the run"
+POLL_PERIOD_S = 0.1
 
 
 class Pausable(Protocol):
     """What is paused: a session."""
 
     @property
-    def pausing(self) -> bool: ...
+    def pause_requested(self) -> bool: ...
 
     def pause(self) -> None: ...
 
@@ -33,7 +33,7 @@ class Pausable(Protocol):
 
 
 class ConsoleOperator:
-    """Prompts answered on a terminal: by Enter, by a word (`TYPED`), or by the beginning of one of several choices.
+    """Prompts answered on a terminal: by Enter, by a word (`CONFIRMATION_WORDS`), or by the beginning of one of several choices.
 
     Only what is typed after a prompt answers it: what lay waiting is thrown away. Reads in a thread, so that the card is
     emptied meanwhile. While `listening`, what is typed where nothing is asked pauses the run and lets it go on.
@@ -41,23 +41,25 @@ class ConsoleOperator:
 
     def __init__(self) -> None:
         self._answers: dict[int, str] = {}
-        self._asked: tuple[int, Prompt] | None = None
+        self._pending: tuple[int, Prompt] | None = None
         self._listening = False
-        self._line = threading.Lock()
+        self._input_lock = threading.Lock()
         """Held while a line is read and understood, and while one is asked for: no line falls between the two."""
 
     def __call__(self, event: Any) -> None:
         """An observer: a prompt that the laser answered, or whose run has ended, is none any more."""
-        if isinstance(event, Answered | RunEnded):
-            self._asked = None
+        if isinstance(event, PromptAnswered | RunEnded):
+            self._pending = None
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
-        with self._line:
-            _forget_type_ahead()
-            _say(f"{_how(prompt)}; Ctrl-C stops the run")
-            self._asked = ask_id, prompt
+        with self._input_lock:
+            _discard_type_ahead()
+            _print(f"{_answer_instructions(prompt)}; Ctrl-C stops the run")
+            self._pending = ask_id, prompt
         if not self._listening:
-            threading.Thread(target=self._read, args=(ask_id, prompt), name=f"prompt-{ask_id}", daemon=True).start()
+            threading.Thread(
+                target=self._read_answer, args=(ask_id, prompt), name=f"prompt-{ask_id}", daemon=True
+            ).start()
 
     def answer(self, ask_id: int) -> str | None:
         return self._answers.pop(ask_id, None)
@@ -65,7 +67,7 @@ class ConsoleOperator:
     @contextlib.contextmanager
     def listening(self, run: Pausable) -> Iterator[None]:
         """Meanwhile a person at this terminal may pause the run."""
-        if not can_listen():
+        if not can_poll_keyboard():
             yield
             return
         over = threading.Event()
@@ -79,16 +81,16 @@ class ConsoleOperator:
             thread.join()
             self._listening = False
 
-    def _listen(self, run: Pausable, over: threading.Event) -> None:
+    def _listen(self, run: Pausable, ended: threading.Event) -> None:
         keyboard = sys.stdin.fileno()
-        while not over.is_set():
+        while not ended.is_set():
             # Looked at, not waited for in a read: whoever reads a terminal from the background is halted.
-            if not select.select([keyboard], [], [], LOOK_S)[0]:
+            if not select.select([keyboard], [], [], POLL_PERIOD_S)[0]:
                 continue
-            if not _in_front(keyboard):
-                over.wait(LOOK_S)
+            if not _in_foreground(keyboard):
+                ended.wait(POLL_PERIOD_S)
                 continue
-            with self._line:
+            with self._input_lock:
                 if not select.select([keyboard], [], [], 0)[0]:  # thrown away meanwhile
                     continue
                 try:
@@ -98,42 +100,42 @@ class ConsoleOperator:
                 if not typed:  # the terminal has gone
                     return
                 for line in typed.decode(errors="replace").splitlines():
-                    self._take(line.strip(), run)
+                    self._handle_line(line.strip(), run)
 
-    def _take(self, said: str, run: Pausable) -> None:
-        if self._asked is not None:
-            ask_id, prompt = self._asked
-            meant = _meant(prompt, said) if said.casefold() != PAUSE else None
+    def _handle_line(self, typed: str, run: Pausable) -> None:
+        if self._pending is not None:
+            ask_id, prompt = self._pending
+            meant = _match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
             if meant is None:
-                _say(f"that is no answer: {_how(prompt)}; Ctrl-C stops the run")
+                _print(f"that is no answer: {_answer_instructions(prompt)}; Ctrl-C stops the run")
             else:
-                self._asked = None
+                self._pending = None
                 self._answers[ask_id] = meant
-        elif run.pausing and said.casefold() in ("", PAUSE):
+        elif run.pause_requested and typed.casefold() in ("", PAUSE_KEY):
             run.resume()
-        elif said.casefold() == PAUSE:
-            _say("the run goes to rest and pauses there; Enter lets it go on, Ctrl-C stops it")
+        elif typed.casefold() == PAUSE_KEY:
+            _print("the run goes to rest and pauses there; Enter lets it go on, Ctrl-C stops it")
             run.pause()
-        elif said:
-            _say(f"nothing is asked now; {KEYS}")
+        elif typed:
+            _print(f"nothing is asked now; {KEY_HELP}")
 
-    def _read(self, ask_id: int, prompt: Prompt) -> None:
+    def _read_answer(self, ask_id: int, prompt: Prompt) -> None:
         while line := sys.stdin.readline():
-            meant = _meant(prompt, line.strip())
+            meant = _match_answer(prompt, line.strip())
             if meant is not None:
-                self._asked = None
+                self._pending = None
                 self._answers[ask_id] = meant
                 return
-            _say(f"that is no answer: {_how(prompt)}; Ctrl-C stops the run")
-        _say("standard input has ended, so nobody can answer here: the run waits until it is stopped")
+            _print(f"that is no answer: {_answer_instructions(prompt)}; Ctrl-C stops the run")
+        _print("standard input has ended, so nobody can answer here: the run waits until it is stopped")
 
 
-def _say(words: str) -> None:
+def _print(text: str) -> None:
     with contextlib.suppress(OSError):  # nobody reads it any more: the run goes on
-        sys.stderr.write(f"  {words}\n")
+        sys.stderr.write(f"  {text}\n")
 
 
-def can_listen() -> bool:
+def can_poll_keyboard() -> bool:
     """Whether keys can be looked for without waiting: at a terminal, and not on Windows."""
     try:
         return os.name != "nt" and sys.stdin.isatty() and sys.stdin.fileno() >= 0
@@ -141,7 +143,7 @@ def can_listen() -> bool:
         return False
 
 
-def _in_front(keyboard: int) -> bool:
+def _in_foreground(keyboard: int) -> bool:
     """Whether this program is in the terminal's foreground. Where that cannot be told, it is no terminal of a shell."""
     try:
         return os.tcgetpgrp(keyboard) == os.getpgrp()
@@ -149,26 +151,26 @@ def _in_front(keyboard: int) -> bool:
         return True
 
 
-def _how(prompt: Prompt) -> str:
+def _answer_instructions(prompt: Prompt) -> str:
     """How a prompt is answered, in words."""
-    if word := TYPED.get(prompt.action):
+    if word := CONFIRMATION_WORDS.get(prompt.action):
         return f"type '{word}' and press Enter"
     if len(prompt.choices) == 1:
         return "press Enter when it is done"
     return f"type {' or '.join(f'{choice[0]} ({choice})' for choice in prompt.choices)} and press Enter"
 
 
-def _meant(prompt: Prompt, said: str) -> str | None:
+def _match_answer(prompt: Prompt, typed: str) -> str | None:
     """The answer that what was typed means; None where it is none."""
-    if word := TYPED.get(prompt.action):
-        return said if said.casefold() == word else None
+    if word := CONFIRMATION_WORDS.get(prompt.action):
+        return typed if typed.casefold() == word else None
     if len(prompt.choices) == 1:
-        return said or prompt.choices[0]
-    meant = [choice for choice in prompt.choices if said and choice.casefold().startswith(said.casefold())]
+        return typed or prompt.choices[0]
+    meant = [choice for choice in prompt.choices if typed and choice.casefold().startswith(typed.casefold())]
     return meant[0] if len(meant) == 1 else None
 
 
-def _forget_type_ahead() -> None:
+def _discard_type_ahead() -> None:
     """Throw away what was typed before it was asked for. A pipe is not a person and keeps its lines."""
     if not sys.stdin.isatty():
         return
@@ -177,10 +179,10 @@ def _forget_type_ahead() -> None:
 
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
     except ImportError:
-        _forget_keys()
+        _discard_keys()
 
 
-def _forget_keys() -> None:
+def _discard_keys() -> None:
     if sys.platform == "win32":
         import msvcrt
 

@@ -16,19 +16,19 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from app.common.errors import DONE, UsageError
-from app.common.inputs import path
+from app.common.inputs import path_argument
 from app.common.units import UnitError, read_value, unit_of
-from app.config.bench_file import FASTEST, BenchConfig, ConfigError, load_bench
-from app.config.validation import faults
-from app.gui.widgets.form import fields_of, text_of
-from protocols.base.jsonable import plain
+from app.config.bench_file import MAX_SPEED, BenchConfig, ConfigError, load_bench
+from app.config.validation import validation_messages
+from app.gui.widgets.form import format_parameter, protocol_fields
+from protocols.base.jsonable import to_jsonable
 from protocols.base.protocol import Protocol
-from protocols.registry import PROTOCOLS, ProtocolFileError, load_file, load_plug_ins
-from protocols.resume import earlier, named
-from protocols.runfile.reader import RunError
+from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
+from protocols.resume import find_entries, load_resumable
+from protocols.runfile.reader import RunReadError
 
 if TYPE_CHECKING:
-    from protocols.resume import Earlier
+    from protocols.resume import ResumableRun
 
 
 def protocol_names() -> str:
@@ -38,60 +38,60 @@ def protocol_names() -> str:
 
 def run(options: argparse.Namespace) -> int:
     """`tactor-bench run PROTOCOL`."""
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     protocol = make_protocol(options.protocol, options.settings)
-    return run_headless(config, speed, options, protocol, planned=options.faults)[0]
+    return run_headless(config, speed, options, protocol, planned_faults=options.faults)[0]
 
 
 def window(options: argparse.Namespace) -> int:
     """`tactor-bench [window]`."""
-    from app.gui.screen import why_no_window
+    from app.gui.screen import window_unavailable_reason
 
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     protocol = make_protocol(options.protocol, options.settings)
-    if why := why_no_window():
+    if why := window_unavailable_reason():
         raise UsageError(f"no window can be opened: {why}. The same work without one: 'tactor-bench run sine-dwell'")
     return _open_window(config, speed, options, protocol, options.autostart)
 
 
 def demo(options: argparse.Namespace) -> int:
     """`tactor-bench demo`: the main job, with or without a screen."""
-    from app.gui.screen import why_no_window
+    from app.gui.screen import window_unavailable_reason
 
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     protocol = make_protocol("sine-dwell", [])
     why = "" if not options.no_window else "--no-window was given"
-    why = why or why_no_window()
+    why = why or window_unavailable_reason()
     if not why:
         return _open_window(config, speed, options, protocol, autostart=True)
     sys.stderr.write(f"No window: {why}. The same job follows without one.\n")
     options.json = False
     code, path = run_headless(config, speed, options, protocol)
     if path is not None and path.exists():
-        _draw(path, path.with_suffix(".png"))
+        _draw_run(path, path.with_suffix(".png"))
     return code
 
 
 def show(options: argparse.Namespace) -> int:
     """`tactor-bench show RUN`."""
     from app.archive.description import run_record, run_text
-    from app.cli.output import PICTURES, check_file
-    from protocols.runfile.reader import Run, RunError, intact
+    from app.cli.output import PICTURE_SUFFIXES, check_output_file
+    from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
     if options.picture:
-        check_file(options.picture, PICTURES)
+        check_output_file(options.picture, PICTURE_SUFFIXES)
     try:
-        with Run(options.run) as run, intact(options.run):
-            told = json.dumps(plain(run_record(run)), allow_nan=False) if options.json else run_text(run)
-    except RunError as error:
+        with Run(options.run) as run, translate_read_errors(options.run):
+            told = json.dumps(to_jsonable(run_record(run)), allow_nan=False) if options.json else run_text(run)
+    except RunReadError as error:
         raise UsageError(str(error)) from None
     print(told)  # noqa: T201 - the command line speaks here
     if options.picture:
-        return _draw(options.run, options.picture)
+        return _draw_run(options.run, options.picture)
     return DONE
 
 
-def protocol_kind(name: str) -> type[Protocol]:
+def protocol_class(name: str) -> type[Protocol]:
     """The protocol of a name, of an installed package, or of a lab's own file (`./my_protocol.py`).
 
     Raises:
@@ -99,7 +99,7 @@ def protocol_kind(name: str) -> type[Protocol]:
     """
     if name.endswith(".py") or "/" in name or "\\" in name:
         try:
-            return load_file(Path(name))
+            return load_protocol_file(Path(name))
         except ProtocolFileError as error:
             raise UsageError(str(error)) from None
     if name not in PROTOCOLS:
@@ -118,7 +118,7 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
     Raises:
         UsageError: an unknown protocol or parameter, or a value out of range; every fault is listed.
     """
-    kind = protocol_kind(name)
+    kind = protocol_class(name)
     name = kind.name
     values: dict[str, Any] = {}
     wrong: list[str] = []
@@ -135,13 +135,13 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
     try:
         protocol = kind(**values)
     except ValidationError as error:
-        wrong += faults(error, unit=lambda key: (unit_of(kind, key) or "").removeprefix("1"))
+        wrong += validation_messages(error, unit_of_key=lambda key: (unit_of(kind, key) or "").removeprefix("1"))
     if wrong:
         raise UsageError(f"{name} cannot be run so:\n" + "\n".join(wrong))
     return protocol
 
 
-def chosen_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
+def selected_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
     """The bench and its speed; None is the virtual clock."""
     try:
         config = load_bench(options.bench)
@@ -157,13 +157,13 @@ def chosen_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None
     if speed == "max":
         return config, None
     if speed is None:
-        return config, config.truth.speed
+        return config, config.simulation_parameters.speed
     try:
         number = float(speed)
     except ValueError:
         number = 0.0
-    if not 1 <= number <= FASTEST:
-        raise UsageError(f"--speed {speed}: give a number from 1 to {FASTEST:g}, or 'max'")
+    if not 1 <= number <= MAX_SPEED:
+        raise UsageError(f"--speed {speed}: give a number from 1 to {MAX_SPEED:g}, or 'max'")
     return config, number
 
 
@@ -172,19 +172,19 @@ def run_headless(
     speed: float | None,
     options: argparse.Namespace,
     protocol: Protocol,
-    listeners: Sequence[Callable[[Any], None]] = (),
-    planned: Sequence[str] = (),
-    before: "Earlier | None" = None,
+    observers: Sequence[Callable[[Any], None]] = (),
+    planned_faults: Sequence[str] = (),
+    resume: "ResumableRun | None" = None,
 ) -> tuple[int, Path | None]:
     """Run a protocol with the terminal as front end; the exit code and the run file.
 
-    `listeners` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`;
+    `observers` are told every event besides the terminal; `planned` are faults of a simulated bench, `NAME@SECONDS`;
     `before` is the run to go on with.
     """
-    from app.cli.headless import exit_code, headless
+    from app.cli.headless import exit_code, headless_session
 
-    with headless(config, speed, options, listeners, planned) as front:
-        front.session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", before)
+    with headless_session(config, speed, options, observers, planned_faults) as front:
+        front.session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", resume)
         front.wait()
     return exit_code(front.session), front.session.path if front.session.outcome else None
 
@@ -197,42 +197,42 @@ def _open_window(
 
     def bench(name: str) -> tuple[Any, BenchConfig]:
         other = load_bench(name)
-        pace = other.truth.speed if other.simulated else 1.0
+        pace = other.simulation_parameters.speed if other.simulated else 1.0
         return lambda: connect(other, pace), other
 
     return open_window(
-        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart, benches=bench
+        lambda: connect(config, speed), config, protocol, options.out, options.specimen, autostart, bench_factory=bench
     )
 
 
-def _draw(run_file: Path, picture: Path) -> int:
-    from app.cli.output import PICTURES, writing
+def _draw_run(run_file: Path, picture: Path) -> int:
+    from app.cli.output import PICTURE_SUFFIXES, writing_output
     from app.plotting.run_figure import draw_run
-    from protocols.runfile.reader import Run, RunError
+    from protocols.runfile.reader import Run, RunReadError
 
     try:
-        with writing(picture, PICTURES), Run(run_file) as run:
+        with writing_output(picture, PICTURE_SUFFIXES), Run(run_file) as run:
             draw_run(run, picture)
-    except RunError as error:
+    except RunReadError as error:
         raise UsageError(str(error)) from None
     return DONE
 
 
 def resume_run(options: argparse.Namespace) -> int:
     """Go on with a run beside the old one, of the same specimen; the exit code of a run."""
-    config, speed = chosen_bench(options)
+    config, speed = selected_bench(options)
     for trouble in load_plug_ins():
         sys.stderr.write(f"{trouble}\n")
     if options.file:
-        protocol_kind(options.file)
+        protocol_class(options.file)
     try:
-        again = named(options.run, [word for word in options.again.split(",") if word]) if options.again else ()
-        before = earlier(options.run, again)
-    except RunError as error:
+        again = find_entries(options.run, [word for word in options.again.split(",") if word]) if options.again else ()
+        before = load_resumable(options.run, again)
+    except RunReadError as error:
         raise UsageError(str(error)) from None
     options.out = options.out or options.run.parent
     options.specimen = options.specimen or before.specimen
-    return run_headless(config, speed, options, before.protocol, before=before)[0]
+    return run_headless(config, speed, options, before.protocol, resume=before)[0]
 
 
 def list_protocols(options: argparse.Namespace) -> int:
@@ -240,8 +240,8 @@ def list_protocols(options: argparse.Namespace) -> int:
     for trouble in load_plug_ins():
         sys.stderr.write(f"{trouble}\n")
     if options.protocol:
-        kind = protocol_kind(options.protocol)
-        rows = _parameters(kind)
+        kind = protocol_class(options.protocol)
+        rows = _parameter_records(kind)
         lines = [f"{kind.title}: {_first_line(kind)}"]
         for row in rows:
             lines += [f"  {row['parameter']} = {row['default']} {row['unit']}".rstrip()]
@@ -254,16 +254,16 @@ def list_protocols(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _parameters(kind: type[Protocol]) -> list[dict[str, str]]:
+def _parameter_records(kind: type[Protocol]) -> list[dict[str, str]]:
     return [
         {
             "parameter": field.name,
-            "default": text_of(kind.model_fields[field.name].get_default(call_default_factory=True)),
+            "default": format_parameter(kind.model_fields[field.name].get_default(call_default_factory=True)),
             "unit": field.unit,
             "range": field.limits,
-            "what it is": field.words,
+            "what it is": field.description,
         }
-        for field in fields_of(kind)
+        for field in protocol_fields(kind)
     ]
 
 
@@ -272,9 +272,9 @@ def _first_line(kind: type[Protocol]) -> str:
     return (getdoc(kind) or kind.title).splitlines()[0]
 
 
-def add_protocol_commands(known: Any, bench_options: Any) -> None:
+def add_protocol_commands(subparsers: Any, add_bench_options: Any) -> None:
     """Register the commands with the subparsers of the command; the options are those of `run`."""
-    protocols = known.add_parser(
+    protocols = subparsers.add_parser(
         "protocols",
         help="list what can be measured, and the parameters of each",
         description="The protocols of this program and of installed packages; with a name or a file, its parameters.",
@@ -284,14 +284,14 @@ def add_protocol_commands(known: Any, bench_options: Any) -> None:
     protocols.add_argument("--json", action="store_true", help="as one JSON object on standard output")
     protocols.set_defaults(command=_protocols)
 
-    resume = known.add_parser(
+    resume = subparsers.add_parser(
         "resume",
         help="go on with a run that was stopped or crashed, or measure some of its points again",
         description="Go on with a run that was stopped, failed or lost its program; or, with --again, measure some of its "
         "points once more. The result is a new file that carries the old points over and links to their raw data.",
         epilog="example: tactor-bench resume runs/20261121T091502Z_T7_sine-dwell.h5 --again 155,160",
     )
-    resume.add_argument("run", type=path, metavar="RUN", help="a run file")
+    resume.add_argument("run", type=path_argument, metavar="RUN", help="a run file")
     resume.add_argument(
         "--again",
         default="",
@@ -305,7 +305,7 @@ def add_protocol_commands(known: Any, bench_options: Any) -> None:
         metavar="FILE.py",
         help="the file of a lab's own protocol, where the run is of one",
     )
-    bench_options(resume)
+    add_bench_options(resume)
     resume.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
     resume.set_defaults(command=_resume)
 

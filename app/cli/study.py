@@ -24,80 +24,91 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.cli.model_options import OFFSET, read_settings, read_specimen, read_values, read_vary, refusing
-from app.cli.output import Answer, Column, Table, check_files, deliver, say, tracked, writing
+from app.cli.model_options import OFFSET, read_settings, read_specimen, read_values, read_vary, translate_model_errors
+from app.cli.output import (
+    CommandResult,
+    ResultColumn,
+    ResultTable,
+    check_output_files,
+    print_line,
+    progress_bar,
+    render,
+    writing_output,
+)
 from app.common.errors import DONE, FAILED, UsageError
 from app.common.units import PEAK_TO_PEAK, read_number
-from app.plotting.charts import draw
-from model.response.frequency_response import FREQUENCY
-from model.specimen import changed
-from model.studies.paper_figures import Curve, Figure
-from model.studies.parameter_study import PRESETS, UNITS, Study, StudyResult
-from protocols.runfile.errors import StoreError
-from protocols.runfile.study_file import StudyFile, StudyHeader, check_place
+from app.plotting.charts import draw_figure
+from model.response.frequency_response import FREQUENCY_SPEC
+from model.specimen import replace_variables
+from model.studies.paper_figures import FigureCurve, PaperFigure
+from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Study, StudyResult
+from protocols.runfile.errors import StorageError
+from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path
 
-MOST_CURVES = 8
+MAX_CURVES = 8
 """Combinations that a picture can hold."""
-SHOWN = {"m": "µm", "m/V": "nm/V"}
+DISPLAY_UNITS = {"m": "µm", "m/V": "nm/V"}
 
 
-def result(wanted: Study, values: NDArray[Any]) -> StudyResult:
+def study_result(study: Study, values: NDArray[Any]) -> StudyResult:
     """All values, (sets, F), over the study's axes."""
-    return StudyResult(wanted.measure, UNITS[wanted.measure], wanted.axes, values.reshape(*wanted.shape, -1))
+    return StudyResult(study.measure, MEASURE_UNITS[study.measure], study.axes, values.reshape(*study.shape, -1))
 
 
-def record(found: StudyResult) -> dict[str, Any]:
+def study_record(result: StudyResult) -> dict[str, Any]:
     """The result for JSON: nested lists; a complex number is a pair."""
-    v = found.values
+    v = result.values
     lists = (np.stack((v.real, v.imag), -1) if np.iscomplexobj(v) else v).tolist()
-    axes = [{"name": a.name, "unit": a.unit, "values": a.values} for a in found.axes]
-    return {"axes": axes, found.measure: {"unit": found.unit, "values": lists}}
+    axes = [{"name": a.name, "unit": a.unit, "values": a.values} for a in result.axes]
+    return {"axes": axes, result.measure: {"unit": result.unit, "values": lists}}
 
 
-def summary(wanted: Study, amplitude: NDArray[np.float64]) -> tuple[Column, ...]:
+def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultColumn, ...]:
     """Each combination with its peak, for a person."""
-    f, peak = np.asarray(wanted.frequency_hz), amplitude.argmax(1)
-    index = np.unravel_index(np.arange(len(amplitude)), wanted.shape or (1,))
+    f, peak = np.asarray(study.frequency_hz), amplitude.argmax(1)
+    index = np.unravel_index(np.arange(len(amplitude)), study.shape or (1,))
     varied = (
-        Column(axis.name, axis.unit, np.asarray(axis.values)[i])
-        for axis, i in zip(wanted.axes[:-1], index, strict=False)
+        ResultColumn(axis.name, axis.unit, np.asarray(axis.values)[i])
+        for axis, i in zip(study.axes[:-1], index, strict=False)
     )
-    unit = UNITS[wanted.measure]
-    shown = SHOWN[unit]
+    unit = MEASURE_UNITS[study.measure]
+    shown = DISPLAY_UNITS[unit]
     ends = (
         (f"at_{f[0]:g}_hz", amplitude[:, 0], f"at {f[0]:g} Hz"),
         (f"at_{f[-1]:g}_hz", amplitude[:, -1], f"at {f[-1]:g} Hz"),
     )
     return (
         *varied,
-        Column("peak", unit, amplitude.max(1), "highest", shown, ".1f"),
-        Column("peak_frequency", "Hz", f[peak], "at frequency", form="g"),
-        *(Column(name, unit, values, head, shown, ".1f") for name, values, head in ends),
+        ResultColumn("peak", unit, amplitude.max(1), "highest", shown, ".1f"),
+        ResultColumn("peak_frequency", "Hz", f[peak], "at frequency", format_spec="g"),
+        *(ResultColumn(name, unit, values, head, shown, ".1f") for name, values, head in ends),
     )
 
 
-def picture(wanted: Study, values: NDArray[Any]) -> Figure:
+def study_figure(study: Study, values: NDArray[Any]) -> PaperFigure:
     """A few curves over frequency."""
-    f = np.asarray(wanted.frequency_hz)
+    f = np.asarray(study.frequency_hz)
     curves = []
-    for k in np.unique(np.linspace(0, len(values) - 1, min(len(values), MOST_CURVES)).astype(int)):
-        index = np.unravel_index(k, wanted.shape or (1,))
+    for k in np.unique(np.linspace(0, len(values) - 1, min(len(values), MAX_CURVES)).astype(int)):
+        index = np.unravel_index(k, study.shape or (1,))
         label = ", ".join(
-            f"{a.name} = {a.values[i]:.4g} {a.unit}".rstrip() for a, i in zip(wanted.axes, index, strict=False)
+            f"{a.name} = {a.values[i]:.4g} {a.unit}".rstrip() for a, i in zip(study.axes, index, strict=False)
         )
-        curves.append(Curve(label, f, np.abs(values[k])))
+        curves.append(FigureCurve(label, f, np.abs(values[k])))
     some = f" {len(curves)} of {len(values)} combinations." if len(curves) < len(values) else ""
-    where = "Free tactor" if wanted.specimen.membrane is None else "Tactor on the membrane"
-    caption = f"{where}: {wanted.title}.{some}"
-    return Figure("study", "frequency", "Hz", "amplitude of the centre", UNITS[wanted.measure], tuple(curves), caption)
+    where = "Free tactor" if study.specimen.membrane is None else "Tactor on the membrane"
+    caption = f"{where}: {study.title}.{some}"
+    return PaperFigure(
+        "study", "frequency", "Hz", "amplitude of the centre", MEASURE_UNITS[study.measure], tuple(curves), caption
+    )
 
 
-CONNECT_S = 10
+CONNECT_TIMEOUT_S = 10
 """How long a cluster's scheduler may take to answer."""
 
 
 @contextmanager
-def workers(address: str | None) -> Iterator[Executor | None]:
+def study_executor(address: str | None) -> Iterator[Executor | None]:
     """An executor on the cluster at `address`, on one started here for `local`, or None for no address.
 
     Raises:
@@ -119,7 +130,7 @@ def workers(address: str | None) -> Iterator[Executor | None]:
             here = "127.0.0.1:0"
             client = Client(processes=False, dashboard_address=here, worker_dashboard_address=here)
         else:
-            client = Client(address, timeout=CONNECT_S)
+            client = Client(address, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"no Dask scheduler answers at '{address}' ({error}); start one with 'dask scheduler', "
@@ -129,7 +140,7 @@ def workers(address: str | None) -> Iterator[Executor | None]:
         yield pool
 
 
-class Counting(Executor):
+class CountingExecutor(Executor):
     """Passes chunks of parameter sets on, to `pool` or to this thread, and tells how many sets are done."""
 
     def __init__(self, pool: Executor | None, advance: Callable[[int], None]) -> None:
@@ -156,27 +167,27 @@ class Counting(Executor):
 
 
 CURVE_HZ = "1:250:250"
-MOST_SETS = 30
+MAX_SETS = 30
 """Combinations that are told on a terminal."""
-MOST_NUMBERS = 50_000_000
+MAX_NUMBERS = 50_000_000
 """Numbers that are held in memory for CSV, JSON or a picture; HDF5 is written chunk by chunk."""
 
 
 def study(options: argparse.Namespace) -> int:
     """`tactor-bench study`."""
-    with refusing():
+    with translate_model_errors():
         wanted = read_study(options)
-        _check_places(options)
+        _check_output_paths(options)
     try:
-        with refusing():
-            answer = _sensitivity(wanted, options) if options.sensitivity else _computed(wanted, options)
-    except StoreError as error:
+        with translate_model_errors():
+            answer = _sensitivity(wanted, options) if options.sensitivity else _compute_study(wanted, options)
+    except StorageError as error:
         sys.stderr.write(f"tactor-bench: {error}\n")
         return FAILED
     except KeyboardInterrupt:
         sys.stderr.write("tactor-bench: stopped; nothing was written\n")
         return FAILED
-    return deliver(answer, options)
+    return render(answer, options)
 
 
 def read_study(options: argparse.Namespace) -> Study:
@@ -188,24 +199,24 @@ def read_study(options: argparse.Namespace) -> Study:
     vary = dict(map(read_vary, options.vary))
     if options.preset is None and not vary:
         raise UsageError(
-            f"say what to study: a preset ({', '.join(PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
+            f"say what to study: a preset ({', '.join(STUDY_PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
         )
     if options.preset is not None and vary:
         raise UsageError(f"{options.preset} says itself what is varied; leave out --vary, or the preset")
     if options.preset is None:
         values = {name: v[0] for name, v in vary.items()}
-        on_membrane = changed(read_specimen(options), values).membrane is not None
+        on_membrane = replace_variables(read_specimen(options), values).membrane is not None
         base = Study(vary, (1.0,), read_specimen(options, on_membrane=on_membrane))
         frequencies = CURVE_HZ if options.frequencies is None else options.frequencies
-    elif options.preset in PRESETS:
-        base, frequencies = PRESETS[options.preset](), options.frequencies
-        base = replace(base, specimen=changed(base.specimen, read_settings(options.settings)))
+    elif options.preset in STUDY_PRESETS:
+        base, frequencies = STUDY_PRESETS[options.preset](), options.frequencies
+        base = replace(base, specimen=replace_variables(base.specimen, read_settings(options.settings)))
     else:
-        raise UsageError(f"there is no study '{options.preset}'; the presets are: {', '.join(PRESETS)}")
+        raise UsageError(f"there is no study '{options.preset}'; the presets are: {', '.join(STUDY_PRESETS)}")
     _check_overlap(base, options)
     return replace(
         base,
-        frequency_hz=read_values(frequencies, FREQUENCY) if frequencies is not None else base.frequency_hz,
+        frequency_hz=read_values(frequencies, FREQUENCY_SPEC) if frequencies is not None else base.frequency_hz,
         measure=options.quantity or base.measure,
         amplitude_v=read_number(options.peak_to_peak, PEAK_TO_PEAK) / 2,
         offset_v=read_number(options.offset, OFFSET),
@@ -226,31 +237,31 @@ def _check_overlap(base: Study, options: argparse.Namespace) -> None:
         raise UsageError(f"{options.preset} has its own pre-stretch; leave it out, or write the study with --vary")
 
 
-def _check_places(options: argparse.Namespace) -> None:
+def _check_output_paths(options: argparse.Namespace) -> None:
     """Refuse now what could not be written in the end."""
-    check_files(options)
+    check_output_files(options)
     if options.out is not None:
         try:
-            check_place(options.out)
-        except StoreError as error:
+            check_output_path(options.out)
+        except StorageError as error:
             raise UsageError(str(error)) from None
 
 
-def _computed(wanted: Study, options: argparse.Namespace) -> Answer:
-    sets, points = prod(wanted.shape), len(wanted.frequency_hz)
+def _compute_study(request: Study, options: argparse.Namespace) -> CommandResult:
+    sets, points = prod(request.shape), len(request.frequency_hz)
     keep = options.csv is not None or options.picture is not None or options.json
-    if keep and sets * points > MOST_NUMBERS:
+    if keep and sets * points > MAX_NUMBERS:
         raise UsageError(
-            f"the study has {sets * points:g} numbers, more than the {MOST_NUMBERS:g} that --csv, --picture and --json hold; "
+            f"the study has {sets * points:g} numbers, more than the {MAX_NUMBERS:g} that --csv, --picture and --json hold; "
             "write it with --out alone, or vary less"
         )
-    rows = sets if keep else min(sets, MOST_SETS)
-    kept: NDArray[Any] = np.empty((rows, points), complex if wanted.measure == "receptance" else float)
-    running: Any = wanted.blocks
+    rows = sets if keep else min(sets, MAX_SETS)
+    kept: NDArray[Any] = np.empty((rows, points), complex if request.measure == "receptance" else float)
+    running: Any = request.chunks
     with (
-        _file(wanted, options.out) as write,
-        workers(options.cluster) as pool,
-        _progress(sets) as advance,
+        _open_study_file(request, options.out) as write,
+        study_executor(options.cluster) as pool,
+        _set_progress(sets) as advance,
         closing(running(pool)) as blocks,
     ):
         for start, block in blocks:
@@ -258,35 +269,33 @@ def _computed(wanted: Study, options: argparse.Namespace) -> Answer:
             part = kept[start : start + len(block)]
             part[:] = block[: len(part)]
             advance(len(block))
-    told = Table("summary", wanted.title, summary(wanted, np.abs(kept[:MOST_SETS])))
-    notes = (
-        [f"the first {MOST_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MOST_SETS else []
-    )
-    found = result(wanted, kept) if keep else None
-    return Answer(
+    told = ResultTable("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
+    notes = [f"the first {MAX_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MAX_SETS else []
+    found = study_result(request, kept) if keep else None
+    return CommandResult(
         "study",
-        wanted.fixed,
+        request.fixed,
         (told,),
         tuple(notes),
-        curve=found,
-        pictures=(picture(wanted, kept),) if options.picture is not None else (),
-        more=record(found) if found is not None and options.json else {},
+        csv_table=found,
+        figures=(study_figure(request, kept),) if options.picture is not None else (),
+        extra=study_record(found) if found is not None and options.json else {},
     )
 
 
 @contextmanager
-def _file(wanted: Study, path: Path | None) -> Iterator[Callable[[int, NDArray[Any]], None]]:
+def _open_study_file(request: Study, path: Path | None) -> Iterator[Callable[[int, NDArray[Any]], None]]:
     """Where blocks go: into an HDF5 file, or nowhere."""
     if path is None:
         yield lambda *_: None
         return
-    with StudyFile(path, StudyHeader.of(wanted)) as file:
+    with StudyFileWriter(path, StudyHeader.of(request)) as file:
         yield file.write
     sys.stderr.write(f"wrote {path}\n")
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
+def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
     """A bar on a terminal that counts parameter sets."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -298,9 +307,9 @@ def _progress(total: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress.advance(task, done)
 
 
-def _sensitivity(wanted: Study, options: argparse.Namespace) -> Answer:
+def _sensitivity(request: Study, options: argparse.Namespace) -> CommandResult:
     """Sobol indices over the range of each variable's values."""
-    from model.studies.sensitivity import sobol
+    from model.studies.sensitivity import sobol_indices_of
 
     if options.out is not None or options.picture is not None:
         raise UsageError(
@@ -309,73 +318,76 @@ def _sensitivity(wanted: Study, options: argparse.Namespace) -> Answer:
     seed = 1 if options.seed is None else options.seed
     if seed < 0:
         raise UsageError(f"--seed {seed}: give a number from 0 on")
-    ranges = {name: (min(values), max(values)) for name, values in wanted.vary.items()}
-    with workers(options.cluster) as pool, _progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
-        got = sobol(wanted, ranges, options.samples, seed, Counting(pool, advance))
-    columns = [Column("output", "", got.outputs)]
+    ranges = {name: (min(values), max(values)) for name, values in request.vary.items()}
+    with study_executor(options.cluster) as pool, _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
+        got = sobol_indices_of(request, ranges, options.samples, seed, CountingExecutor(pool, advance))
+    columns = [ResultColumn("output", "", got.outputs)]
     for order, indices in (("first", got.first_order), ("total", got.total_order)):
         columns += [
-            Column(f"{order}_{v}", "", i, f"{order}, {v}", form=".3f")
+            ResultColumn(f"{order}_{v}", "", i, f"{order}, {v}", format_spec=".3f")
             for v, i in zip(got.variables, indices.T, strict=True)
         ]
     words = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
     note = "first: share of the variance the parameter explains alone; total: share that would vanish if it were known."
-    return Answer(
-        "study --sensitivity", wanted.fixed, (Table("sobol", words, tuple(columns), most=20, lead=2),), (note,)
+    return CommandResult(
+        "study --sensitivity",
+        request.fixed,
+        (ResultTable("sobol", words, tuple(columns), max_rows=20, leading_rows=2),),
+        (note,),
     )
 
 
-def figures(options: argparse.Namespace) -> int:
+def write_figures(options: argparse.Namespace) -> int:
     """`tactor-bench figures`."""
-    from model.studies.paper_figures import figures as theory
+    from model.studies.paper_figures import paper_figures as theory
 
     folder = options.out or Path("figures")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
-    with refusing():
+    with translate_model_errors():
         specimen = read_specimen(options, on_membrane=True)
         if own := [
             name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)
         ]:
             raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
         everything = theory(specimen.tactor, specimen.membrane)
-    chosen = _chosen(everything, options.only)
+    chosen = _select_panels(everything, options.only)
     suffixes = (".png", ".pdf") if options.pdf else (".png",)
     written = []
-    for name, panels in tracked(list(chosen.items()), "drawing"):
+    for name, panels in progress_bar(list(chosen.items()), "drawing"):
         paths = [folder / f"{name}{suffix}" for suffix in suffixes]
         for path in paths:
-            with writing(path):
-                draw(panels, path)
+            with writing_output(path):
+                draw_figure(panels, path)
         sheet = folder / f"{name}.csv"
-        with writing(sheet):
+        with writing_output(sheet):
             curves_table(panels).to_csv(sheet)
         files = [str(path) for path in (*paths, sheet)]
         written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
     if options.json:
-        say(json.dumps({"command": "figures", "figures": written}))
+        print_line(json.dumps({"command": "figures", "figures": written}))
     return DONE
 
 
-def _chosen(everything: Sequence[Figure], only: Sequence[str] | None) -> dict[str, list[Figure]]:
+def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str] | None) -> dict[str, list[PaperFigure]]:
     """Panels by the figure they belong to; one panel alone where its own name is asked for."""
-    groups = {name: list(panels) for name, panels in groupby(everything, lambda figure: figure.name.rstrip("abcdef"))}
-    if not only:
+    groups = {name: list(panels) for name, panels in groupby(all_panels, lambda figure: figure.name.rstrip("abcdef"))}
+    if not names:
         return groups
-    known = groups | {figure.name: [figure] for figure in everything}
-    for name in only:
+    known = groups | {figure.name: [figure] for figure in all_panels}
+    for name in names:
         if name not in known:
             raise UsageError(f"there is no figure '{name}'; there are: {', '.join(known)}")
-    return {name: known[name] for name in only}
+    return {name: known[name] for name in names}
 
 
-def curves_table(panels: Sequence[Figure]) -> Table:
+def curves_table(panels: Sequence[PaperFigure]) -> ResultTable:
     """All curves of a figure as columns over its x, SI."""
     first = panels[0]
-    columns = [Column(first.x_label, first.x_unit, first.curves[0].x)]
+    columns = [ResultColumn(first.x_label, first.x_unit, first.curves[0].x)]
     for panel in panels:
         before = f"{panel.name} " if len(panels) > 1 else ""
-        columns += [Column(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
-    return Table(first.name, first.name, tuple(columns))
+        columns += [ResultColumn(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
+    return ResultTable(first.name, first.name, tuple(columns))

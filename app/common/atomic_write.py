@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomic(path: Path, text: str) -> None:
     """Replace what stands in `path`; after a crash or a power cut either the old text is there or the new one.
 
     Raises:

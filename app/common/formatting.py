@@ -3,11 +3,11 @@
 from typing import Any
 
 from protocols.base.quality import Quality
-from protocols.base.records import Curve
-from protocols.base.rounding import figures
+from protocols.base.records import ResultCurve
+from protocols.base.rounding import format_with_uncertainty
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """`12 s`, `3 min 20 s`, `2 h 05 min`."""
     whole = max(round(seconds), 0)
     if whole < 60:
@@ -17,17 +17,17 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
-def counted(count: int, noun: str) -> str:
+def pluralize(count: int, noun: str) -> str:
     """`1 run`, `3 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def ended(state: str, reason: str) -> str:
+def format_outcome(state: str, reason: str) -> str:
     """How a run ended and why, told once: `stopped by the operator`, not `stopped: stopped by the operator`."""
     return reason if reason.casefold().startswith(state.casefold()) else f"{state}: {reason}" if reason else state
 
 
-def size(count: float) -> str:
+def format_bytes(count: float) -> str:
     """Bytes as `812 kB`, `1.4 GB`."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
@@ -36,7 +36,7 @@ def size(count: float) -> str:
     return f"{count:.3g} GB"
 
 
-SHOWN = {
+DISPLAY_UNITS = {
     "m": (1e6, "µm"),
     "m/V": (1e6, "µm/V"),
     "m/N": (1e6, "µm/N"),
@@ -48,24 +48,24 @@ SHOWN = {
 """Units that nobody at a bench thinks in: by what to multiply, and what then stands there."""
 
 
-def shown_unit(unit: str) -> tuple[float, str]:
+def display_unit(unit: str) -> tuple[float, str]:
     """Factor and unit in which a quantity is shown to a person; `1` has no unit."""
-    return SHOWN.get(unit, (1.0, "" if unit == "1" else unit))
+    return DISPLAY_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
 
 
-def quantity(value: float, standard_error: float, unit: str) -> str:
+def format_quantity(value: float, standard_error: float, unit: str) -> str:
     """A value and its error in the unit people think in: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
-    factor, unit = shown_unit(unit)
-    return uncertain(factor * value, factor * standard_error, unit or "1")
+    factor, unit = display_unit(unit)
+    return format_uncertain(factor * value, factor * standard_error, unit or "1")
 
 
-def uncertain(value: float, standard_error: float, unit: str) -> str:
+def format_uncertain(value: float, standard_error: float, unit: str) -> str:
     """A value to the two figures its standard error has: `158.3460 ± 0.0075 Hz`; the unit `1` is left away."""
-    text = figures(value, standard_error)
+    text = format_with_uncertainty(value, standard_error)
     return text if unit == "1" else f"{text} {unit}"
 
 
-def curve_line(curve: Curve) -> str:
+def format_curve(curve: ResultCurve) -> str:
     """A curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
     Empty for a curve without errors, which is a record of samples and no result, and for a loop, whose point says it all.
@@ -77,20 +77,20 @@ def curve_line(curve: Curve) -> str:
     if (x.values[1:] <= x.values[:-1]).any():
         return ""
     top = int(abs(y.values).argmax())
-    height = quantity(float(y.values[top]), float(errors.values[top]), y.unit)
-    factor, unit = shown_unit(x.unit)
+    height = format_quantity(float(y.values[top]), float(errors.values[top]), y.unit)
+    factor, unit = display_unit(x.unit)
     low, at, high = (f"{factor * x.values[i]:.5g}" for i in (0, top, -1))
     name = f"{curve.name} {curve.label}".strip()
     return f"{name}: {y.values.size} lines, {low} to {high} {unit}, highest {height} at {at} {unit}"
 
 
-def point_line(point: Any) -> str:
+def format_point(point: Any) -> str:
     """One point in a line: in its own words where it has some, else as one of a sine dwell."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
     if words := getattr(point, "words", ""):
-        return words + (f"  {flags.words}" if flags else "")
+        return words + (f"  {flags.description}" if flags else "")
     return (
         f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
-        f"2 x fund. {figures(2e6 * point.fundamental, 2e6 * point.fundamental_errors):>16} µm  "
-        f"{point.phase * 57.29578:6.1f}°" + (f"  {flags.words}" if flags else "")
+        f"2 x fund. {format_with_uncertainty(2e6 * point.fundamental, 2e6 * point.fundamental_errors):>16} µm  "
+        f"{point.phase * 57.29578:6.1f}°" + (f"  {flags.description}" if flags else "")
     )

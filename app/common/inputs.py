@@ -3,11 +3,11 @@
 import argparse
 from pathlib import Path
 
-LONGEST_SPECIMEN = 200
+MAX_SPECIMEN_NAME_LENGTH = 200
 """Characters of a specimen's name; the name of its run file holds fewer, the file itself all of them."""
 
 
-def path(text: str) -> Path:
+def path_argument(text: str) -> Path:
     """A file or folder that this system can have, there or not yet.
 
     Raises:
@@ -18,27 +18,27 @@ def path(text: str) -> Path:
     try:
         Path(text).exists()
     except OSError as error:
-        raise argparse.ArgumentTypeError(f"'{shortened(text)}' cannot be used: {error.strerror or error}") from None
+        raise argparse.ArgumentTypeError(f"'{truncate_text(text)}' cannot be used: {error.strerror or error}") from None
     except ValueError:  # an embedded null
         raise argparse.ArgumentTypeError(f"{text!r} is no name of a file") from None
     return Path(text)
 
 
-def specimen(text: str) -> str:
+def specimen_argument(text: str) -> str:
     """A specimen's name: a line of text.
 
     Raises:
         argparse.ArgumentTypeError: it is empty, longer than anybody reads, or has characters that cannot be shown.
     """
     name = text.strip()
-    if not name or len(name) > LONGEST_SPECIMEN or not name.isprintable():
+    if not name or len(name) > MAX_SPECIMEN_NAME_LENGTH or not name.isprintable():
         raise argparse.ArgumentTypeError(
-            f"{shortened(name)!r} is no name of a specimen; give up to {LONGEST_SPECIMEN} readable characters in one line"
+            f"{truncate_text(name)!r} is no name of a specimen; give up to {MAX_SPECIMEN_NAME_LENGTH} readable characters in one line"
         )
     return name
 
 
-def seed(text: str) -> int:
+def seed_argument(text: str) -> int:
     """A seed of simulated noise: a whole number from 0 on.
 
     Raises:
@@ -49,10 +49,10 @@ def seed(text: str) -> int:
     except ValueError:
         number = -1
     if not 0 <= number < 2**63:
-        raise argparse.ArgumentTypeError(f"'{shortened(text)}' is no seed; give a whole number from 0 on")
+        raise argparse.ArgumentTypeError(f"'{truncate_text(text)}' is no seed; give a whole number from 0 on")
     return number
 
 
-def shortened(text: str, longest: int = 60) -> str:
+def truncate_text(text: str, max_length: int = 60) -> str:
     """The beginning of a long text, with dots."""
-    return text if len(text) <= longest else f"{text[:longest]}..."
+    return text if len(text) <= max_length else f"{text[:max_length]}..."

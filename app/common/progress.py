@@ -7,47 +7,50 @@ from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
-Tell = Callable[[float], None]
-"""Told how far it is. It may raise `Stopped`, and then it is over."""
+ProgressCallback = Callable[[float], None]
+"""Told how far it is. It may raise `OperationCancelled`, and then it is over."""
 
-STEP = 1 << 14
+ITEMS_PER_UPDATE = 1 << 14
 """Items between two tellings: some milliseconds."""
 
 
-class Stopped(Exception):
+class OperationCancelled(Exception):
     """Whoever was told how far it is wants no more of it."""
 
 
-def untold(_share: float) -> None:
+def ignore_progress(_share: float) -> None:
     """Nobody asks."""
 
 
-def part(tell: Tell, begin: float, end: float) -> Tell:
+def partial_progress(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
     """For a part of the whole, which tells its own share."""
-    return lambda share: tell(begin + (end - begin) * share)
+    return lambda share: progress(begin + (end - begin) * share)
 
 
-def parts(tell: Tell, sizes: Sequence[float]) -> list[Tell]:
+def split_progress(progress: ProgressCallback, sizes: Sequence[float]) -> list[ProgressCallback]:
     """For the parts of the whole one after the other, each as long as its size."""
     whole = sum(sizes) or 1.0
-    return [part(tell, begin / whole, end / whole) for begin, end in pairwise(accumulate(sizes, initial=0.0))]
+    return [
+        partial_progress(progress, begin / whole, end / whole)
+        for begin, end in pairwise(accumulate(sizes, initial=0.0))
+    ]
 
 
-def files(tell: Tell, paths: Sequence[Path]) -> list[Tell]:
+def split_progress_by_files(progress: ProgressCallback, paths: Sequence[Path]) -> list[ProgressCallback]:
     """For files one after the other, by their bytes; one that is not there has none, and whoever opens it says so."""
-    return parts(tell, [path.stat().st_size if path.is_file() else 0 for path in paths])
+    return split_progress(progress, [path.stat().st_size if path.is_file() else 0 for path in paths])
 
 
-def counted(items: Sequence[T], tell: Tell) -> Iterator[T]:
+def iterate_with_progress(items: Sequence[T], progress: ProgressCallback) -> Iterator[T]:
     """The items, told as they are taken."""
-    for start in range(0, len(items), STEP):
-        tell(start / len(items))
-        yield from items[start : start + STEP]
-    tell(1.0)
+    for start in range(0, len(items), ITEMS_PER_UPDATE):
+        progress(start / len(items))
+        yield from items[start : start + ITEMS_PER_UPDATE]
+    progress(1.0)
 
 
 @contextmanager
-def bar(words: str, quiet: bool = False) -> Iterator[Tell]:
+def terminal_progress(description: str, quiet: bool = False) -> Iterator[ProgressCallback]:
     """A bar on a terminal, with the time that is left; nothing elsewhere, or where a machine listens (`quiet`)."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -61,5 +64,5 @@ def bar(words: str, quiet: bool = False) -> Iterator[Tell]:
     )
     disabled = quiet or not console.is_terminal
     with Progress(*columns, console=console, disable=disabled, transient=True) as progress:
-        task = progress.add_task(words, total=1.0)
+        task = progress.add_task(description, total=1.0)
         yield lambda share: progress.update(task, completed=share)

@@ -5,23 +5,23 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class History(Generic[T]):
+class UndoHistory(Generic[T]):
     """States one can go back and forth among."""
 
     def __init__(self, state: T) -> None:
-        self.now = state
+        self.current = state
         self._past: list[T] = []
         self._future: list[T] = []
-        self._moving = ""
+        self._merge_key = ""
 
-    def go(self, state: T, moving: str = "") -> None:
-        """A new state; `moving` names what is moved on and on, as a slider: that is one step."""
-        if state == self.now:
+    def push(self, state: T, merge_key: str = "") -> None:
+        """A new state; `merge_key` names what is moved on and on, as a slider: that is one step."""
+        if state == self.current:
             return
-        if not (moving and moving == self._moving):
-            self._past.append(self.now)
+        if not (merge_key and merge_key == self._merge_key):
+            self._past.append(self.current)
         self._future.clear()
-        self.now, self._moving = state, moving
+        self.current, self._merge_key = state, merge_key
 
     @property
     def can_undo(self) -> bool:
@@ -42,6 +42,6 @@ class History(Generic[T]):
     def _step(self, back: list[T], forth: list[T]) -> bool:
         if not back:
             return False
-        forth.append(self.now)
-        self.now, self._moving = back.pop(), ""
+        forth.append(self.current)
+        self.current, self._merge_key = back.pop(), ""
         return True

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Interval, Unit
 
-from model.parameter_spec import Quantity
+from model.parameter_spec import ParameterSpec
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+PLAIN_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
-PEAK_TO_PEAK = Quantity("peak-to-peak", "V", Interval(gt=0), "drive at the amplifier's input", 5.0)
+PEAK_TO_PEAK = ParameterSpec("peak-to-peak", "V", Interval(gt=0), "drive at the amplifier's input", 5.0)
 
-LONGEST = 60
-TOWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
+MAX_TEXT_LENGTH = 60
+REPEATED_POWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
 """Powers of powers, which the unit library would compute to the last digit, for ever."""
 
 
@@ -32,26 +32,26 @@ def to_number(text: str, unit: str) -> float:
     """
     for number in (
         text,
-        text.removesuffix(unit) if unit.isalpha() and len(text) <= LONGEST else "",
+        text.removesuffix(unit) if unit.isalpha() and len(text) <= MAX_TEXT_LENGTH else "",
     ):  # in the unit itself: no library is needed
         try:
             return float(number)
         except ValueError:
             continue
-    if len(text) > LONGEST or TOWER.search(text):
-        raise UnitError(f"'{text[:LONGEST]}' is no number; write for example '1 {unit}' or '1'")
+    if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
+        raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is no number; write for example '1 {unit}' or '1'")
     import pint  # takes half a second, so only where somebody writes a unit
 
     registry = _registry()
     try:
-        return float(registry.Quantity(text).to("dimensionless" if unit == "1" else unit).magnitude)
+        return float(registry.ParameterSpec(text).to("dimensionless" if unit == "1" else unit).magnitude)
     except pint.DimensionalityError as error:
         raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
         raise UnitError(f"'{text}' is no number; write for example '1 {unit}' or '1'") from None
 
 
-def read_number(text: str, quantity: Quantity) -> float:
+def read_number(text: str, quantity: ParameterSpec) -> float:
     """Return the number that `text` means, in SI and admitted by `quantity`.
 
     Raises:
@@ -69,7 +69,7 @@ def unit_of(model: "type[BaseModel]", name: str) -> str | None:
     return next((m.unit for m in model.model_fields[name].metadata if isinstance(m, Unit)), None)
 
 
-def words_of(model: "type[BaseModel]", name: str) -> str:
+def description_of(model: "type[BaseModel]", name: str) -> str:
     """What a field means, in words."""
     return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
 
@@ -98,7 +98,7 @@ def _split(text: str) -> list[str]:
     if "," in text:
         return [item.strip() for item in text.split(",") if item.strip()]
     words = text.split()
-    return words if all(PLAIN.fullmatch(word) for word in words) else [text.strip()]
+    return words if all(PLAIN_NUMBER.fullmatch(word) for word in words) else [text.strip()]
 
 
 @cache

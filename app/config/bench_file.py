@@ -10,25 +10,25 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from app.common.inputs import shortened
+from app.common.inputs import truncate_text
 from app.config.tables import (
     AmplifierTable,
     CardTable,
+    ConfigTable,
     GeneratorTable,
     MeterTable,
     SensorTable,
     SourceTable,
     SupplyTable,
-    Table,
     WatchdogTable,
 )
-from app.config.validation import faults
-from sim_hardware.plant.parameters import BenchTruth
+from app.config.validation import validation_messages
+from sim_hardware.plant.parameters import SimulationParameters
 
-FASTEST = 20.0
+MAX_SPEED = 20.0
 """Times real speed at which the simulated bench still keeps up on its real wires."""
 
-LARGEST = 1_000_000
+MAX_FILE_BYTES = 1_000_000
 """Characters that a bench file may have: what is longer is something else."""
 
 
@@ -36,7 +36,7 @@ class ConfigError(Exception):
     """A bench file is wrong. The text lists every fault with line and remedy."""
 
 
-class BenchConfig(Table):
+class BenchConfig(ConfigTable):
     """One bench file."""
 
     name: Annotated[str, "what the lab calls this bench"] = "bench"
@@ -59,24 +59,24 @@ class BenchConfig(Table):
         return self.simulation is not None
 
     @property
-    def truth(self) -> BenchTruth:
+    def simulation_parameters(self) -> SimulationParameters:
         """The simulated bench's truth."""
         at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
-        return BenchTruth.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
+        return SimulationParameters.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
 
     @property
-    def wire(self) -> GeneratorTable | SupplyTable:
+    def source_connection(self) -> GeneratorTable | SupplyTable:
         """The table that names the source's own wire."""
         return self.supply if self.source.kind == "dc-supply" else self.generator
 
     @model_validator(mode="after")
-    def _kind_is_clear(self) -> "BenchConfig":
+    def _check_source_kind(self) -> "BenchConfig":
         if self.simulated:
-            speed = self.truth.speed  # raises a sentence where the truth is malformed
-            if not 1 <= speed <= FASTEST:
-                raise ValueError(f"simulation.speed must be from 1 to {FASTEST:g}, not {speed:g}")
+            speed = self.simulation_parameters.speed  # raises a sentence where the truth is malformed
+            if not 1 <= speed <= MAX_SPEED:
+                raise ValueError(f"simulation.speed must be from 1 to {MAX_SPEED:g}, not {speed:g}")
             return self
-        if self.source.kind != "card-output" and not self.wire.resource:
+        if self.source.kind != "card-output" and not self.source_connection.resource:
             table = "supply" if self.source.kind == "dc-supply" else "generator"
             raise ValueError(
                 f"{table}.resource is missing; give the VISA resource of the {table}, "
@@ -99,18 +99,18 @@ def load_bench(name: str) -> BenchConfig:
         where = name
         try:
             with Path(name).open(encoding="utf-8") as file:
-                text = file.read(LARGEST + 1)
+                text = file.read(MAX_FILE_BYTES + 1)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
-            where = shortened(name)
+            where = truncate_text(name)
             raise ConfigError(f"bench file {where!r} cannot be read: {reason}; give a bench file or 'sim'") from error
-        if len(text) > LARGEST:
+        if len(text) > MAX_FILE_BYTES:
             raise ConfigError(
-                f"{name} is longer than {LARGEST / 1e6:g} MB and no bench file; give another one or 'sim'"
+                f"{name} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no bench file; give another one or 'sim'"
             )
     try:
         return BenchConfig.model_validate(tomllib.loads(text))
     except ValidationError as error:
-        raise ConfigError(f"{where} has faults:\n" + "\n".join(faults(error, text))) from error
+        raise ConfigError(f"{where} has faults:\n" + "\n".join(validation_messages(error, text))) from error
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, tables nested beyond reason
         raise ConfigError(f"{where} is not valid TOML: {error}") from error

@@ -5,19 +5,19 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from app.config.driver_registry import BUILT_IN, SOURCES, driver
+from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
 from drivers.errors import BenchError
 from drivers.interfaces import Identity
-from drivers.supplies.dialects import DIALECTS
+from drivers.supplies.dialects import SUPPLY_DIALECTS
 
 LAN_PORTS = (5025, 5555)
 """Where function generators listen: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
 
-ASK_S = 1.0
+QUERY_TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundDevice:
     """One thing that is connected: what it can be on a bench, where it is, and who it says it is."""
 
     role: str
@@ -28,11 +28,11 @@ class Found:
     driver: str = ""
 
 
-def find(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Found], list[str]]:
+def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[FoundDevice], list[str]]:
     """What is connected, and sentences on what could not be looked for."""
-    from drivers.transport.visa import resources
+    from drivers.transport.visa import list_resources
 
-    names, notes = resources()
+    names, notes = list_resources()
     for host in hosts:
         name, _, port = host.partition(":")
         names += [f"TCPIP::{name}::{p}::SOCKET" for p in ([port] if port else LAN_PORTS)]
@@ -41,44 +41,44 @@ def find(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Found], list
         if resource.startswith("ASRL"):
             continue  # a question at the wrong speed can disturb whatever hangs there; the ports are listed below
         try:
-            found.append(_instrument(resource))
+            found.append(_query_instrument(resource))
         except BenchError as error:
             notes.append(str(error))
-    cards, trouble = _cards(server)
-    return [*found, *cards, *_ports()], notes + trouble
+    cards, trouble = _find_cards(server)
+    return [*found, *cards, *_find_serial_ports()], notes + trouble
 
 
-def _instrument(resource: str) -> Found:
-    from drivers.transport.scpi import Scpi
+def _query_instrument(resource: str) -> FoundDevice:
+    from drivers.transport.scpi import ScpiSession
     from drivers.transport.visa import VisaLink
 
-    with closing(VisaLink(resource, ASK_S)) as link:
-        seen = Scpi(link, f"instrument at {resource}").identify()
-    role, name = _role(seen)
-    return Found(role, resource, str(seen), seen.serial, name)
+    with closing(VisaLink(resource, QUERY_TIMEOUT_S)) as link:
+        seen = ScpiSession(link, f"instrument at {resource}").identify()
+    role, name = _role_of(seen)
+    return FoundDevice(role, resource, str(seen), seen.serial, name)
 
 
-def _role(seen: Identity) -> tuple[str, str]:
+def _role_of(identity: Identity) -> tuple[str, str]:
     """What an instrument can be on a bench, and the driver that knows it."""
-    model = seen.model.upper()
+    model = identity.model.upper()
     for name in BUILT_IN[SOURCES]:
-        if model.startswith(tuple(getattr(driver(SOURCES, name), "MODELS", ())) or ("\0",)):
+        if model.startswith(tuple(getattr(load_driver(SOURCES, name), "MODELS", ())) or ("\0",)):
             return "generator", name
-    if any(re.match(dialect.models, model, re.IGNORECASE) for dialect in DIALECTS):
+    if any(re.match(dialect.model_pattern, model, re.IGNORECASE) for dialect in SUPPLY_DIALECTS):
         return "supply", ""
     return "instrument", ""
 
 
-def _cards(server: str) -> tuple[list[Found], list[str]]:
-    from drivers.nidaq.analog_input import cards
+def _find_cards(server: str) -> tuple[list[FoundDevice], list[str]]:
+    from drivers.nidaq.analog_input import list_devices
 
     try:
-        return [Found("card", name, str(seen), seen.serial) for name, seen in cards(server or None)], []
+        return [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)], []
     except BenchError as error:
         return [], [str(error)]
 
 
-def _ports() -> list[Found]:
-    from drivers.transport.serial_port import ports
+def _find_serial_ports() -> list[FoundDevice]:
+    from drivers.transport.serial_port import list_serial_ports
 
-    return [Found("serial port", name, words) for name, words in ports()]
+    return [FoundDevice("serial port", name, words) for name, words in list_serial_ports()]

@@ -14,7 +14,7 @@ from typing import Any
 from drivers.clock import Clock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Digitizer, Source
-from drivers.transport.scpi import Link, Scpi
+from drivers.transport.scpi import Link, ScpiSession
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"
@@ -31,7 +31,7 @@ BUILT_IN = {
 }
 """Generators are called with (link, clock, *, step_v), digitizers as `drivers.nidaq.analog_input.NiDigitizer` is."""
 
-PORTS: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer}
+INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer}
 
 log = logging.getLogger(__name__)
 
@@ -43,35 +43,35 @@ class PlugIn:
     name: str
     package: str
     driver: Any = None
-    trouble: str = ""
+    problem: str = ""
 
 
-def names(group: str) -> list[str]:
+def driver_names(group: str) -> list[str]:
     """What a bench file may choose; nothing is imported for it."""
     chosen = [AUTO] if group == SOURCES else []
-    return [*chosen, *BUILT_IN[group], *(point.name for point in _points(group))]
+    return [*chosen, *BUILT_IN[group], *(point.name for point in _entry_points(group))]
 
 
-def known(group: str, name: str) -> str:
+def check_driver_name(group: str, name: str) -> str:
     """The name itself.
 
     Raises:
         ValueError: there is no such driver; the sentence says which there are.
     """
     ours = name in BUILT_IN[group] or (group == SOURCES and name == AUTO)
-    if not ours and name not in names(group):  # looking for plug-ins takes a while
+    if not ours and name not in driver_names(group):  # looking for plug-ins takes a while
         raise ValueError(
-            f"there is no driver {name!r}; choose from {', '.join(names(group))}, or install the package that brings it"
+            f"there is no driver {name!r}; choose from {', '.join(driver_names(group))}, or install the package that brings it"
         )
     return name
 
 
-def plug_ins(group: str) -> list[PlugIn]:
+def load_plug_ins(group: str) -> list[PlugIn]:
     """All plug-ins of a group, each loaded or with a sentence on what is wrong with it."""
-    return [_load(point) for point in _points(group)]
+    return [_load_plug_in(point) for point in _entry_points(group)]
 
 
-def driver(group: str, name: str) -> Callable[..., Any]:
+def load_driver(group: str, name: str) -> Callable[..., Any]:
     """The driver of that name.
 
     Raises:
@@ -80,14 +80,14 @@ def driver(group: str, name: str) -> Callable[..., Any]:
     if name in BUILT_IN[group]:
         built_in: Callable[..., Any] = EntryPoint(name, BUILT_IN[group][name], group).load()
         return built_in
-    for point in _points(group):
+    for point in _entry_points(group):
         if point.name == name:
-            plug_in = _load(point)
-            if plug_in.trouble:
-                raise BenchError(plug_in.trouble)
+            plug_in = _load_plug_in(point)
+            if plug_in.problem:
+                raise BenchError(plug_in.problem)
             found: Callable[..., Any] = plug_in.driver
             return found
-    raise BenchError(f"there is no driver '{name}'; choose from {', '.join(names(group))}")
+    raise BenchError(f"there is no driver '{name}'; choose from {', '.join(driver_names(group))}")
 
 
 def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source:
@@ -97,60 +97,66 @@ def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source
         InstrumentError: nothing answers, another instrument answers, or no driver knows it.
         BenchError: the driver is a plug-in that is broken.
     """
-    chosen = driver(SOURCES, name) if name != AUTO else _driver_for(link)
+    chosen = load_driver(SOURCES, name) if name != AUTO else _detect_driver(link)
     source: Source = chosen(link, clock, step_v=step_v)
     return source
 
 
-def _driver_for(link: Link) -> Callable[..., Source]:
-    seen = Scpi(link, f"function generator at {link.name}").identify()
-    for candidate in _sources():
+def _detect_driver(link: Link) -> Callable[..., Source]:
+    seen = ScpiSession(link, f"function generator at {link.name}").identify()
+    for candidate in _source_drivers():
         if seen.model.upper().startswith(tuple(getattr(candidate, "MODELS", ())) or ("\0",)):
             return candidate
     raise InstrumentError(
         f"{link.name} answered as '{seen}', and no driver knows that model; name one in the bench file "
-        f"(generator.driver: {', '.join(names(SOURCES)[1:])}), or install a package that brings one"
+        f"(generator.driver: {', '.join(driver_names(SOURCES)[1:])}), or install a package that brings one"
     )
 
 
-def _sources() -> Iterator[Callable[..., Source]]:
+def _source_drivers() -> Iterator[Callable[..., Source]]:
     """Our drivers and every plug-in that works."""
     for name in BUILT_IN[SOURCES]:
-        yield driver(SOURCES, name)
-    for plug_in in plug_ins(SOURCES):
-        if plug_in.trouble:
-            log.warning("%s. It was skipped", plug_in.trouble)
+        yield load_driver(SOURCES, name)
+    for plug_in in load_plug_ins(SOURCES):
+        if plug_in.problem:
+            log.warning("%s. It was skipped", plug_in.problem)
         else:
             yield plug_in.driver
 
 
-def _points(group: str) -> Sequence[EntryPoint]:
+def _entry_points(group: str) -> Sequence[EntryPoint]:
     """Entry points that do not take the name of a driver of ours."""
     return [p for p in sorted(entry_points(group=group)) if p.name not in BUILT_IN[group] and p.name != AUTO]
 
 
-def _load(point: EntryPoint) -> PlugIn:
-    package = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
-    begin = f"the plug-in driver '{point.name}' ({package})"
+def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
+    package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
+    begin = f"the plug-in driver '{entry_point.name}' ({package})"
     try:
-        found = point.load()
+        found = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
         words = f"{type(error).__name__}: {error}".strip(": ")
         return PlugIn(
-            point.name, package, None, f"{begin} cannot be loaded: {words}. Update or remove the package {package}"
+            entry_point.name,
+            package,
+            None,
+            f"{begin} cannot be loaded: {words}. Update or remove the package {package}",
         )
     if not callable(found):
-        return PlugIn(point.name, package, None, f"{begin} is no driver: {point.value} cannot be called")
-    if inspect.isclass(found) and (missing := _missing(found, PORTS[point.group])):
+        return PlugIn(entry_point.name, package, None, f"{begin} is no driver: {entry_point.value} cannot be called")
+    if inspect.isclass(found) and (missing := _missing_methods(found, INTERFACES[entry_point.group])):
         return PlugIn(
-            point.name, package, None, f"{begin} is no {PORTS[point.group].__name__}: it lacks {', '.join(missing)}"
+            entry_point.name,
+            package,
+            None,
+            f"{begin} is no {INTERFACES[entry_point.group].__name__}: it lacks {', '.join(missing)}",
         )
-    return PlugIn(point.name, package, found)
+    return PlugIn(entry_point.name, package, found)
 
 
-def _missing(found: type, port: type) -> list[str]:
+def _missing_methods(driver_class: type, interface: type) -> list[str]:
     """Methods of the port that the class does not have."""
-    wanted = [n for n, member in vars(port).items() if inspect.isfunction(member) and not n.startswith("_")]
-    return [f"{name}()" for name in wanted if not callable(getattr(found, name, None))]
+    wanted = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
+    return [f"{name}()" for name in wanted if not callable(getattr(driver_class, name, None))]

@@ -20,21 +20,21 @@ from drivers.sensors.laser_sensor import PRESETS, LaserSensor
 from model.amplifier_map import AmplifierMap
 
 
-class Table(BaseModel):
+class ConfigTable(BaseModel):
     """What every table has in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @field_validator("*", mode="before")
     @classmethod
-    def _unit(cls, value: Any, info: ValidationInfo) -> Any:
+    def _parse_unit(cls, value: Any, info: ValidationInfo) -> Any:
         return read_value(cls, info.field_name or "", value)
 
 
-SERIAL = "serial number; where it is given, another instrument at this address is refused"
+SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at this address is refused"
 
 
-class GeneratorTable(Table):
+class GeneratorTable(ConfigTable):
     """The function generator."""
 
     driver: Annotated[str, "which driver: auto asks the instrument who it is"] = drivers.AUTO
@@ -43,15 +43,15 @@ class GeneratorTable(Table):
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
         9600
     )
-    serial: Annotated[str, SERIAL] = ""
+    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
 
     @field_validator("driver")
     @classmethod
-    def _driver_is_known(cls, name: str) -> str:
-        return drivers.known(drivers.SOURCES, name)
+    def _check_driver(cls, name: str) -> str:
+        return drivers.check_driver_name(drivers.SOURCES, name)
 
 
-class AmplifierTable(Table):
+class AmplifierTable(ConfigTable):
     """The high-voltage amplifier."""
 
     name: str = "AMT2012-CE3"
@@ -73,16 +73,16 @@ class AmplifierTable(Table):
     ] = 0.0
 
     @classmethod
-    def of(cls, configuration: Mapping[str, Any]) -> Self:
+    def from_configuration(cls, configuration: Mapping[str, Any]) -> Self:
         """The amplifier as it was in a run: its table is copied into every run file's configuration."""
         return cls.model_validate(configuration.get("amplifier", {}))
 
     @property
-    def map(self) -> AmplifierMap:
+    def amplifier_map(self) -> AmplifierMap:
         return AmplifierMap(self.rest_v, self.low_v, self.high_v, self.slope_below, self.slope_above)
 
     @property
-    def limits(self) -> DriveLimits:
+    def drive_limits(self) -> DriveLimits:
         return DriveLimits(
             self.slew_v_per_s,
             self.step_v,
@@ -92,17 +92,17 @@ class AmplifierTable(Table):
         )
 
     @model_validator(mode="after")
-    def _map_holds(self) -> "AmplifierTable":
-        self.map  # noqa: B018 - raises a sentence where rest lies outside the range
+    def _check_map(self) -> "AmplifierTable":
+        self.amplifier_map  # noqa: B018 - raises a sentence where rest lies outside the range
         return self
 
 
-class CardTable(Table):
+class CardTable(ConfigTable):
     """The data acquisition card."""
 
     driver: str = "ni"
     device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
-    serial: Annotated[str, SERIAL] = ""
+    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
     drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
     displacement_channel: Annotated[str, "terminal that sees the displacement sensor"] = "ai1"
     server: Annotated[str, "host:port of NI's gRPC device server; empty for a local card"] = ""
@@ -111,11 +111,11 @@ class CardTable(Table):
 
     @field_validator("driver")
     @classmethod
-    def _driver_is_known(cls, name: str) -> str:
-        return drivers.known(drivers.DIGITIZERS, name)
+    def _check_driver(cls, name: str) -> str:
+        return drivers.check_driver_name(drivers.DIGITIZERS, name)
 
 
-class SensorTable(Table):
+class SensorTable(ConfigTable):
     """The laser displacement sensor's calibration."""
 
     preset: Annotated[str, "a sensor by name; what is written here besides wins over it"] = ""
@@ -134,7 +134,7 @@ class SensorTable(Table):
 
     @field_validator("calibrated", "expires", mode="before")
     @classmethod
-    def _is_a_day(cls, day: Any) -> Any:
+    def _check_date(cls, day: Any) -> Any:
         if isinstance(day, date):  # TOML has dates of its own
             return day.isoformat()
         if isinstance(day, str) and day:
@@ -145,12 +145,12 @@ class SensorTable(Table):
         return day
 
     @property
-    def sensor(self) -> LaserSensor:
+    def laser_sensor(self) -> LaserSensor:
         return LaserSensor(**self.model_dump(exclude={"preset"}))
 
     @model_validator(mode="before")
     @classmethod
-    def _preset_fills_in(cls, data: Any) -> Any:
+    def _apply_preset(cls, data: Any) -> Any:
         name = data.get("preset") if isinstance(data, dict) else None
         if not name:
             return data
@@ -163,7 +163,7 @@ class SensorTable(Table):
         return {**filled, **data}
 
     @model_validator(mode="after")
-    def _band_is_open(self) -> "SensorTable":
+    def _check_valid_band(self) -> "SensorTable":
         if self.gain_m_per_v == 0:
             raise ValueError("gain_m_per_v must not be 0")
         if self.valid_low_v >= self.valid_high_v:
@@ -171,7 +171,7 @@ class SensorTable(Table):
         return self
 
 
-class WatchdogTable(Table):
+class WatchdogTable(ConfigTable):
     """The process that brings the source to rest if the program dies or hangs while the bench is live."""
 
     enabled: bool = True
@@ -187,7 +187,7 @@ class WatchdogTable(Table):
     ] = 30.0
 
 
-class SourceTable(Table):
+class SourceTable(ConfigTable):
     """Which instrument stands at the amplifier's input."""
 
     kind: Annotated[
@@ -201,7 +201,7 @@ class SourceTable(Table):
     ] = ""
 
 
-class SupplyTable(Table):
+class SupplyTable(ConfigTable):
     """The programmable DC supply: it can hold and step, and it falls slowly."""
 
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.8::5025::SOCKET"] = ""
@@ -217,7 +217,7 @@ class SupplyTable(Table):
     ] = 2.0
 
 
-class MeterTable(Table):
+class MeterTable(ConfigTable):
     """A laser sensor read over its serial port, one value at a time, for static tests."""
 
     driver: Literal["keyence-lkg", "optoncdt"]

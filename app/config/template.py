@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 
-from app.config.discovery import Found
+from app.config.discovery import FoundDevice
 
 TEMPLATE = """\
 # Bench file, written by 'tactor-bench bench new'. A value may carry a unit, in quotes: gain_m_per_v = "0.1 mm/V".
@@ -73,24 +73,24 @@ serial = {serial}
 server = {server}  # host:port of NI's gRPC device server; "" where the card is in this computer"""
 
 
-def first_bench(found: Sequence[Found], server: str = "") -> str:
+def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
     """The text of a bench file for what was found."""
-    generator = next((f for f in found if f.role == "generator"), None)
-    supply = next((f for f in found if f.role == "supply"), None)
-    card = next((f for f in found if f.role == "card"), None)
+    generator = next((f for f in devices if f.role == "generator"), None)
+    supply = next((f for f in devices if f.role == "supply"), None)
+    card = next((f for f in devices if f.role == "card"), None)
     source = generator or supply
     lan = source is None or source.where.startswith("TCPIP")
-    ports = "".join(f"# serial port found: {f.where} {f.identity}\n" for f in found if f.role == "serial port")
+    ports = "".join(f"# serial port found: {f.where} {f.identity}\n" for f in devices if f.role == "serial port")
     hint = (
         '# [meters.display]      # a laser sensor read over its serial port\n# driver = "keyence-lkg"\n# port = "..."\n'
     )
     return TEMPLATE.format(
-        source=_source(generator, supply),
+        source=_source_section(generator, supply),
         card=CARD.format(
-            device=_text(card.where if card else "Dev1"),
+            device=_toml_string(card.where if card else "Dev1"),
             identity=card.identity if card else "no card was found: its name in NI MAX",
-            serial=_text(card.serial if card else ""),
-            server=_text(server),
+            serial=_toml_string(card.serial if card else ""),
+            server=_toml_string(server),
         ),
         own="true" if lan else "false",
         own_why="LAN takes a second connection"
@@ -100,17 +100,19 @@ def first_bench(found: Sequence[Found], server: str = "") -> str:
     )
 
 
-def _source(generator: Found | None, supply: Found | None) -> str:
+def _source_section(generator: FoundDevice | None, supply: FoundDevice | None) -> str:
     if generator is None and supply is not None:
-        return SUPPLY.format(identity=supply.identity, resource=_text(supply.where), serial=_text(supply.serial))
+        return SUPPLY.format(
+            identity=supply.identity, resource=_toml_string(supply.where), serial=_toml_string(supply.serial)
+        )
     return GENERATOR.format(
         comment=f"             # {generator.identity}"
         if generator
         else "             # none was found: write its address",
-        resource=_text(generator.where if generator else "TCPIP::192.0.2.7::5025::SOCKET"),
-        serial=_text(generator.serial if generator else ""),
+        resource=_toml_string(generator.where if generator else "TCPIP::192.0.2.7::5025::SOCKET"),
+        serial=_toml_string(generator.serial if generator else ""),
     )
 
 
-def _text(value: str) -> str:
+def _toml_string(value: str) -> str:
     return json.dumps(value)  # a TOML basic string is written as JSON writes one

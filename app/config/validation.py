@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.common.inputs import shortened
+from app.common.inputs import truncate_text
 
 BOUNDS = {
     "greater_than": ("gt", "greater than"),
@@ -16,27 +16,29 @@ BOUNDS = {
 }
 
 
-def faults(error: ValidationError, text: str = "", unit: Callable[[str], str] = lambda _: "") -> list[str]:
+def validation_messages(
+    error: ValidationError, text: str = "", unit_of_key: Callable[[str], str] = lambda _: ""
+) -> list[str]:
     """One line a fault: where it stands, what is there, and what would do; in the unit that a key has."""
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
         line = _line_of(path, text)
         at = f"line {line}: " if line else ""
-        lines.append(f"  {at}{'.'.join(path) + ': ' if path else ''}{_words(fault, unit)}")
+        lines.append(f"  {at}{'.'.join(path) + ': ' if path else ''}{_describe_error(fault, unit_of_key)}")
     return lines
 
 
-def _words(fault: Any, unit: Callable[[str], str]) -> str:
-    kind, context, value = fault["type"], fault.get("ctx", {}), fault["input"]
-    given = f"{value:.12g}" if isinstance(value, float) else shortened(repr(value))
+def _describe_error(error: Any, unit_of_key: Callable[[str], str]) -> str:
+    kind, context, value = error["type"], error.get("ctx", {}), error["input"]
+    given = f"{value:.12g}" if isinstance(value, float) else truncate_text(repr(value))
     if kind == "extra_forbidden":
         return "unknown key; remove it or correct its spelling"
     if kind in BOUNDS:
         key, words = BOUNDS[kind]
-        of = f" {known}" if fault["loc"] and (known := unit(str(fault["loc"][0]))) else ""
+        of = f" {known}" if error["loc"] and (known := unit_of_key(str(error["loc"][0]))) else ""
         return f"must be {words} {context[key]:g}{of}, not {given}{of}"
-    message = fault["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
+    message = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("valid ", "")
     message = message[:1].lower() + message[1:]
     return str(message) if kind in ("value_error", "missing") else f"{message}, not {given}"
 

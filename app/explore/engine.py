@@ -6,29 +6,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.explore.state import Kept, Setting
+from app.explore.state import ExploreSetting, KeptCurve
 
 Array = NDArray[np.float64]
 
 FREQUENCIES = 300
 LOWEST_HZ = 1.0
 PHASES = 48
-ALONG = 49
-MOST_KEPT_IN_MIND = 200
+POSITIONS = 49
+MAX_CACHED_CURVES = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class ExploreRequest:
     """One state of the page."""
 
-    setting: Setting
-    kept: tuple[Kept, ...]
-    top_hz: float
-    at_hz: float
+    setting: ExploreSetting
+    kept_curves: tuple[KeptCurve, ...]
+    max_hz: float
+    cursor_hz: float
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ExploreCurve:
     """One curve over frequency: amplitudes in m, phase in rad."""
 
     frequency_hz: Array
@@ -38,7 +38,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class BeamMotion:
     """The half beam in motion: `deflection` (phases, X) in m at `x` (X,) in m."""
 
     x: Array
@@ -48,23 +48,23 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ExploreResult:
     """What is known by now."""
 
-    line: Line
-    bands: tuple[tuple[float, float], ...]
+    curve: ExploreCurve
+    felt_bands: tuple[tuple[float, float], ...]
     """Where max - min is above the threshold of the skin, Hz."""
-    kept: tuple[Line, ...] | None = None
-    shape: Shape | None = None
+    kept_curves: tuple[ExploreCurve, ...] | None = None
+    motion: BeamMotion | None = None
 
 
-class Answerer:
+class ResponseEngine:
     """Computes pictures; curves once computed are kept in mind, so that kept ones cost nothing."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, float], Line] = {}
+        self._cache: dict[tuple[str, float], ExploreCurve] = {}
 
-    def pictures(self, question: Question) -> Iterator[Picture]:
+    def compute(self, request: ExploreRequest) -> Iterator[ExploreResult]:
         """The curve first, then the kept ones, then the motion.
 
         Raises:
@@ -72,32 +72,34 @@ class Answerer:
         """
         from model.response.perception import usable_bands
 
-        line = self._line(question.setting, question.top_hz)
-        picture = Picture(line, usable_bands(line.frequency_hz, line.peak_to_peak))
+        line = self._curve(request.setting, request.max_hz)
+        picture = ExploreResult(line, usable_bands(line.frequency_hz, line.peak_to_peak))
         yield picture
-        picture = replace(picture, kept=tuple(self._line(kept.setting, question.top_hz) for kept in question.kept))
+        picture = replace(
+            picture, kept_curves=tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
+        )
         yield picture
-        yield replace(picture, shape=_shape(question))
+        yield replace(picture, motion=_beam_motion(request))
 
-    def _line(self, setting: Setting, top_hz: float) -> Line:
-        from model.response.fast_response import curve
+    def _curve(self, setting: ExploreSetting, max_hz: float) -> ExploreCurve:
+        from model.response.fast_response import response_curve
 
-        name = (repr((sorted(setting.values.items()), setting.on_skin, setting.peak_to_peak_v)), top_hz)
-        if name not in self._known:
-            if len(self._known) >= MOST_KEPT_IN_MIND:
-                self._known.pop(next(iter(self._known)))
-            f = np.linspace(LOWEST_HZ, top_hz, FREQUENCIES)
-            got = curve(setting.specimen, f, setting.peak_to_peak_v / 2)
+        name = (repr((sorted(setting.values.items()), setting.on_skin, setting.peak_to_peak_v)), max_hz)
+        if name not in self._cache:
+            if len(self._cache) >= MAX_CACHED_CURVES:
+                self._cache.pop(next(iter(self._cache)))
+            f = np.linspace(LOWEST_HZ, max_hz, FREQUENCIES)
+            got = response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
             phase = np.unwrap(np.angle(got.fundamental))
-            self._known[name] = Line(f, got.peak_to_peak, 2 * np.abs(got.fundamental), phase)
-        return self._known[name]
+            self._cache[name] = ExploreCurve(f, got.peak_to_peak, 2 * np.abs(got.fundamental), phase)
+        return self._cache[name]
 
 
-def _shape(question: Question) -> Shape:
-    from model.response.fast_response import motion
+def _beam_motion(request: ExploreRequest) -> BeamMotion:
+    from model.response.fast_response import operating_deflection_shape
 
-    specimen = question.setting.specimen
+    specimen = request.setting.specimen
     t = specimen.tactor
-    x = np.linspace(0, t.L, ALONG)
-    w = motion(specimen, question.at_hz, x, PHASES, question.setting.peak_to_peak_v / 2)
-    return Shape(x, w, t.L1, t.L2)
+    x = np.linspace(0, t.L, POSITIONS)
+    w = operating_deflection_shape(specimen, request.cursor_hz, x, PHASES, request.setting.peak_to_peak_v / 2)
+    return BeamMotion(x, w, t.L1, t.L2)

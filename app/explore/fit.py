@@ -6,68 +6,70 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.common.formatting import uncertain
+from app.common.formatting import format_uncertain
 from app.explore.sliders import SLIDERS
-from app.explore.state import Setting
+from app.explore.state import ExploreSetting
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane
 
 if TYPE_CHECKING:
-    from app.archive.replay import Measured
-    from model.identification.observations import FrequencyResponse
+    from app.archive.replay import MeasuredResponse
+    from model.identification.observations import FrequencyResponseObservation
 
-FREE = ("m_add", "c0", "mu")
+FREE_PARAMETERS = ("m_add", "c0", "mu")
 """What the response of a free tactor tells while its stiffness is known; the others stay where their sliders are."""
 
-SECONDS = 20.0
+TIME_LIMIT_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class ExploreFit:
     """Where the runs are met best, and how well that is known."""
 
-    setting: Setting
-    words: str
+    setting: ExploreSetting
+    summary: str
     """Each parameter with its standard error, and how well the model meets the points."""
 
 
-def fit_runs(runs: Sequence["Measured"], setting: Setting, cancelled: Callable[[], bool] | None = None) -> Fitted:
+def fit_runs(
+    runs: Sequence["MeasuredResponse"], setting: ExploreSetting, cancelled: Callable[[], bool] | None = None
+) -> ExploreFit:
     """The setting that meets the runs best: added mass, damping and moment of a free tactor, or the skin under one.
 
     Raises:
         ValueError: a sentence why these cannot be fitted (`ParameterError`, `IdentificationError`).
         FitCancelled: `cancelled` said so.
     """
-    from model.identification.fit_options import Setting as Asked
+    from model.identification.fit_options import FitOptions as Asked
     from model.identification.joint_fit import joint_fit
-    from model.identification.observations import Campaign
-    from model.identification.parameters import at
+    from model.identification.observations import ObservationSet
+    from model.identification.parameters import elongation_parameter
 
     specimen = setting.specimen
     elongation = specimen.delta * specimen.membrane.L_m if specimen.membrane is not None else None
-    names = {name: name for name in FREE}
+    names = {name: name for name in FREE_PARAMETERS}
     if elongation is not None:
-        names = {at(letter, elongation): letter for letter in ("k_s", "c_s")}
-    observed = tuple(_observed(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
+        names = {elongation_parameter(letter, elongation): letter for letter in ("k_s", "c_s")}
+    observed = tuple(_observation(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
     start = {name: setting.value(letter) for name, letter in names.items()}
     asked = Asked(tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start)
-    fit = joint_fit(Campaign(observed), asked, cancelled=cancelled, seconds=SECONDS)
+    fit = joint_fit(ObservationSet(observed), asked, cancelled=cancelled, time_limit_s=TIME_LIMIT_S)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
         if not np.isfinite(found[name]):
             raise ValueError(f"{letter} cannot be told from these runs; lay over one with points around the resonance")
-        setting = setting.moved(letter, float(f"{found[name]:.6g}"))
+        setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
     errors = {e.name: e.standard_error for e in fit.estimates()}
-    told = [_words(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
-    return Fitted(setting, "; ".join((*told, fit.verdict if fit.converged else fit.message)))
+    told = [_format_parameter(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
+    return ExploreFit(setting, "; ".join((*told, fit.verdict if fit.converged else fit.message)))
 
 
-def _observed(label: str, run: "Measured", elongation: float | None) -> "FrequencyResponse":
+def _observation(label: str, run: "MeasuredResponse", elongation: float | None) -> "FrequencyResponseObservation":
     """The run as a fit takes it; an imported table may tell no phase, or max - min only."""
-    from model.identification.observations import FrequencyResponse
+    from model.identification.observations import FrequencyResponseObservation
 
     more: dict[str, Any] = {
-        "drive_amplitude_v": _within(run.peak_to_peak_v / 2),
+        "drive_amplitude_v": _clamp_amplitude(run.peak_to_peak_v / 2),
         "elongation_m": elongation,
         "simulated": run.simulated,
     }
@@ -76,20 +78,20 @@ def _observed(label: str, run: "Measured", elongation: float | None) -> "Frequen
         phase = run.phase if np.isfinite(run.phase[sine]).all() else None
         size = run.twice_fundamental / 2
         more["fundamental_m"] = size if phase is None else size * np.exp(1j * phase)
-        return FrequencyResponse(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
+        return FrequencyResponseObservation(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
     width = run.usable & np.isfinite(run.peak_to_peak) & (run.peak_to_peak_errors > 0)
     more |= {"peak_to_peak_m": run.peak_to_peak, "peak_to_peak_errors_m": run.peak_to_peak_errors}
-    return FrequencyResponse(label, run.frequency_hz, good=width, **more)
+    return FrequencyResponseObservation(label, run.frequency_hz, good=width, **more)
 
 
-def _words(letter: str, value: float, error: float) -> str:
+def _format_parameter(letter: str, value: float, error: float) -> str:
     slider = SLIDERS[letter]
     if not np.isfinite(error):
         return f"{slider.label}: not told by these runs"
-    return f"{slider.label} {uncertain(slider.factor * value, slider.factor * error, slider.unit)}"
+    return f"{slider.label} {format_uncertain(slider.factor * value, slider.factor * error, slider.unit)}"
 
 
-def _within(amplitude_v: float) -> float:
+def _clamp_amplitude(amplitude_v: float) -> float:
     """A full swing is read back with noise; what is a thousandth beyond the amplifier's range is at its end."""
     most = AmplifierMap().rest_v
     return most if most < amplitude_v < 1.001 * most else amplitude_v

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
-class Slider:
+class SliderSpec:
     """One slider: how it is called, in which unit it is read, and how far it goes; a field beside it takes any value."""
 
     name: str
@@ -19,55 +19,55 @@ class Slider:
     high: float
     log: bool = False
 
-    def place(self, value: float) -> float:
+    def position(self, value: float) -> float:
         """Where a value stands on the slider, 0 to 1; beyond the ends at them."""
         a, b = self.low, self.high
         share = np.log(max(value, a) / a) / np.log(b / a) if self.log else (value - a) / (b - a)
         return float(np.clip(share, 0.0, 1.0))
 
-    def value(self, place: float) -> float:
+    def value_at(self, position: float) -> float:
         """The value at a place, to four figures: nobody means the fifteenth."""
         a, b = self.low, self.high
-        value = a * (b / a) ** place if self.log else a + (b - a) * place
+        value = a * (b / a) ** position if self.log else a + (b - a) * position
         return float(f"{value:.4g}")
 
-    def text(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """The value in the slider's unit as one types it."""
         return f"{value * self.factor:.5g}"
 
 
-GROUPS: Mapping[str, Sequence[Slider]] = {
+GROUPS: Mapping[str, Sequence[SliderSpec]] = {
     "Skin": (
-        Slider("delta", "pre-stretch δ", "%", 1e2, 0.0, 0.1),
-        Slider("E_m", "Young modulus E_m", "MPa", 1e-6, 1e3, 1e9, True),
-        Slider("k_s", "stiffness k_s", "N/m^2", 1.0, 1.0, 1e7, True),
-        Slider("c_s", "damping c_s", "kg/(m s)", 1.0, 0.0, 6000.0),
+        SliderSpec("delta", "pre-stretch δ", "%", 1e2, 0.0, 0.1),
+        SliderSpec("E_m", "Young modulus E_m", "MPa", 1e-6, 1e3, 1e9, True),
+        SliderSpec("k_s", "stiffness k_s", "N/m^2", 1.0, 1.0, 1e7, True),
+        SliderSpec("c_s", "damping c_s", "kg/(m s)", 1.0, 0.0, 6000.0),
     ),
     "Tactor": (
-        Slider("m_add", "added mass", "g", 1e3, 0.0, 20e-3),
-        Slider("c0", "damping c₀", "kg/(m s)", 1.0, 0.0, 1000.0),
-        Slider("k2", "stiffness k₂, with MFC", "N mm^2", 1e6, 2e-3, 3e-2, True),
-        Slider("mu", "moment per volt μ", "N mm/kV", 1e6, -4e-5, 0.0),
+        SliderSpec("m_add", "added mass", "g", 1e3, 0.0, 20e-3),
+        SliderSpec("c0", "damping c₀", "kg/(m s)", 1.0, 0.0, 1000.0),
+        SliderSpec("k2", "stiffness k₂, with MFC", "N mm^2", 1e6, 2e-3, 3e-2, True),
+        SliderSpec("mu", "moment per volt μ", "N mm/kV", 1e6, -4e-5, 0.0),
     ),
     "Clamp and geometry": (
-        Slider("L", "clamp to centre L", "mm", 1e3, 16e-3, 40e-3),
-        Slider("L1", "clamp to MFC L₁", "mm", 1e3, 1e-3, 14e-3),
-        Slider("L2", "clamp to cylinder L₂", "mm", 1e3, 9e-3, 21e-3),
-        Slider("b_Al", "plate width", "mm", 1e3, 5e-3, 40e-3),
-        Slider("h_Al", "plate thickness", "mm", 1e3, 0.05e-3, 0.6e-3),
+        SliderSpec("L", "clamp to centre L", "mm", 1e3, 16e-3, 40e-3),
+        SliderSpec("L1", "clamp to MFC L₁", "mm", 1e3, 1e-3, 14e-3),
+        SliderSpec("L2", "clamp to cylinder L₂", "mm", 1e3, 9e-3, 21e-3),
+        SliderSpec("b_Al", "plate width", "mm", 1e3, 5e-3, 40e-3),
+        SliderSpec("h_Al", "plate thickness", "mm", 1e3, 0.05e-3, 0.6e-3),
     ),
     "Materials": (
-        Slider("E_Al", "plate modulus E_Al", "GPa", 1e-9, 1e9, 220e9),
-        Slider("rho1", "plate, mass per length ρ₁", "g/m", 1e3, 2e-3, 6e-2),
-        Slider("rho2", "with MFC, ρ₂", "g/m", 1e3, 5e-3, 1e-1),
+        SliderSpec("E_Al", "plate modulus E_Al", "GPa", 1e-9, 1e9, 220e9),
+        SliderSpec("rho1", "plate, mass per length ρ₁", "g/m", 1e3, 2e-3, 6e-2),
+        SliderSpec("rho2", "with MFC, ρ₂", "g/m", 1e3, 5e-3, 1e-1),
     ),
     "Membrane": (
-        Slider("L_m", "free length", "mm", 1e3, 30e-3, 400e-3),
-        Slider("b_m", "width", "mm", 1e3, 10e-3, 150e-3),
-        Slider("h_m", "thickness", "mm", 1e3, 0.2e-3, 5e-3),
-        Slider("c_s_0", "damping unstretched", "kg/(m s)", 1.0, 0.0, 1000.0),
-        Slider("c_s_delta", "damping per stretch", "kg/(m s)", 1.0, 0.0, 2e5),
-        Slider("contact_length", "contact length", "mm", 1e3, 1e-3, 30e-3),
+        SliderSpec("L_m", "free length", "mm", 1e3, 30e-3, 400e-3),
+        SliderSpec("b_m", "width", "mm", 1e3, 10e-3, 150e-3),
+        SliderSpec("h_m", "thickness", "mm", 1e3, 0.2e-3, 5e-3),
+        SliderSpec("c_s_0", "damping unstretched", "kg/(m s)", 1.0, 0.0, 1000.0),
+        SliderSpec("c_s_delta", "damping per stretch", "kg/(m s)", 1.0, 0.0, 2e5),
+        SliderSpec("contact_length", "contact length", "mm", 1e3, 1e-3, 30e-3),
     ),
 }
-SLIDERS: Mapping[str, Slider] = {slider.name: slider for group in GROUPS.values() for slider in group}
+SLIDERS: Mapping[str, SliderSpec] = {slider.name: slider for group in GROUPS.values() for slider in group}

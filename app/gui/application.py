@@ -16,19 +16,19 @@ from PySide6.QtWidgets import QApplication
 from app.common.units import to_number
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
-from app.live.session_link import Connect, Link, MakeSession
+from app.live.session_link import Connect, MakeSession, SessionAdapter
 from app.session.session import Session
 from app.session.state import UNSAFE_EXIT
 from protocols.base.protocol import Protocol
 
-UNITS_MS = 500
-SEEN = "window/seen"
+UNITS_IMPORT_DELAY_MS = 500
+WELCOME_SEEN_KEY = "window/seen"
 """In the settings: somebody has had this window before."""
 
-Benches = Callable[[str], tuple[Connect, BenchConfig]]
+BenchFactory = Callable[[str], tuple[Connect, BenchConfig]]
 
 
-def application() -> QApplication:
+def qt_application() -> QApplication:
     """The one Qt application of this process, dressed alike on every system."""
     present = QApplication.instance()
     if isinstance(present, QApplication):
@@ -49,7 +49,7 @@ def open_window(
     autostart: bool = False,
     settings: QSettings | None = None,
     make_session: MakeSession = Session,
-    benches: Benches | None = None,
+    bench_factory: BenchFactory | None = None,
 ) -> int:
     """Show the window until it is closed; the exit code: 0, 1 the last run failed or there was no bench, 3 UNSAFE.
 
@@ -62,30 +62,32 @@ def open_window(
         autostart: begin a run as soon as the bench is there.
         settings: where window, folder and specimen are remembered; None is the user's own place.
         make_session: tests give one that needs no bench.
-        benches: opens another bench by its file, where the window may change to one; raises ConfigError.
+        bench_factory: opens another bench by its file, where the window may change to one; raises ConfigError.
     """
-    application()
+    qt_application()
     kept = settings or QSettings()
     # Units in the form are read by pint, which takes half a second to import: neither when somebody presses a key, nor
     # while the window is painted for the first time.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
-    newcomer = not autostart and not (kept.contains(SEEN) or kept.contains("window/geometry"))
-    kept.setValue(SEEN, True)
+    newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
+    kept.setValue(WELCOME_SEEN_KEY, True)
     leads = False
     while True:
         wanted: list[tuple[Connect, BenchConfig]] = []
 
         def change(name: str, wanted: list[tuple[Connect, BenchConfig]] = wanted) -> None:
-            if benches is not None:
-                wanted.append(benches(name))
+            if bench_factory is not None:
+                wanted.append(bench_factory(name))
 
-        window = MainWindow(Link(connect, make_session), config, protocol, folder, specimen, kept, autostart, change)
+        window = MainWindow(
+            SessionAdapter(connect, make_session), config, protocol, folder, specimen, kept, autostart, change
+        )
         if newcomer:
-            window.room.show_first()
+            window.central.show_welcome()
         if leads:
-            window.try_it()
-        code = _until_closed(window, units)
-        leads = window.trying
+            window.start_demo()
+        code = _run_until_closed(window, units)
+        leads = window.demo_requested
         if not wanted or code == UNSAFE_EXIT:
             break
         connect, config = wanted[-1]
@@ -95,16 +97,16 @@ def open_window(
     return code
 
 
-def _until_closed(window: MainWindow, units: threading.Thread) -> int:
-    app = application()
+def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
+    app = qt_application()
     window.show()
     if units.ident is None:
-        QTimer.singleShot(UNITS_MS, window, units.start)
+        QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, units.start)
         # What the window is made of stays: looking through it for garbage would be a gap between two frames.
-        QTimer.singleShot(UNITS_MS, window, gc.freeze)
-    with _leave_on_signal(window):
+        QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, gc.freeze)
+    with _close_on_signal(window):
         app.exec()
-    view = window.view
+    view = window.state
     window.deleteLater()
     QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)
     if view.exit_code == UNSAFE_EXIT and view.outcome is not None:
@@ -113,11 +115,11 @@ def _until_closed(window: MainWindow, units: threading.Thread) -> int:
 
 
 @contextmanager
-def _leave_on_signal(window: MainWindow) -> Iterator[None]:
+def _close_on_signal(window: MainWindow) -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP go to rest and close. The window's timer lets Python see them."""
 
     def leave(_number: int, _frame: FrameType | None) -> None:
-        window.leave(at_once=True)
+        window.close_session(force=True)
 
     numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if os.name == "posix" else [])
     before = {number: signal.signal(number, leave) for number in numbers}

@@ -10,27 +10,27 @@ from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
-from app.gui.bench.notices import Notices
-from app.gui.bench.status_bar import BenchBar
-from app.gui.main_window_stack import Room
-from app.gui.session_controller import Helm
-from app.gui.tabs import CAMPAIGN, MEASURE, Book
-from app.gui.widgets.shortcuts import bind
-from app.gui.widgets.theme import Theme, sheet, system_theme
-from app.live.session_link import Link
-from app.session.session import watchdog_notes
-from app.session.state import View, opening
+from app.gui.bench.notices import NoticeArea
+from app.gui.bench.status_bar import BenchStatusBar
+from app.gui.main_window_stack import CentralStack
+from app.gui.session_controller import SessionController
+from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
+from app.gui.widgets.shortcuts import bind_keys
+from app.gui.widgets.theme import Theme, style_sheet, system_theme
+from app.live.session_link import SessionAdapter
+from app.session.session import unreported_watchdog_messages
+from app.session.state import WindowState, initial_window_state
 from protocols.base.protocol import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
-    from app.campaign.queue import Order
+    from app.campaign.queue import ItemRunRequest
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
     from app.gui.runs.page import RunsPage
 
 FRAME_MS = 16
-UNSEEN_MS = 500
+HIDDEN_CONNECT_DELAY_MS = 500
 """After this long a window that was not painted, because nobody sees it, connects all the same."""
 
 
@@ -42,7 +42,7 @@ class MainWindow(QMainWindow):
 
     def __init__(
         self,
-        link: Link,
+        adapter: SessionAdapter,
         config: BenchConfig,
         protocol: Protocol,
         folder: Path | None,
@@ -52,180 +52,188 @@ class MainWindow(QMainWindow):
         change_bench: Callable[[str], object] | None = None,
     ) -> None:
         super().__init__()
-        self.link, self._settings, self._autostart = link, settings, autostart
-        self._change_bench, self.trying = change_bench, False
-        self._at_once = self._gone = self._opened = False
-        self.helm = Helm(link, opening(config.amplifier.map, config.name, config.simulated, _names(config)), self)
+        self.adapter, self._settings, self._autostart = adapter, settings, autostart
+        self._change_bench, self.demo_requested = change_bench, False
+        self._force_close = self._session_closed = self._connect_started = False
+        self.controller = SessionController(
+            adapter,
+            initial_window_state(
+                config.amplifier.amplifier_map, config.name, config.simulated, _instrument_names(config)
+            ),
+            self,
+        )
         self.theme = system_theme()
-        self.bar = BenchBar(self.theme)
-        self.notices = Notices(self)
-        self.faults = FaultPanel(link.faults, self) if config.simulated else None
-        self.pages = Book(protocol, link, config, settings, self.theme)
-        self.measure, self.overlay = self.pages.measure, self.pages.overlay
-        self.room = Room(self.pages)
+        self.status_bar = BenchStatusBar(self.theme)
+        self.notices = NoticeArea(self)
+        self.faults = FaultPanel(adapter.faults, self) if config.simulated else None
+        self.tabs = MainTabs(protocol, adapter, config, settings, self.theme)
+        self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
+        self.central = CentralStack(self.tabs)
         self._build(config.name)
         self._connect_keys()
         self._restore(folder, specimen)
         self.set_theme(self.theme)
-        self._show()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system)
+        self._show_state()
+        QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system_theme)
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
         self._timer.start()
-        QTimer.singleShot(UNSEEN_MS, self, self._open)
+        QTimer.singleShot(HIDDEN_CONNECT_DELAY_MS, self, self._start_connecting)
 
     # -- what the operator wants ---------------------------------------------------------------------------------------
 
-    def run(self) -> None:
+    def start_run(self) -> None:
         """Begin what the campaign has next where that is seen, else a run with what the form says, if it may begin."""
-        self.room.uncover()
-        if self.pages.currentIndex() == CAMPAIGN:
+        self.central.show_pages()
+        if self.tabs.currentIndex() == CAMPAIGN:
             self.campaign.run()
-        elif (protocol := self.measure.panel.protocol) is not None and self.measure.panel.ready:
-            self.helm.run(protocol, self.pages.folder, self.pages.specimen)
+        elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
+            self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
 
-    def carry_out(self, order: "Order") -> None:
+    def start_campaign_run(self, request: "ItemRunRequest") -> None:
         """Begin a run of the campaign, if it may still begin."""
-        if self.helm.ready:
-            self.helm.carry_out(order, self.campaign.begun(order))
+        if self.controller.can_start:
+            self.controller.start_campaign_run(request, self.campaign.accept_run(request))
 
     def escape(self) -> None:
         """Stop, always; where nothing runs the page seen goes a step back besides."""
-        idle = not self.view.busy
-        self.helm.stop()
+        idle = not self.state.busy
+        self.controller.stop()
         if idle and not (self.faults is not None and self.faults.close_list()):
-            self.room.back()
+            self.central.go_back()
 
-    def try_it(self) -> None:
+    def start_demo(self) -> None:
         """A sine dwell on the simulated bench, from its first volt to its file, with a line that says what is seen."""
-        if not self.view.simulated:
-            self.trying = True
+        if not self.state.simulated:
+            self.demo_requested = True
             self.change_bench("sim")
             return
-        self.room.uncover()
-        self.pages.setCurrentIndex(MEASURE)
-        self.measure.panel.fill(SineDwell())
-        self.room.hint.begin()
+        self.central.show_pages()
+        self.tabs.setCurrentIndex(MEASURE)
+        self.measure_page.run_panel.set_protocol(SineDwell())
+        self.central.hint.start()
         self._autostart = True
 
     def change_bench(self, name: str) -> None:
         """Let go of this bench and open another: a bench file, or the simulated one."""
-        if self.view.busy or self._change_bench is None:
-            self.room.first.say("A run is going on: let it end, or stop it, first." if self.view.busy else "")
+        if self.state.busy or self._change_bench is None:
+            self.central.welcome.show_message(
+                "A run is going on: let it end, or stop it, first." if self.state.busy else ""
+            )
             return
         try:
             self._change_bench(name)
         except ConfigError as error:
-            self.room.first.say(str(error))
+            self.central.welcome.show_message(str(error))
             return
-        self.leave()
+        self.close_session()
 
-    def leave(self, at_once: bool = False) -> None:
-        """Go to rest, let go of the bench, close. `at_once` closes even over an unsafe sentence nobody has read."""
-        self._at_once = self._at_once or at_once
-        self.helm.leave()
-        self.notices.leaving()
+    def close_session(self, force: bool = False) -> None:
+        """Go to rest, let go of the bench, close. `force` closes even over an unsafe sentence nobody has read."""
+        self._force_close = self._force_close or force
+        self.controller.close()
+        self.notices.show_closing()
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
         """Carry what happened since the last tick onto the screen."""
-        self.helm.hear()
-        view = self.view
-        self.pages.writing(getattr(self.link.session, "path", None) if view.busy else None)
+        self.controller.process_events()
+        view = self.state
+        self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
         # The runner asks after it has told.
-        self.notices.show_prompt(view.prompt, self.link.mailbox.waiting, self.link.feed.latest_um)
+        self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
         if view.busy:
-            self.bar.show_progress(self.link.feed.streamed_s)
-        self.pages.refresh()
+            self.status_bar.show_progress(self.adapter.feed.streamed_s)
+        self.tabs.tick()
         if self._autostart and view.can_run:
             self._autostart = False
-            self.run()
-        if self.helm.leaving and self.link.session.close(0.0):
-            self._leave_if_read()
+            self.start_run()
+        if self.controller.closing and self.adapter.session.close(0.0):
+            self._close_if_acknowledged()
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
-        if not self._opened:
-            QTimer.singleShot(0, self, self._open)  # when everything is painted
+        if not self._connect_started:
+            QTimer.singleShot(0, self, self._start_connecting)  # when everything is painted
 
-    def _open(self) -> None:
+    def _start_connecting(self) -> None:
         """Connect, and compute the curve. Either would hold up the first paint; a window nobody sees connects as well."""
-        if not self._opened and not self.helm.leaving:
-            self._opened = True
-            self.measure.begin()
-            self.link.session.start()
-            folder = self.pages.folder
-            self.pages.beside(lambda: self.link.tell(watchdog_notes(folder)))
-            self.pages.make_ahead()  # while the bench connects, so that looking at one is no wait
+        if not self._connect_started and not self.controller.closing:
+            self._connect_started = True
+            self.measure_page.start_model_curve()
+            self.adapter.session.start()
+            folder = self.tabs.folder
+            self.tabs.run_in_background(lambda: self.adapter.publish(unreported_watchdog_messages(folder)))
+            self.tabs.preload_pages()  # while the bench connects, so that looking at one is no wait
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.theme = theme
         QApplication.setPalette(theme.palette())
-        self.setStyleSheet(sheet(theme))
-        self.bar.set_theme(theme)
-        self.pages.set_theme(theme)
+        self.setStyleSheet(style_sheet(theme))
+        self.status_bar.set_theme(theme)
+        self.tabs.set_theme(theme)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        if self._gone:
+        if self._session_closed:
             self._timer.stop()
             self._save()
-            self.pages.end()
+            self.tabs.shutdown()
             if self.faults is not None:
-                self.faults.end()
+                self.faults.shutdown()
             event.accept()
             return
         event.ignore()
-        if self.helm.leaving:
+        if self.controller.closing:
             return
-        if self.view.busy or self.view.unsafe:
-            self.notices.ask_to_close(self.view)
+        if self.state.busy or self.state.unsafe:
+            self.notices.ask_to_close(self.state)
         else:
-            self.leave()
+            self.close_session()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self.bar.set_size(self.size())
-        if (outer := self.bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
+        self.status_bar.scale_to_window(self.size())
+        if (outer := self.status_bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
             layout.activate()  # at once: what is below shall not stand in the signs for a frame
 
-    def _leave_if_read(self) -> None:
+    def _close_if_acknowledged(self) -> None:
         """The session has ended: close, unless a person must first read that the bench is not at rest."""
-        if self.view.unsafe and not self._at_once:
-            self.notices.left_unsafe()
+        if self.state.unsafe and not self._force_close:
+            self.notices.show_unsafe_exit()
             return
-        self._gone = True
+        self._session_closed = True
         self.close()
 
-    def _show(self) -> None:
-        self.bar.show_view(self.view)
-        self.notices.show_view(self.view)
-        self.notices.show_prompt(self.view.prompt, self.link.mailbox.waiting)
-        self.room.hint.show_view(self.view)
-        self.pages.show_view(self.view)
+    def _show_state(self) -> None:
+        self.status_bar.set_state(self.state)
+        self.notices.set_state(self.state)
+        self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
+        self.central.hint.set_state(self.state)
+        self.tabs.set_state(self.state)
         if self.faults is not None:
-            self.faults.show_view(self.view)
+            self.faults.set_state(self.state)
 
     @property
-    def view(self) -> View:
+    def state(self) -> WindowState:
         """What is shown."""
-        return self.helm.view
+        return self.controller.state
 
     @property
     def campaign(self) -> "CampaignPage":
         """The page about the measurements of one specimen, made by now."""
-        return self.pages.campaign
+        return self.tabs.campaign
 
     @property
     def explore(self) -> "ExplorePage":
         """The page about the model, made by now."""
-        return self.pages.explore
+        return self.tabs.explore
 
     @property
     def runs(self) -> "RunsPage":
         """The page about the runs of the folder, made by now."""
-        return self.pages.runs
+        return self.tabs.runs
 
     # -- building ------------------------------------------------------------------------------------------------------
 
@@ -235,55 +243,57 @@ class MainWindow(QMainWindow):
         layout = QVBoxLayout(centre)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(6)
-        layout.addWidget(self.bar)
+        layout.addWidget(self.status_bar)
         if self.faults is not None:
             layout.addWidget(self.faults)
-            self.pages.setCornerWidget(self.faults.corner)
+            self.tabs.setCornerWidget(self.faults.corner)
         layout.addWidget(self.notices)
-        layout.addWidget(self.room, 1)
+        layout.addWidget(self.central, 1)
         self.setCentralWidget(centre)
-        self.helm.changed.connect(self._show)
-        self.bar.stop_pressed.connect(self.helm.stop)
-        self.bar.pause_pressed.connect(self.helm.pause)
-        self.measure.panel.run_pressed.connect(self.run)
-        self.measure.again_pressed.connect(lambda entries: self.helm.measure_again(entries, self.pages.folder))
-        self.pages.ordered.connect(self.carry_out)
-        self.room.try_pressed.connect(self.try_it)
-        self.room.bench_chosen.connect(self.change_bench)
+        self.controller.changed.connect(self._show_state)
+        self.status_bar.stop_pressed.connect(self.controller.stop)
+        self.status_bar.pause_pressed.connect(self.controller.toggle_pause)
+        self.measure_page.run_panel.run_pressed.connect(self.start_run)
+        self.measure_page.repeat_requested.connect(
+            lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
+        )
+        self.tabs.run_requested.connect(self.start_campaign_run)
+        self.central.demo_requested.connect(self.start_demo)
+        self.central.bench_chosen.connect(self.change_bench)
         for wish, do in (
-            (self.notices.answered, self.helm.answer),
-            (self.notices.stop_pressed, self.helm.stop),
-            (self.notices.acknowledged, self.helm.acknowledge),
-            (self.notices.connect_pressed, self.helm.connect_again),
-            (self.notices.leave_pressed, self.leave),
-            (self.notices.stay_pressed, self.notices.stay),
+            (self.notices.answered, self.controller.answer_prompt),
+            (self.notices.stop_pressed, self.controller.stop),
+            (self.notices.acknowledged, self.controller.acknowledge),
+            (self.notices.reconnect_pressed, self.controller.reconnect),
+            (self.notices.close_confirmed, self.close_session),
+            (self.notices.close_cancelled, self.notices.cancel_closing),
         ):
             wish.connect(do)
 
     def _connect_keys(self) -> None:
-        bind(self, "Stop: go to rest and end the run; else a step back", self.escape, Qt.Key.Key_Escape)
-        bind(self, "Stop: go to rest and end the run", self.helm.stop, Qt.Key.Key_F12)
-        bind(self, "Run what the page shows", self.run, Qt.Key.Key_F5, "Ctrl+R")
-        bind(self, "Pause at rest, or go on", self.helm.pause, Qt.Key.Key_F8)
+        bind_keys(self, "Stop: go to rest and end the run; else a step back", self.escape, Qt.Key.Key_Escape)
+        bind_keys(self, "Stop: go to rest and end the run", self.controller.stop, Qt.Key.Key_F12)
+        bind_keys(self, "Run what the page shows", self.start_run, Qt.Key.Key_F5, "Ctrl+R")
+        bind_keys(self, "Pause at rest, or go on", self.controller.toggle_pause, Qt.Key.Key_F8)
 
     def _restore(self, folder: Path | None, specimen: str | None) -> None:
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
         # Who asks for a protocol, or starts one, wants to see it.
-        asked = self._autostart or self.measure.panel.protocol != SineDwell()
-        self.pages.restore(folder, specimen, asked)
+        asked = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
+        self.tabs.restore_state(folder, specimen, asked)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())
-        self.pages.save()
+        self.tabs.save_state()
         self._settings.sync()
 
-    def _follow_system(self, *_: object) -> None:
+    def _follow_system_theme(self, *_: object) -> None:
         self.set_theme(system_theme())
 
 
-def _names(config: BenchConfig) -> dict[str, str]:
+def _instrument_names(config: BenchConfig) -> dict[str, str]:
     """Instruments by role, as the bench file names them."""
     generator, card = config.generator, config.card
     return {

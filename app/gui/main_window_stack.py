@@ -6,84 +6,84 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 from shiboken6 import isValid
 
-from app.gui.help.hint import Hint
-from app.gui.help.shortcut_sheet import KeySheet
-from app.gui.help.welcome import FirstPage
-from app.gui.tabs import Book
-from app.gui.widgets.file_dialog import ask_for_files
-from app.gui.widgets.shortcuts import bind, lines_of
+from app.gui.help.hint import FirstRunHint
+from app.gui.help.shortcut_sheet import ShortcutSheet
+from app.gui.help.welcome import WelcomePage
+from app.gui.tabs import MainTabs
+from app.gui.widgets.file_dialog import choose_files
+from app.gui.widgets.shortcuts import bind_keys, shortcuts_by_group
 
 
-class Room(QWidget):
+class CentralStack(QWidget):
     """Shows the pages, or one of the covers; whatever covers them goes away with Escape."""
 
-    try_pressed = Signal()
+    demo_requested = Signal()
     bench_chosen = Signal(str)
     """Path of a bench file."""
 
-    def __init__(self, pages: Book) -> None:
+    def __init__(self, tabs: MainTabs) -> None:
         super().__init__()
-        self.pages, self.keys, self.first, self.hint = pages, KeySheet(), FirstPage(), Hint()
+        self.tabs, self.shortcut_sheet, self.welcome, self.hint = tabs, ShortcutSheet(), WelcomePage(), FirstRunHint()
         self.stack = QStackedWidget()
-        for widget in (pages, self.keys, self.first):
+        for widget in (tabs, self.shortcut_sheet, self.welcome):
             self.stack.addWidget(widget)
-        for cover in (self.keys, self.first):  # what covers the pages makes no window larger
+        for cover in (self.shortcut_sheet, self.welcome):  # what covers the pages makes no window larger
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(10, 0, 10, 8)
         layout.setSpacing(6)
         layout.addWidget(self.hint)
         layout.addWidget(self.stack, 1)
-        self._before: QWidget | None = None
-        self.keys.closed.connect(self.uncover)
-        self.keys.first_page_asked.connect(self.show_first)
-        self.first.closed.connect(self.uncover)
-        self.first.try_pressed.connect(self.try_pressed)
-        self.first.browse_pressed.connect(self._browse)
-        bind(self, "Show these keys, or close them", self.toggle_keys, Qt.Key.Key_F1, "?")
+        self._previous_focus: QWidget | None = None
+        self.shortcut_sheet.closed.connect(self.show_pages)
+        self.shortcut_sheet.welcome_requested.connect(self.show_welcome)
+        self.welcome.closed.connect(self.show_pages)
+        self.welcome.demo_requested.connect(self.demo_requested)
+        self.welcome.browse_pressed.connect(self._choose_bench_file)
+        bind_keys(self, "Show these keys, or close them", self.toggle_shortcuts, Qt.Key.Key_F1, "?")
 
     @property
-    def covered(self) -> bool:
+    def is_covered(self) -> bool:
         """Whether the pages cannot be seen."""
-        return self.stack.currentWidget() is not self.pages
+        return self.stack.currentWidget() is not self.tabs
 
-    def toggle_keys(self) -> None:
+    def toggle_shortcuts(self) -> None:
         """Show what every key does, or the pages again."""
-        if self.stack.currentWidget() is self.keys:
-            self.uncover()
+        if self.stack.currentWidget() is self.shortcut_sheet:
+            self.show_pages()
             return
-        present = self.pages.present
-        self._cover(self.keys)
-        self.keys.open(lines_of(self.window(), [present]))
+        present = self.tabs.current_page
+        self._show_cover(self.shortcut_sheet)
+        self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [present]))
 
-    def show_first(self) -> None:
+    def show_welcome(self) -> None:
         """Show the newcomer's page."""
-        self._cover(self.first)
-        self.first.open(str(self.pages.folder))
+        self._show_cover(self.welcome)
+        self.welcome.show_page(str(self.tabs.folder))
 
-    def uncover(self) -> bool:
+    def show_pages(self) -> bool:
         """Show the pages; whether something covered them."""
-        if not self.covered:
+        if not self.is_covered:
             return False
-        self.stack.setCurrentWidget(self.pages)
-        if self._before is not None and isValid(self._before):
-            self._before.setFocus()
+        self.stack.setCurrentWidget(self.tabs)
+        if self._previous_focus is not None and isValid(self._previous_focus):
+            self._previous_focus.setFocus()
         else:
-            self.pages.present.enter()
-        self._before = None
+            self.tabs.current_page.activate()
+        self._previous_focus = None
         return True
 
-    def back(self) -> None:
+    def go_back(self) -> None:
         """One step back."""
-        if not self.uncover():
-            self.pages.back()
+        if not self.show_pages():
+            self.tabs.go_back()
 
-    def _cover(self, widget: QWidget) -> None:
-        if not self.covered:
-            self._before = QApplication.focusWidget()
+    def _show_cover(self, widget: QWidget) -> None:
+        if not self.is_covered:
+            self._previous_focus = QApplication.focusWidget()
         self.stack.setCurrentWidget(widget)
 
-    def _browse(self) -> None:
-        ask_for_files(
+    def _choose_bench_file(self) -> None:
+        choose_files(
             self, "Open a bench file", lambda paths: self.bench_chosen.emit(str(paths[0])), "Bench files (*.toml)"
         )

@@ -7,7 +7,7 @@ import sys
 
 # What PySide6-Essentials 6.11 needs of the system on Linux (its libraries' NEEDED entries, without what pip brings), and
 # the Debian and Ubuntu package that holds it.
-LIBRARIES = {
+QT_LIBRARIES = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
     "libX11.so.6": "libx11-6",
@@ -17,7 +17,7 @@ LIBRARIES = {
     "libfreetype.so.6": "libfreetype6",
     "libglib-2.0.so.0": "libglib2.0-0",
 }
-ON_X11 = {
+X11_LIBRARIES = {
     "libX11-xcb.so.1": "libx11-xcb1",
     "libxcb-cursor.so.0": "libxcb-cursor0",
     "libxcb-icccm.so.4": "libxcb-icccm4",
@@ -46,11 +46,11 @@ def missing_libraries() -> list[str]:
     if not sys.platform.startswith("linux"):
         return []
     on_x11 = os.environ.get("DISPLAY") and os.environ.get("QT_QPA_PLATFORM", "xcb") == "xcb"
-    wanted = LIBRARIES | (ON_X11 if on_x11 else {})
-    return [package for library, package in wanted.items() if not _loads(library)]
+    wanted = QT_LIBRARIES | (X11_LIBRARIES if on_x11 else {})
+    return [package for library, package in wanted.items() if not _can_load(library)]
 
 
-def why_no_window() -> str:
+def window_unavailable_reason() -> str:
     """Why no window can be opened here, in a sentence with the remedy; empty where one can."""
     if importlib.util.find_spec("PySide6") is None:
         return "PySide6 is not installed; run 'pip install PySide6-Essentials'"
@@ -64,7 +64,7 @@ def why_no_window() -> str:
     return ""
 
 
-def _loads(library: str) -> bool:
+def _can_load(library: str) -> bool:
     try:
         ctypes.CDLL(library)
     except OSError:

@@ -8,97 +8,106 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from app.live.session_link import Link
-from app.session.messages import title_of
+from app.live.session_link import SessionAdapter
+from app.session.messages import protocol_title
 from app.session.reducer import reduce
-from app.session.state import Acknowledged, ConnectAsked, Heard, PauseAsked, RunAsked, StopAsked, View, ViewEvent
+from app.session.state import (
+    Acknowledged,
+    PauseRequested,
+    ReconnectRequested,
+    RunRequested,
+    StopRequested,
+    TimedEvent,
+    WindowEvent,
+    WindowState,
+)
 from protocols.base.protocol import Protocol
 
 if TYPE_CHECKING:
-    from app.campaign.queue import Conductor, Order
+    from app.campaign.queue import CampaignRunner, ItemRunRequest
 
 
-class Helm(QObject):
+class SessionController(QObject):
     """Between window and session. Nothing new is begun once somebody is leaving."""
 
     changed = Signal()
     """`view` is another one."""
 
-    def __init__(self, link: Link, view: View, parent: QObject | None = None) -> None:
+    def __init__(self, adapter: SessionAdapter, state: WindowState, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.link, self.view, self.leaving = link, view, False
+        self.adapter, self.state, self.closing = adapter, state, False
 
     @property
-    def ready(self) -> bool:
+    def can_start(self) -> bool:
         """Whether a run may begin."""
-        return self.view.can_run and not self.leaving
+        return self.state.can_run and not self.closing
 
-    def hear(self) -> None:
+    def process_events(self) -> None:
         """Take what happened since this was last called."""
-        view = self.view
-        for heard in self.link.heard():
+        view = self.state
+        for heard in self.adapter.pending_events():
             view = reduce(view, heard)
-        if view is not self.view:
-            self.view = view
+        if view is not self.state:
+            self.state = view
             self.changed.emit()
 
     # -- what the operator wants ---------------------------------------------------------------------------------------
 
-    def run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
+    def start_run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
         """Begin a run."""
-        if self.ready:
-            self._tell(RunAsked(protocol.title))
-            self.link.session.run(protocol, folder, specimen or "unnamed")
+        if self.can_start:
+            self._apply(RunRequested(protocol.title))
+            self.adapter.session.run(protocol, folder, specimen or "unnamed")
 
-    def carry_out(self, order: Order, conductor: Conductor) -> None:
+    def start_campaign_run(self, request: ItemRunRequest, runner: CampaignRunner) -> None:
         """Begin a run of a campaign."""
-        self._tell(RunAsked(order.protocol.title))
-        conductor.give(self.link.session, order)
+        self._apply(RunRequested(request.protocol.title))
+        runner.submit(self.adapter.session, request)
 
-    def measure_again(self, entries: tuple[int, ...], folder: Path) -> None:
+    def repeat_entries(self, entries: tuple[int, ...], folder: Path) -> None:
         """Measure some points of the last run again, into a run that goes on with it. The session reads that run."""
-        outcome = self.view.outcome
-        if outcome is not None and outcome.path and self.ready:
+        outcome = self.state.outcome
+        if outcome is not None and outcome.path and self.can_start:
             path = Path(outcome.path)
-            self._tell(RunAsked(title_of(self.view.protocol), reads=path.name))
-            self.link.session.measure_again(path, entries, folder)
+            self._apply(RunRequested(protocol_title(self.state.protocol), resumed_file=path.name))
+            self.adapter.session.repeat_entries(path, entries, folder)
 
     def stop(self) -> None:
         """Go to rest and end the run. The bench hears it first, then the screen."""
-        self.link.session.stop()
-        self._tell(StopAsked())
+        self.adapter.session.stop()
+        self._apply(StopRequested())
 
-    def pause(self) -> None:
+    def toggle_pause(self) -> None:
         """Go to rest and wait there, or go on."""
-        if not self.view.can_pause or self.view.pausing:
+        if not self.state.can_pause or self.state.pause_requested:
             return
-        if self.view.paused:
-            self.link.session.resume()
+        if self.state.paused:
+            self.adapter.session.resume()
         else:
-            self.link.session.pause()
-        self._tell(PauseAsked())
+            self.adapter.session.pause()
+        self._apply(PauseRequested())
 
-    def answer(self, words: str = "done") -> None:
+    def answer_prompt(self, choice: str = "done") -> None:
         """The operator has done what the prompt says, or chosen another of its answers."""
-        if self.view.prompt is not None and self.link.mailbox.waiting == self.view.prompt.ask_id:
-            self.link.mailbox.reply(self.view.prompt.ask_id, words)
+        if self.state.prompt is not None and self.adapter.mailbox.pending_id == self.state.prompt.ask_id:
+            self.adapter.mailbox.reply(self.state.prompt.ask_id, choice)
 
     def acknowledge(self) -> None:
         """The operator has read the unsafe sentence, or why something failed."""
-        self._tell(Acknowledged())
+        self._apply(Acknowledged())
 
-    def connect_again(self) -> None:
+    def reconnect(self) -> None:
         """Open the bench once more."""
-        if self.link.reconnect():
-            self._tell(ConnectAsked())
-            self.link.session.start()
+        if self.adapter.reconnect():
+            self._apply(ReconnectRequested())
+            self.adapter.session.start()
 
-    def leave(self) -> None:
+    def close(self) -> None:
         """Go to rest and let go of the bench; returns at once."""
-        self.leaving = True
-        self._tell(StopAsked())
-        self.link.session.close(0.0)
+        self.closing = True
+        self._apply(StopRequested())
+        self.adapter.session.close(0.0)
 
-    def _tell(self, event: ViewEvent) -> None:
-        self.view = reduce(self.view, Heard(event, datetime.now().astimezone(), self.link.feed.streamed_s))
+    def _apply(self, event: WindowEvent) -> None:
+        self.state = reduce(self.state, TimedEvent(event, datetime.now().astimezone(), self.adapter.feed.streamed_s))
         self.changed.emit()

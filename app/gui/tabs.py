@@ -15,21 +15,21 @@ from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from app.config.bench_file import BenchConfig
-from app.gui.campaign.controller import CampaignDesk
+from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
-from app.gui.measure.presets import Presets, presets_path
+from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.widgets import splitters
-from app.gui.widgets.background import Jobs
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import bind
+from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import bind_keys
 from app.gui.widgets.theme import Theme
 from app.live.overlay import Overlay
-from app.live.session_link import Link
-from app.session.state import View
+from app.live.session_link import SessionAdapter
+from app.session.state import WindowState
 from protocols.base.protocol import Protocol as Measurement
 
 if TYPE_CHECKING:
-    from app.campaign.queue import Order
+    from app.campaign.queue import ItemRunRequest
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
     from app.gui.runs.page import RunsPage
@@ -38,17 +38,17 @@ if TYPE_CHECKING:
 class Page(Protocol):
     """What the window does with a page: a widget that shows views."""
 
-    def show_view(self, view: View) -> None: ...
+    def set_state(self, view: WindowState) -> None: ...
 
     def set_theme(self, theme: Theme) -> None: ...
 
-    def refresh(self) -> None: ...
+    def tick(self) -> None: ...
 
-    def enter(self) -> None:
+    def activate(self) -> None:
         """It is looked at from now on: take the keyboard, without which its keys do nothing."""
 
 
-class Pages(QTabWidget):
+class PageTabs(QTabWidget):
     """Shows one page at a time and passes on what all of them must hear.
 
     Args:
@@ -59,99 +59,99 @@ class Pages(QTabWidget):
         super().__init__(parent)
         self.setDocumentMode(True)
         self.setTabBarAutoHide(True)
-        self._makers = tuple(make for _, make in pages)
-        self._made: dict[int, Page] = {}
-        self._places: list[QVBoxLayout] = []
-        self._view: View | None = None
+        self._factories = tuple(make for _, make in pages)
+        self._created: dict[int, Page] = {}
+        self._page_layouts: list[QVBoxLayout] = []
+        self._state: WindowState | None = None
         self._theme: Theme | None = None
         for title, _ in pages:
             place = QWidget()
             layout = QVBoxLayout(place)
             layout.setContentsMargins(0, 0, 0, 0)
-            self._places.append(layout)
+            self._page_layouts.append(layout)
             at = self.addTab(place, title)
             self.setTabToolTip(at, f"Ctrl+{at + 1}")
-            bind(self, f"Page {title}", partial(self.go_to, at), f"Ctrl+{at + 1}")
+            bind_keys(self, f"Page {title}", partial(self.select_page, at), f"Ctrl+{at + 1}")
         self.page(0)
-        self.currentChanged.connect(lambda at: self.page(at).enter())
+        self.currentChanged.connect(lambda at: self.page(at).activate())
 
-    def go_to(self, at: int) -> None:
+    def select_page(self, index: int) -> None:
         """Look at a page, and have the keyboard there."""
-        if at == self.currentIndex():
-            self.page(at).enter()
-        self.setCurrentIndex(at)
+        if index == self.currentIndex():
+            self.page(index).activate()
+        self.setCurrentIndex(index)
 
-    def begin_at(self, at: int) -> None:
+    def show_page_later(self, index: int) -> None:
         """Turn to a page without making it: until somebody does, its place says that it comes."""
         with QSignalBlocker(self):
-            self.setCurrentIndex(at)
-        if at not in self._made:
-            comes = QLabel(f"{self.tabText(at)} …", alignment=Qt.AlignmentFlag.AlignCenter)
-            mark(comes, "note")
-            self._places[at].addWidget(comes)
+            self.setCurrentIndex(index)
+        if index not in self._created:
+            comes = QLabel(f"{self.tabText(index)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            set_style_kind(comes, "note")
+            self._page_layouts[index].addWidget(comes)
 
-    def page(self, at: int) -> Page:
+    def page(self, index: int) -> Page:
         """A page, made by now."""
-        if at not in self._made:
-            self._made[at] = page = self._makers[at]()
+        if index not in self._created:
+            self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
             if self._theme is not None:
                 page.set_theme(self._theme)
-            if self._view is not None:
-                page.show_view(self._view)
-            while (comes := self._places[at].takeAt(0)) is not None:
+            if self._state is not None:
+                page.set_state(self._state)
+            while (comes := self._page_layouts[index].takeAt(0)) is not None:
                 cast("QWidget", comes.widget()).deleteLater()
-            self._places[at].addWidget(page)
+            self._page_layouts[index].addWidget(page)
             page.show()
-        return self._made[at]
+        return self._created[index]
 
     @property
-    def made(self) -> Mapping[int, Page]:
+    def created_pages(self) -> Mapping[int, Page]:
         """The pages that somebody has looked at, by their place."""
-        return self._made
+        return self._created
 
     @property
-    def present(self) -> Page:
+    def current_page(self) -> Page:
         """The page that is seen."""
         return self.page(self.currentIndex())
 
-    def show_view(self, view: View) -> None:
-        self._view = view
-        for page in self._made.values():
-            page.show_view(view)
+    def set_state(self, view: WindowState) -> None:
+        self._state = view
+        for page in self._created.values():
+            page.set_state(view)
 
     def set_theme(self, theme: Theme) -> None:
         self._theme = theme
-        for page in self._made.values():
+        for page in self._created.values():
             page.set_theme(theme)
 
-    def refresh(self) -> None:
+    def tick(self) -> None:
         """Let what can be seen move."""
-        if (page := self._made.get(self.currentIndex())) is not None:
-            page.refresh()
+        if (page := self._created.get(self.currentIndex())) is not None:
+            page.tick()
 
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
 """Places of the pages."""
 
 
-class Book(Pages):
+class MainTabs(PageTabs):
     """Knows each page by its name; the pages know nothing of each other."""
 
-    ordered = Signal(object)
-    """An `Order` of the campaign that the session shall carry out now."""
+    run_requested = Signal(object)
+    """An `ItemRunRequest` of the campaign that the session shall carry out now."""
 
     def __init__(
-        self, protocol: Measurement, link: Link, config: BenchConfig, settings: QSettings, theme: Theme
+        self, protocol: Measurement, link: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
     ) -> None:
-        overlay = Overlay(amplifier=config.amplifier.map)
+        overlay = Overlay(amplifier=config.amplifier.amplifier_map)
         measure = MeasurePage(
             protocol,
             link.feed,
             overlay,
-            config.amplifier.map,
+            config.amplifier.amplifier_map,
             lambda: link.session.bench,
-            Presets(presets_path()),
+            PresetStore(presets_path()),
             theme,
         )
         makers: tuple[tuple[str, Callable[[], Any]], ...] = (
@@ -162,9 +162,9 @@ class Book(Pages):
         )
         super().__init__(makers)
         self.measure, self.overlay = measure, overlay
-        self._link, self._settings, self._first_theme = link, settings, theme
+        self._adapter, self._settings, self._first_theme = link, settings, theme
         self._amplifier = config.amplifier
-        self._jobs = Jobs("pages", self)
+        self._worker = BackgroundWorker("pages", self)
 
     # -- the pages -----------------------------------------------------------------------------------------------------
 
@@ -186,15 +186,15 @@ class Book(Pages):
     @property
     def folder(self) -> Path:
         """Where run files go."""
-        return Path(self.measure.panel.folder.text().strip()).expanduser()
+        return Path(self.measure.run_panel.folder_edit.text().strip()).expanduser()
 
     @property
     def specimen(self) -> str:
-        return self.measure.panel.specimen.text().strip()
+        return self.measure.run_panel.specimen_edit.text().strip()
 
     # -- what the window does with them --------------------------------------------------------------------------------
 
-    def make_ahead(self) -> None:
+    def preload_pages(self) -> None:
         """Make the pages before somebody looks at them. What they import takes a second, which the window does not wait."""
 
         def load() -> None:
@@ -203,86 +203,86 @@ class Book(Pages):
 
         def make(_: object) -> None:
             for at in sorted(range(RUNS + 1), key=lambda at: at != self.currentIndex()):  # first what is looked at
-                QTimer.singleShot(0, self, partial(self._make, at))
+                QTimer.singleShot(0, self, partial(self._preload_page, at))
 
-        self._jobs.do(load, make)
+        self._worker.submit(load, make)
 
-    def beside(self, work: Callable[[], object]) -> None:
+    def run_in_background(self, work: Callable[[], object]) -> None:
         """Do something that reads files, beside the window."""
-        self._jobs.do(work)
+        self._worker.submit(work)
 
-    def back(self) -> None:
+    def go_back(self) -> None:
         """A step back on the page that is seen."""
         if self.currentIndex() == RUNS:
-            self.runs.back()
+            self.runs.go_back()
         elif self.currentIndex() == CAMPAIGN:
-            self.campaign.back()
+            self.campaign.go_back()
 
-    def writing(self, path: Path | None) -> None:
+    def set_active_file(self, path: Path | None) -> None:
         """The file that this program is writing."""
-        if RUNS in self.made:
-            self.runs.writing(path)
-        if CAMPAIGN in self.made:
-            self.campaign.desk.writing = path
+        if RUNS in self.created_pages:
+            self.runs.set_active_file(path)
+        if CAMPAIGN in self.created_pages:
+            self.campaign.controller.active_file = path
 
-    def restore(self, folder: Path | None, specimen: str | None, asked: bool) -> None:
+    def restore_state(self, folder: Path | None, specimen: str | None, protocol_requested: bool) -> None:
         """Be as it was; a folder or specimen that is given counts more, and a protocol that was `asked` for is to be seen."""
-        self.measure.restore(self._settings, form=not asked)
-        splitters.restore(self.measure, self._settings)
+        self.measure.restore_state(self._settings, restore_form=not protocol_requested)
+        splitters.restore_splitters(self.measure, self._settings)
         last = str(self._settings.value("window/page", ""))
-        if not asked and last.isdigit() and int(last) < self.count():
-            self.begin_at(int(last))
+        if not protocol_requested and last.isdigit() and int(last) < self.count():
+            self.show_page_later(int(last))
         kept = self._settings.value("run/folder", "runs")
-        self.measure.panel.folder.setText(str(folder if folder is not None else kept))
-        self.measure.panel.specimen.setText(
+        self.measure.run_panel.folder_edit.setText(str(folder if folder is not None else kept))
+        self.measure.run_panel.specimen_edit.setText(
             str(specimen if specimen is not None else self._settings.value("run/specimen", ""))
         )
 
-    def save(self) -> None:
+    def save_state(self) -> None:
         """Remember how everything is."""
-        self._settings.setValue("run/folder", self.measure.panel.folder.text())
-        self._settings.setValue("run/specimen", self.measure.panel.specimen.text())
+        self._settings.setValue("run/folder", self.measure.run_panel.folder_edit.text())
+        self._settings.setValue("run/specimen", self.measure.run_panel.specimen_edit.text())
         self._settings.setValue("window/page", self.currentIndex())
-        self.measure.save(self._settings)
-        for made in self.made.values():
-            splitters.save(cast("QWidget", made), self._settings)
-        for page in self._that_can("save"):
+        self.measure.save_state(self._settings)
+        for made in self.created_pages.values():
+            splitters.save_splitters(cast("QWidget", made), self._settings)
+        for page in self._pages_with("save"):
             page.save(self._settings)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self._jobs.close()
+        self._worker.close()
         self.overlay.close()
-        self.measure.end()
-        for page in self._that_can("end"):
+        self.measure.shutdown()
+        for page in self._pages_with("end"):
             page.end()
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _make(self, at: int) -> None:
-        if self._jobs.closed:  # what is made after the end would not be ended
+    def _preload_page(self, index: int) -> None:
+        if self._worker.closed:  # what is made after the end would not be ended
             return
-        waited = at == self.currentIndex() and at not in self.made
-        page = self.page(at)
+        waited = index == self.currentIndex() and index not in self.created_pages
+        page = self.page(index)
         if waited:
-            page.enter()
+            page.activate()
 
-    def _that_can(self, what: str) -> Iterator[Any]:
-        return (page for at, page in self.made.items() if at != MEASURE and hasattr(page, what))
+    def _pages_with(self, method: str) -> Iterator[Any]:
+        return (page for at, page in self.created_pages.items() if at != MEASURE and hasattr(page, method))
 
     def _make_campaign(self) -> CampaignPage:
         from app.gui.campaign.page import CampaignPage
 
-        desk = CampaignDesk(lambda: self._link.session.bench, self.overlay.amplifier)
-        self._link.listeners.append(desk.hear)
+        desk = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
+        self._adapter.observers.append(desk.observe)
         page = CampaignPage(
-            desk, self._link.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
+            desk, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
         )
         desk.setParent(page)
-        desk.ordered.connect(self._take)
-        page.open_asked.connect(self._open)
-        page.restore(self._settings)
-        splitters.restore(page, self._settings)
+        desk.run_requested.connect(self._request_run)
+        page.run_open_requested.connect(self._open_run)
+        page.restore_state(self._settings)
+        splitters.restore_splitters(page, self._settings)
         return page
 
     def _make_explore(self) -> ExplorePage:
@@ -290,25 +290,25 @@ class Book(Pages):
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._first_theme, fit_runs)
-        page.restore(self._settings)
-        splitters.restore(page, self._settings)
+        page.restore_state(self._settings)
+        splitters.restore_splitters(page, self._settings)
         return page
 
     def _make_runs(self) -> RunsPage:
         from app.gui.runs.page import RunsPage
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
-        page.explore_asked.connect(self._lay_over)
-        splitters.restore(page, self._settings)
+        page.explore_requested.connect(self._overlay_runs)
+        splitters.restore_splitters(page, self._settings)
         return page
 
-    def _take(self, order: Order) -> None:
-        self.ordered.emit(order)
+    def _request_run(self, request: ItemRunRequest) -> None:
+        self.run_requested.emit(request)
 
-    def _open(self, path: Path) -> None:
+    def _open_run(self, path: Path) -> None:
         self.setCurrentIndex(RUNS)
-        self.runs.open_path(path)
+        self.runs.open_run(path)
 
-    def _lay_over(self, paths: list[Path]) -> None:
+    def _overlay_runs(self, paths: list[Path]) -> None:
         self.setCurrentIndex(EXPLORE)
-        self.explore.lay_over(paths)
+        self.explore.overlay_runs(paths)

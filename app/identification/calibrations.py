@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.common.atomic_write import write_whole
+from app.common.atomic_write import write_atomic
 from model.identification.calibration import Calibration
 from model.parameter_spec import ParameterError
 from protocols.runfile.schema import safe_name
@@ -47,7 +47,7 @@ def calibrations_path(folder: Path, specimen: str) -> Path:
     return folder / f"{safe_name(specimen)}.calibrations.json"
 
 
-def read(folder: Path, specimen: str) -> Calibrations:
+def read_calibrations(folder: Path, specimen: str) -> Calibrations:
     """All calibrations of a specimen; none where there is no file.
 
     Raises:
@@ -66,16 +66,20 @@ def read(folder: Path, specimen: str) -> Calibrations:
         raise CalibrationError(f"{path} cannot be read: {error}; restore it from a copy, or move it away") from error
 
 
-def write(folder: Path, specimen: str, known: Calibrations) -> Path:
+def write_calibrations(folder: Path, specimen: str, calibrations: Calibrations) -> Path:
     """Write all calibrations; the file is replaced whole or not at all.
 
     Raises:
         CalibrationError: it cannot be written.
     """
     path = calibrations_path(folder, specimen)
-    record = {"format": FORMAT, "active": known.active, "versions": [each.as_record() for each in known.versions]}
+    record = {
+        "format": FORMAT,
+        "active": calibrations.active,
+        "versions": [each.as_record() for each in calibrations.versions],
+    }
     try:
-        write_whole(path, json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        write_atomic(path, json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path} cannot be written: {error}") from error
     return path

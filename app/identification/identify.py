@@ -8,17 +8,17 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.identification.observations import campaign_of, shapes_of
-from model.identification.adequacy import Adequacy, adequacy
-from model.identification.calibration import Estimate
-from model.identification.fit_options import Setting
+from app.identification.observations import read_observations, shape_count_of_file
+from model.identification.adequacy import Adequacy, assess_adequacy
+from model.identification.calibration import EstimatedQuantity
+from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.joint_fit import joint_fit
-from model.identification.observations import Campaign
-from model.identification.paper_chain import ChainMethod, Validation, chain
-from model.identification.paper_chain_errors import chain_errors
-from model.identification.parameters import defaults
-from model.parameter_spec import quantities
+from model.identification.observations import ObservationSet
+from model.identification.paper_chain import CurveValidation, PaperChainOptions, identify_by_paper_chain
+from model.identification.paper_chain_errors import linearized_errors
+from model.identification.parameters import default_values
+from model.parameter_spec import parameter_specs
 from model.parameters import Membrane, Tactor
 from protocols.runfile.reader import Run
 
@@ -37,27 +37,27 @@ class RunMisfit:
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class IdentificationResult:
     """What an identification found, whichever method found it."""
 
     specimen: str
     method: Method
-    campaign: Campaign
-    estimates: tuple[Estimate, ...]
+    observations: ObservationSet
+    estimates: tuple[EstimatedQuantity, ...]
     covariance: NDArray[np.float64]
     fixed: Mapping[str, float | None]
     """Every parameter of the model that was not identified, with the value it was given."""
     verdict: str
     misfits: tuple[RunMisfit, ...] = ()
-    validation: tuple[Validation, ...] = ()
+    validation: tuple[CurveValidation, ...] = ()
     unidentified: tuple[str, ...] = ()
     """Combinations that these runs do not tell, in words."""
     notes: tuple[str, ...] = ()
-    seconds: float = 0.0
-    fit: JointFit | None = field(default=None, repr=False)
+    duration_s: float = 0.0
+    joint_fit: JointFit | None = field(default=None, repr=False)
     adequacy: Adequacy | None = None
     """Of a joint fit: is the misfit noise, or is the model wrong."""
-    shapes: int = Setting.n
+    shapes: int = FitOptions.n
     """Shape functions it was made with; what is drawn of it should have as many."""
 
     @property
@@ -72,37 +72,37 @@ class Identified:
 
     def _values(self, kind: type) -> dict[str, Any]:
         every = {**self.fixed, **{e.name: e.value for e in self.estimates}}
-        return {q.name: every[q.name] for q in quantities(kind)}
+        return {q.name: every[q.name] for q in parameter_specs(kind)}
 
 
 def identify(
     paths: Sequence[Path],
     method: Method = "joint",
-    setting: Setting | None = None,
+    options: FitOptions | None = None,
     n: int | None = None,
-    opened: Callable[[Path], Run] = Run,
-    told: Callable[[Sequence[Path]], Iterable[Path]] = iter,
-) -> Identified:
-    """Identify the specimen of these runs; `opened` may correct them; `n` shapes, by default as `observing.shapes_of` says.
+    open_run: Callable[[Path], Run] = Run,
+    track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
+) -> IdentificationResult:
+    """Identify the specimen of these runs; `opened` may correct them; `n` shapes, by default as `observing.shape_count_of_file` says.
 
     Raises:
         ObservingError: the runs do not go together, or tell nothing.
         ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
     """
     paths = tuple(paths)
-    specimen, campaign, left_out = campaign_of(told(paths), opened)
-    setting = replace(setting or Setting(), n=n or max(map(shapes_of, paths)))
-    return identify_campaign(specimen, campaign, method, setting, left_out)
+    specimen, campaign, left_out = read_observations(track(paths), open_run)
+    options = replace(options or FitOptions(), n=n or max(map(shape_count_of_file, paths)))
+    return identify_observations(specimen, campaign, method, options, left_out)
 
 
-def identify_campaign(
+def identify_observations(
     specimen: str,
-    campaign: Campaign,
+    observations: ObservationSet,
     method: Method,
-    setting: Setting,
-    left_out: Sequence[str] = (),
+    options: FitOptions,
+    exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
-) -> Identified:
+) -> IdentificationResult:
     """As `identify`, from observations that were read already; `left_out` are sentences that go into the notes.
 
     Of the setting the chain takes what it begins from, the amplifier and the number of shapes: its steps are its own.
@@ -111,39 +111,39 @@ def identify_campaign(
         ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
     """
     if method == "chain":
-        chosen = ChainMethod(tactor=setting.tactor, membrane=setting.membrane, amplifier=setting.amplifier, n=setting.n)
-        found = chain(campaign, chosen)
-        estimates, covariance = chain_errors(campaign, chosen, found)
+        chosen = PaperChainOptions(
+            tactor=options.tactor, membrane=options.membrane, amplifier=options.amplifier, n=options.n
+        )
+        found = identify_by_paper_chain(observations, chosen)
+        estimates, covariance = linearized_errors(observations, chosen, found)
         words = (
             "the paper's chain: every step takes the results of those before it; errors are carried through all steps"
         )
         return _result(
-            specimen, method, campaign, estimates, covariance, defaults(setting.tactor, setting.membrane, None), words,
-            shapes=setting.n, validation=found.validation, notes=(*left_out, *(step.words for step in found.steps)),
+            specimen, method, observations, estimates, covariance, default_values(options.tactor, options.membrane, None), words,
+            shapes=options.n, validation=found.validation, notes=(*exclusions, *(step.summary for step in found.steps)),
         )  # fmt: skip
-    fit = joint_fit(campaign, setting, progress)
+    fit = joint_fit(observations, options, progress)
     estimates = fit.estimates()
-    misfits = tuple(
-        RunMisfit(r.label, len(r.values), r.chi_square, r.probability, len(r.outliers)) for r in fit.residuals
-    )
+    misfits = tuple(RunMisfit(r.label, len(r.values), r.chi_square, r.p_value, len(r.outliers)) for r in fit.residuals)
     return _result(
-        specimen, method, campaign, estimates, fit.covariance_of(estimates), setting.base(), fit.verdict,
-        misfits=misfits, unidentified=tuple(c.words for c in fit.unidentified), seconds=fit.seconds, fit=fit,
-        adequacy=adequacy(fit), shapes=setting.n,
-        notes=(*left_out, *([] if fit.converged else [fit.message])),
+        specimen, method, observations, estimates, fit.covariance_of(estimates), options.base_values(), fit.verdict,
+        misfits=misfits, unidentified=tuple(c.description for c in fit.unidentified_combinations), seconds=fit.duration_s, fit=fit,
+        adequacy=assess_adequacy(fit), shapes=options.n,
+        notes=(*exclusions, *([] if fit.converged else [fit.message])),
     )  # fmt: skip
 
 
 def _result(
     specimen: str,
     method: Method,
-    campaign: Campaign,
-    estimates: tuple[Estimate, ...],
+    observations: ObservationSet,
+    estimates: tuple[EstimatedQuantity, ...],
     covariance: NDArray[np.float64],
     base: Mapping[str, float | None],
     verdict: str,
-    **more: Any,
-) -> Identified:
+    **extra: Any,
+) -> IdentificationResult:
     found = {e.name for e in estimates}
     fixed = {name: value for name, value in base.items() if name not in found}
-    return Identified(specimen, method, campaign, estimates, covariance, fixed, verdict, **more)
+    return IdentificationResult(specimen, method, observations, estimates, covariance, fixed, verdict, **extra)

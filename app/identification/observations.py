@@ -13,38 +13,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.config.tables import AmplifierTable
-from model.identification.fit_options import Setting
+from model.identification.fit_options import FitOptions
 from model.identification.observations import (
-    Campaign,
-    CommonError,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
     Observation,
+    ObservationSet,
+    SharedError,
     Side,
-    StaticLoading,
-    VoltageSteps,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
 )
 from model.parameter_spec import ParameterError
-from protocols.base.quality import usable
+from protocols.base.quality import usable_mask
 from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
-from protocols.resume import protocol_of
-from protocols.runfile.reader import Run, RunError
+from protocols.resume import protocol_of_run
+from protocols.runfile.reader import Run, RunReadError
 
-CARD_ERROR_V = 0.02
+CARD_READBACK_MARGIN_V = 0.02
 """How far the card may see a drive beyond the range it cannot leave."""
 
-SHAPES = 20
+DEFAULT_SHAPE_COUNT = 20
 """Shape functions for a real tactor. A simulated one has as many as its bench says, and no more."""
 
 Columns = dict[str, NDArray[np.float64]]
 
 
-class ObservingError(Exception):
+class ObservationError(Exception):
     """Runs cannot be identified together. The sentence says which and why."""
 
 
-def campaign_of(paths: Iterable[Path], opened: Callable[[Path], Run] = Run) -> tuple[str, Campaign, list[str]]:
+def read_observations(
+    paths: Iterable[Path], open_run: Callable[[Path], Run] = Run
+) -> tuple[str, ObservationSet, list[str]]:
     """The specimen, all its observations, and a sentence for each run that tells nothing; `opened` may correct a run.
 
     Raises:
@@ -55,74 +57,74 @@ def campaign_of(paths: Iterable[Path], opened: Callable[[Path], Run] = Run) -> t
     left_out: list[str] = []
     for path in paths:
         try:
-            with opened(path) as run:
+            with open_run(path) as run:
                 specimens.setdefault(run.specimen, path)
-                taken = list(observations(run))
-        except (RunError, ParameterError) as error:
-            raise ObservingError(f"{path}: {error}") from error
-        usable = [run for run in taken if run.use.any()]
+                taken = list(run_observations(run))
+        except (RunReadError, ParameterError) as error:
+            raise ObservationError(f"{path}: {error}") from error
+        usable = [run for run in taken if run.usable.any()]
         found += usable
         if not usable:
             left_out.append(f"{path.name} tells nothing about the model and is left out")
     if len(specimens) > 1:
         names = " and ".join(f"{name!r} ({path.name})" for name, path in specimens.items())
-        raise ObservingError(f"these runs are of several specimens, {names}: identify one at a time")
+        raise ObservationError(f"these runs are of several specimens, {names}: identify one at a time")
     if not found:
-        raise ObservingError("none of these runs has a usable point that tells about the model")
+        raise ObservationError("none of these runs has a usable point that tells about the model")
     try:
-        return next(iter(specimens)), Campaign(tuple(found)), left_out
+        return next(iter(specimens)), ObservationSet(tuple(found)), left_out
     except ParameterError as error:
-        raise ObservingError(str(error)) from error
+        raise ObservationError(str(error)) from error
 
 
-def shapes_of(path: Path) -> int:
+def shape_count_of_file(path: Path) -> int:
     """With how many shape functions a run is identified: those the simulated tactor has, or enough for a real one."""
     with Run(path) as run:
-        return shapes_in(run)
+        return shape_count_of_run(run)
 
 
-def shapes_in(run: Run) -> int:
+def shape_count_of_run(run: Run) -> int:
     """The same of an open run."""
     if not run.simulated:
-        return SHAPES
-    return int(run.configuration.get("simulation", {}).get("modes", Setting.n))
+        return DEFAULT_SHAPE_COUNT
+    return int(run.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
-def observations(run: Run) -> Iterator[Observation]:
+def run_observations(run: Run) -> Iterator[Observation]:
     """What one run tells; nothing where its protocol tells nothing about the model."""
-    observe = OBSERVERS.get(run.protocol)
+    observe = OBSERVATION_READERS.get(run.protocol)
     if observe is not None:
         columns = run.points()
         if len(columns["entry"]):
-            yield from observe(run, columns, usable(columns["quality"]))
+            yield from observe(run, columns, usable_mask(columns["quality"]))
 
 
-def _gain(run: Run) -> tuple[CommonError, ...]:
+def _gain_error(run: Run) -> tuple[SharedError, ...]:
     """The gain of the displacement sensor: the same for all values taken with it."""
     sensor = run.sensor
     if not sensor.gain_relative_uncertainty > 0:
         return ()
     return (
-        CommonError(f"gain of {sensor.name} {sensor.serial}".strip(), "displacement", sensor.gain_relative_uncertainty),
+        SharedError(f"gain of {sensor.name} {sensor.serial}".strip(), "displacement", sensor.gain_relative_uncertainty),
     )
 
 
-def _all(run: Run) -> dict[str, Any]:
-    return {"common": _gain(run), "simulated": run.simulated}
+def _common_arguments(run: Run) -> dict[str, Any]:
+    return {"common": _gain_error(run), "simulated": run.simulated}
 
 
 def _response(
     run: Run, columns: Columns, good: NDArray[np.bool_], label: str, elongation_m: float | None
-) -> FrequencyResponse:
+) -> FrequencyResponseObservation:
     sine, width = (
         good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0) for name in ("fundamental", "peak_to_peak")
     )
     good = sine if sine.any() else width  # an imported table may have one of them only
     amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
-    map_ = AmplifierTable.of(run.configuration).map
+    map_ = AmplifierTable.from_configuration(run.configuration).amplifier_map
     # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
     room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
-    amplitude_v = np.where(amplitude_v < room_v + CARD_ERROR_V, np.minimum(amplitude_v, room_v), amplitude_v)
+    amplitude_v = np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)
     phase = columns["phase"]
     known: dict[str, Any] = {}
     if sine.any():
@@ -135,7 +137,7 @@ def _response(
         }
     if np.isfinite(columns["harmonics"]).any():
         known["harmonics_m"] = columns["harmonics"]
-    return FrequencyResponse(
+    return FrequencyResponseObservation(
         label,
         columns["frequency"],
         drive_amplitude_v=amplitude_v,
@@ -143,7 +145,7 @@ def _response(
         elongation_m=elongation_m,
         good=good,
         **known,
-        **_all(run),
+        **_common_arguments(run),
     )
 
 
@@ -166,7 +168,7 @@ def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Ite
 def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
     peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
     frequency, errors = columns[peak], columns[f"{peak}_errors"]
-    yield MassResonance(
+    yield MassResonanceObservation(
         run.path.stem,
         columns["mass"],
         frequency,
@@ -181,7 +183,7 @@ def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Itera
     errors = columns["deflection_errors"]
     direction = np.nan_to_num(columns["direction"])
     time = columns["read_time"]
-    yield VoltageSteps(
+    yield VoltageStepsObservation(
         run.path.stem,
         np.where(np.isfinite(columns["drive"]), columns["drive"], columns["level"]),
         columns["deflection"],
@@ -189,7 +191,7 @@ def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Itera
         rising=direction > 0 if (direction != 0).all() else None,
         time_s=time if np.isfinite(time).all() else None,
         good=good & (errors > 0),
-        **_all(run),
+        **_common_arguments(run),
     )
 
 
@@ -205,14 +207,14 @@ def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
         # The load's own error is small beside that of the deflection, and moves the point along the line.
         compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
         errors = np.hypot(columns["deflection_errors"][at], compliance * np.nan_to_num(columns["load_errors"][at]))
-        yield StaticLoading(
+        yield StaticLoadingObservation(
             f"{run.path.stem} {name}",
             columns["load"][at],
             down * deflection,
             errors,
             side=name,
             good=good[at] & (errors > 0),
-            **_all(run),
+            **_common_arguments(run),
         )
 
 
@@ -220,20 +222,20 @@ def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterat
     """One sag, the mean of all: what the repeats share - the reference's depth, the geometry - does not average out."""
     if not good.any():
         return
-    given = cast(SagProtocol, protocol_of(run, run.path.name))
-    mean_m, error_m = given.mean(columns["sag"][good], columns["sag_errors"][good])
-    yield MembraneSag(
+    given = cast(SagProtocol, protocol_of_run(run, run.path.name))
+    mean_m, error_m = given.mean_sag(columns["sag"][good], columns["sag_errors"][good])
+    yield MembraneSagObservation(
         run.path.stem,
         np.array([mean_m]),
-        np.array([given.error_of_all_m(mean_m, error_m)]),
-        geometry=given.strip,
+        np.array([given.combined_sag_error_m(mean_m, error_m)]),
+        geometry=given.membrane,
         load_n_per_m=given.load_n_per_m,
         delta=given.elongation_m / given.length_m,
-        **_all(run),
+        **_common_arguments(run),
     )
 
 
-OBSERVERS: dict[str, Callable[[Run, Columns, NDArray[np.bool_]], Iterator[Observation]]] = {
+OBSERVATION_READERS: dict[str, Callable[[Run, Columns, NDArray[np.bool_]], Iterator[Observation]]] = {
     "sine-dwell": _sine_dwell,
     "membrane-series": _membrane_series,
     "mass-resonance": _mass_resonance,

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import EntryBegan, PointMeasured
-from protocols.base.jsonable import plain
+from protocols.base.events import EntryStarted, PointMeasured
+from protocols.base.jsonable import to_jsonable
 from protocols.base.records import Recording
-from protocols.resume import protocol_of
-from protocols.runfile.reader import Run, RunError
-from protocols.runfile.schema import ENTRY, columns
+from protocols.resume import protocol_of_run
+from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Correction:
     amplifier: AmplifierTable | None
 
     @classmethod
-    def of(cls, path: Path) -> Self:
+    def from_bench_file(cls, path: Path) -> Self:
         """What a bench file says.
 
         Raises:
@@ -43,45 +43,45 @@ class Correction:
             raise ConfigError(
                 f"{path} has neither [sensor] nor [amplifier]: there is nothing in it to correct a run with"
             )
-        sensor = config.sensor.sensor if "sensor" in told else None
+        sensor = config.sensor.laser_sensor if "sensor" in told else None
         amplifier = config.amplifier if "amplifier" in told else None
         return cls(path, hashlib.sha256(path.read_bytes()).hexdigest(), sensor, amplifier)
 
-    def opened(self, path: Path) -> Run:
+    def open(self, path: Path) -> Run:
         """A run with this correction; one that was imported has nothing to correct, and is as it was.
 
         Raises:
             RunError: the run was made with another sensor or amplifier, or cannot be reduced anew.
         """
-        run = CorrectedRun(path, self)
+        run = RecalibratedRun(path, self)
         if run.imported:
             run.close()
             return Run(path)
         try:
             for role, was, now in (
-                ("sensor", run.measured_with.serial, self.sensor and self.sensor.serial),
-                ("amplifier", str(run.amplifier_then.get("serial", "")), self.amplifier and self.amplifier.serial),
+                ("sensor", run.recorded_sensor.serial, self.sensor and self.sensor.serial),
+                ("amplifier", str(run.recorded_amplifier.get("serial", "")), self.amplifier and self.amplifier.serial),
             ):
                 if was and now is not None and was != now:
                     told = f"serial number {now}" if now else "no serial number"
-                    raise RunError(
+                    raise RunReadError(
                         f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {told}: give the "
                         "bench file of that instrument, or leave the run out"
                     )
-        except RunError:
+        except RunReadError:
             run.close()
             raise
         return run
 
-    def words(self, path: Path) -> str:
+    def describe_changes(self, path: Path) -> str:
         """What it changes in one run, in a sentence; empty where nothing."""
         with Run(path) as run:
             if run.imported:
                 return f"{path.name} was imported and has no raw samples: it stays as it is"
-            was, map_ = run.sensor, AmplifierTable.of(run.configuration).map
+            was, map_ = run.sensor, AmplifierTable.from_configuration(run.configuration).amplifier_map
         changed = [
-            f"{name} {_short(old)} -> {_short(new)}"
-            for before, after in ((was, self.sensor), (map_, self.amplifier and self.amplifier.map))
+            f"{name} {_format_value(old)} -> {_format_value(new)}"
+            for before, after in ((was, self.sensor), (map_, self.amplifier and self.amplifier.amplifier_map))
             if after is not None
             for name in (f.name for f in fields(before))
             if (old := getattr(before, name)) != (new := getattr(after, name)) and name not in ("expires", "name")
@@ -93,12 +93,12 @@ class Correction:
         return {
             "bench": self.path.name,
             "sha256": self.sha256,
-            "sensor": plain(self.sensor),
+            "sensor": to_jsonable(self.sensor),
             "amplifier": self.amplifier.model_dump() if self.amplifier else None,
         }
 
 
-class CorrectedRun(Run):
+class RecalibratedRun(Run):
     """A run file read with another calibration: volts are the card's, metres and volts on the specimen the correction's."""
 
     def __init__(self, path: Path, correction: Correction) -> None:
@@ -107,15 +107,15 @@ class CorrectedRun(Run):
 
     @property
     def sensor(self) -> LaserSensor:
-        return self._correction.sensor or self.measured_with
+        return self._correction.sensor or self.recorded_sensor
 
     @property
-    def measured_with(self) -> LaserSensor:
+    def recorded_sensor(self) -> LaserSensor:
         """The sensor as the file has it."""
         return super().sensor
 
     @property
-    def amplifier_then(self) -> Mapping[str, Any]:
+    def recorded_amplifier(self) -> Mapping[str, Any]:
         """The amplifier's table as the file has it."""
         return dict(super().configuration.get("amplifier", {}))
 
@@ -126,37 +126,37 @@ class CorrectedRun(Run):
 
     def points(self) -> dict[str, NDArray[np.float64]]:
         """The points reduced anew, one an entry: the latest recordings of it count."""
-        return self._again
+        return self._reduced_points
 
     @cached_property
-    def _again(self) -> dict[str, NDArray[np.float64]]:
-        protocol = protocol_of(self, self.path.name)
-        begun, measured = self.entries(), set(super().points()[ENTRY].astype(int).tolist())
+    def _reduced_points(self) -> dict[str, NDArray[np.float64]]:
+        protocol = protocol_of_run(self, self.path.name)
+        begun, measured = self.entries(), set(super().points()[ENTRY_COLUMN].astype(int).tolist())
         made = []
-        for entry, recordings in sorted(self._latest().items()):
+        for entry, recordings in sorted(self._latest_recordings().items()):
             if not recordings or entry not in measured or entry not in begun:
                 continue
             try:
                 made.append((entry, protocol.point(begun[entry].key, recordings, self.simulated)))
             except ValueError as error:
-                raise RunError(f"{self.path.name}, {begun[entry].label}: {error}") from error
+                raise RunReadError(f"{self.path.name}, {begun[entry].label}: {error}") from error
         if missing := measured - {entry for entry, _ in made}:
-            raise RunError(
+            raise RunReadError(
                 f"{self.path.name}: the raw samples of {len(missing)} of its points are not there; bring the run it goes on with"
             )
-        names = list(columns(protocol.point_type))
+        names = list(point_columns(protocol.point_type))
         table = {name: np.array([getattr(point, name) for _, point in made], float) for name in names}
-        return table | {ENTRY: np.array([entry for entry, _ in made])}
+        return table | {ENTRY_COLUMN: np.array([entry for entry, _ in made])}
 
-    def _latest(self) -> dict[int, list[Recording]]:
+    def _latest_recordings(self) -> dict[int, list[Recording]]:
         """The recordings each point was made of: since its entry was last begun, in the file that last measured it."""
         found: dict[int, list[Recording]] = {}
-        if (earlier := self.continues) is not None and earlier.exists():
-            with CorrectedRun(earlier, self._correction) as before:
-                found = before._latest()
+        if (earlier := self.resumed_from) is not None and earlier.exists():
+            with RecalibratedRun(earlier, self._correction) as before:
+                found = before._latest_recordings()
         own, begun = list(self.trace.recordings()), dict[int, int]()
         for event in self.events():
-            if event.kind == EntryBegan.kind:
+            if event.kind == EntryStarted.kind:
                 begun[int(event.fields["index"])] = event.row
             elif event.kind == PointMeasured.kind:
                 entry = int(event.fields.get("entry", event.fields["index"]))
@@ -166,9 +166,9 @@ class CorrectedRun(Run):
         return found
 
 
-def _short(value: object) -> str:
+def _format_value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value) or "none"
 
 
-Open = Callable[[Path], Run]
+OpenRun = Callable[[Path], Run]
 """How a run file is opened: as it is, or corrected."""

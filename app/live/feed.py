@@ -4,26 +4,26 @@ import threading
 from dataclasses import dataclass
 
 from app.live.minmax_trace import MinMaxTrace
-from drivers.bench.bench import DISPLACEMENT, DRIVE
+from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class TimeSpan:
     """How much of the past is shown and kept. A `standing` one is kept longer, so that a cycle can be lined up."""
 
     shown_s: float
-    kept_s: float
-    standing: bool = False
+    buffer_s: float
+    triggered: bool = False
 
     @property
     def columns(self) -> int:
-        return round(COLUMNS * self.kept_s / self.shown_s)
+        return round(COLUMNS * self.buffer_s / self.shown_s)
 
 
 COLUMNS = 1000
-SPANS = (Span(0.1, 0.2, standing=True), Span(1.0, 1.0), Span(10.0, 10.0))
+SPANS = (TimeSpan(0.1, 0.2, triggered=True), TimeSpan(1.0, 1.0), TimeSpan(10.0, 10.0))
 
 
 class LiveFeed:
@@ -31,7 +31,7 @@ class LiveFeed:
 
     def __init__(self) -> None:
         self._traces = {
-            span: (MinMaxTrace(span.kept_s, span.columns), MinMaxTrace(span.kept_s, span.columns)) for span in SPANS
+            span: (MinMaxTrace(span.buffer_s, span.columns), MinMaxTrace(span.buffer_s, span.columns)) for span in SPANS
         }
         self._lock = threading.Lock()
         self._scales: tuple[Scale, ...] = ()
@@ -46,7 +46,7 @@ class LiveFeed:
         with self._lock:
             return self._scans / self._rate_hz
 
-    def begin(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
+    def start_stream(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
         """A stream starts; what was there is gone."""
         with self._lock:
             self._scales, self._sensor = scales, sensor
@@ -55,12 +55,14 @@ class LiveFeed:
                 drive.reset(rate_hz)
                 displacement.reset(rate_hz)
 
-    def take(self, block: Block) -> None:
+    def add_block(self, block: Block) -> None:
         """Take a block; before `begin` it cannot be understood and is left out."""
         if self._sensor is None:
             return
-        drive_v = self._scales[DRIVE].volts(block.raw[DRIVE])
-        displacement_um = 1e6 * self._sensor.displacement_m(self._scales[DISPLACEMENT].volts(block.raw[DISPLACEMENT]))
+        drive_v = self._scales[DRIVE_CHANNEL].to_volts(block.raw[DRIVE_CHANNEL])
+        displacement_um = 1e6 * self._sensor.displacement_m(
+            self._scales[DISPLACEMENT_CHANNEL].to_volts(block.raw[DISPLACEMENT_CHANNEL])
+        )
         for drive, displacement in self._traces.values():
             drive.append(drive_v)
             displacement.append(displacement_um)
@@ -74,6 +76,6 @@ class LiveFeed:
         with self._lock:
             return self._latest_um
 
-    def traces(self, span: Span) -> tuple[MinMaxTrace, MinMaxTrace]:
+    def traces(self, span: TimeSpan) -> tuple[MinMaxTrace, MinMaxTrace]:
         """Drive and displacement over one of `SPANS`."""
         return self._traces[span]

@@ -8,7 +8,7 @@ Q = TypeVar("Q")
 A = TypeVar("A")
 
 
-class Latest(Generic[Q, A]):
+class LatestOnlyWorker(Generic[Q, A]):
     """Answers questions in a thread of its own; a question that was overtaken is not begun, or is left unfinished.
 
     Args:
@@ -21,56 +21,56 @@ class Latest(Generic[Q, A]):
     def __init__(
         self,
         compute: Callable[[Q], Iterator[A]],
-        told: Callable[[Q, A | Exception], None],
+        on_result: Callable[[Q, A | Exception], None],
         name: str,
-        rest_s: float = 0.0,
+        pause_s: float = 0.0,
     ) -> None:
-        self._compute, self._told, self._rest_s = compute, told, rest_s
+        self._compute, self._on_result, self._pause_s = compute, on_result, pause_s
         self._wake = threading.Condition()
         self._next: Q | None = None
-        self._ended = False
+        self._closing = False
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def ask(self, question: Q) -> None:
+    def submit(self, request: Q) -> None:
         """Want an answer; returns at once."""
         with self._wake:
-            self._next = question
+            self._next = request
             self._wake.notify()
 
     def close(self) -> None:
         """End the thread; what is being computed is not told any more."""
         with self._wake:
-            self._ended = True
+            self._closing = True
             self._wake.notify()
         self._thread.join()
 
-    def _closed(self) -> bool:
+    def _is_closed(self) -> bool:
         with self._wake:
-            return self._ended
+            return self._closing
 
-    def _overtaken(self) -> bool:
+    def _superseded(self) -> bool:
         """Whether what follows is of no use any more; asked after a rest."""
         with self._wake:
-            if self._rest_s > 0 and self._next is None and not self._ended:
-                self._wake.wait(self._rest_s)
-            return self._ended or self._next is not None
+            if self._pause_s > 0 and self._next is None and not self._closing:
+                self._wake.wait(self._pause_s)
+            return self._closing or self._next is not None
 
     def _work(self) -> None:
         while True:
             with self._wake:
-                while self._next is None and not self._ended:
+                while self._next is None and not self._closing:
                     self._wake.wait()
                 question, self._next = self._next, None
-            if question is None or self._closed():
+            if question is None or self._is_closed():
                 return
             try:
                 for answer in self._compute(question):
-                    if self._closed():
+                    if self._is_closed():
                         return
-                    self._told(question, answer)
-                    if self._overtaken():
+                    self._on_result(question, answer)
+                    if self._superseded():
                         break
             except Exception as error:  # noqa: BLE001 - whatever the model cannot do is shown, and the next slider still works
-                if not self._closed():
-                    self._told(question, error)
+                if not self._is_closed():
+                    self._on_result(question, error)

@@ -26,7 +26,7 @@ class MinMaxTrace:
         """Begin a new record."""
         with self._lock:
             self._rate_hz = rate_hz
-            self._per_column = max(round(self.seconds * rate_hz / self.columns), 1)
+            self._samples_per_column = max(round(self.seconds * rate_hz / self.columns), 1)
             self._low = np.full(self.columns, np.nan)
             self._high = np.full(self.columns, np.nan)
             self._filled = 0
@@ -37,9 +37,9 @@ class MinMaxTrace:
         """Take the next samples, (n,)."""
         with self._lock:
             pending = np.concatenate([self._tail, samples]) if self._tail.size else samples
-            whole = pending.size // self._per_column
-            grid = pending[: whole * self._per_column].reshape(whole, self._per_column)
-            self._tail = pending[whole * self._per_column :].copy()
+            whole = pending.size // self._samples_per_column
+            grid = pending[: whole * self._samples_per_column].reshape(whole, self._samples_per_column)
+            self._tail = pending[whole * self._samples_per_column :].copy()
             if whole:
                 low, high = grid.min(axis=1)[-self.columns :], grid.max(axis=1)[-self.columns :]
                 at = (self._filled + whole - len(low) + np.arange(len(low))) % self.columns
@@ -47,13 +47,13 @@ class MinMaxTrace:
                 self._filled += whole
             self.version += 1
 
-    def curve(self) -> tuple[Array, Array]:
+    def decimated_curve(self) -> tuple[Array, Array]:
         """Times in seconds since the record began, and values: low, high, low, high ...; both (2 columns,)."""
         with self._lock:
             have = min(self._filled, self.columns)
             first = self._filled - have
             at = (first + np.arange(have)) % self.columns
-            time = (first + np.arange(have)) * self._per_column / self._rate_hz
+            time = (first + np.arange(have)) * self._samples_per_column / self._rate_hz
             values = np.empty(2 * have)
             values[0::2], values[1::2] = self._low[at], self._high[at]
         return np.repeat(time, 2), values

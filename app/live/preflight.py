@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.identification.active_model import Believed
-from app.live.latest_only import Latest
+from app.identification.active_model import ActiveModel
+from app.live.latest_only import LatestOnlyWorker
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from model.parameter_spec import ParameterError
@@ -14,15 +14,15 @@ from protocols.rehearsal import rehearse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Intent:
+class PreflightRequest:
     """What somebody is about to run."""
 
     protocol: Protocol
     bench: Bench
-    believed: Believed
+    active_model: ActiveModel
     folder: Path
 
-    def is_as(self, other: "Intent | None") -> bool:
+    def same_as(self, other: "PreflightRequest | None") -> bool:
         """Whether it is the same form on the same bench."""
         return (
             other is not None
@@ -31,58 +31,59 @@ class Intent:
                 for mine, theirs in (
                     (self.protocol, other.protocol),
                     (self.bench, other.bench),
-                    (self.believed, other.believed),
+                    (self.active_model, other.active_model),
                 )
             )
             and self.folder == other.folder
         )
 
 
-class Foresight:
+class PreflightCheck:
     """Rehearses what is intended, the newest only."""
 
     def __init__(self) -> None:
-        self._latest: Latest[Intent, tuple[str, ...]] | None = None
-        self._asked: Intent | None = None
-        self._told: tuple[Intent, tuple[str, ...]] | None = None
+        self._worker: LatestOnlyWorker[PreflightRequest, tuple[str, ...]] | None = None
+        self._requested: PreflightRequest | None = None
+        self._result: tuple[PreflightRequest, tuple[str, ...]] | None = None
 
-    def ask(self, intent: Intent) -> None:
+    def submit(self, request: PreflightRequest) -> None:
         """Want to know of a run; returns at once."""
-        if intent.is_as(self._asked):
+        if request.same_as(self._requested):
             return
-        self._asked = intent
-        if self._latest is None:
-            self._latest = Latest(_cautions, self._keep, "foresight")
-        self._latest.ask(intent)
+        self._requested = request
+        if self._worker is None:
+            self._worker = LatestOnlyWorker(_rehearsal_warnings, self._store, "foresight")
+        self._worker.submit(request)
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Sentences about what was asked last; none while it is being rehearsed."""
-        return self._told[1] if self._told is not None and self._told[0] is self._asked else ()
+        return self._result[1] if self._result is not None and self._result[0] is self._requested else ()
 
     def close(self) -> None:
         """End the thread."""
-        if self._latest is not None:
-            self._latest.close()
+        if self._worker is not None:
+            self._worker.close()
 
-    def _keep(self, intent: Intent, answer: tuple[str, ...] | Exception) -> None:
-        self._told = (intent, answer if isinstance(answer, tuple) else (str(answer),))
+    def _store(self, request: PreflightRequest, result: tuple[str, ...] | Exception) -> None:
+        self._result = (request, result if isinstance(result, tuple) else (str(result),))
 
 
-def _cautions(intent: Intent) -> Iterator[tuple[str, ...]]:
-    bench = intent.bench
+def _rehearsal_warnings(request: PreflightRequest) -> Iterator[tuple[str, ...]]:
+    bench = request.bench
     try:
         told = rehearse(
-            intent.protocol,
+            request.protocol,
             bench.amplifier,
             sensor=bench.sensor,
-            tactor=intent.believed.tactor,
+            tactor=request.active_model.tactor,
             meters=bench.meters,
-            folder=intent.folder,
+            folder=request.folder,
         )
     except (BenchError, ParameterError) as error:
         yield (str(error),)
     else:
         yield tuple(
-            f"{words}. Foreseen with {intent.believed.words}" if "model" in words else words for words in told.cautions
+            f"{words}. Foreseen with {request.active_model.description}" if "model" in words else words
+            for words in told.cautions
         )

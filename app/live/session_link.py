@@ -13,59 +13,59 @@ from typing import TYPE_CHECKING, Protocol
 
 from app.live.feed import LiveFeed
 from app.session.fault_injection import FaultPlan
-from app.session.session import Connected, Observer, Session, SessionEvent
-from app.session.state import Heard
+from app.session.session import ConnectedBench, Observer, Session, SessionEvent
+from app.session.state import TimedEvent
 from drivers.bench.bench import Bench
-from protocols.base.events import BlockSeen, BlockTaken, Event, RunEnded, RunStarted, StreamStarted
+from protocols.base.events import BlockDiscarded, BlockStored, Event, RunEnded, RunStarted, StreamStarted
 from protocols.base.operator import Operator
 from protocols.base.protocol import Protocol as Measurement
 from protocols.base.steps import Prompt
 
 if TYPE_CHECKING:
-    from protocols.resume import Earlier
+    from protocols.resume import ResumableRun
 
 
-class MailboxOperator:
+class PromptMailbox:
     """Holds one prompt and its answer (protocols.base.operator.Operator); a new prompt throws away whatever was there."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._waiting: int | None = None
+        self._pending_id: int | None = None
         self._answer: tuple[int, str] | None = None
 
     @property
-    def waiting(self) -> int | None:
+    def pending_id(self) -> int | None:
         """The id of the prompt that this operator must answer, None where nothing is asked of it."""
         with self._lock:
-            return self._waiting
+            return self._pending_id
 
     def show(self, ask_id: int, _prompt: Prompt) -> None:
         with self._lock:
-            self._waiting, self._answer = ask_id, None
+            self._pending_id, self._answer = ask_id, None
 
     def answer(self, ask_id: int) -> str | None:
         with self._lock:
             if self._answer is None or self._answer[0] != ask_id:
                 return None
             words = self._answer[1]
-            self._waiting, self._answer = None, None
+            self._pending_id, self._answer = None, None
             return words
 
-    def reply(self, ask_id: int, words: str = "done") -> bool:
+    def reply(self, ask_id: int, choice: str = "done") -> bool:
         """Answer a prompt; whether it was still waiting."""
         with self._lock:
-            if self._waiting != ask_id or self._answer is not None:
+            if self._pending_id != ask_id or self._answer is not None:
                 return False
-            self._answer = (ask_id, words)
+            self._answer = (ask_id, choice)
             return True
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """The run is over; nothing is asked any more."""
         with self._lock:
-            self._waiting, self._answer = None, None
+            self._pending_id, self._answer = None, None
 
 
-Connect = Callable[[], AbstractContextManager[Connected]]
+Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
 
 class SessionLike(Protocol):
@@ -80,11 +80,11 @@ class SessionLike(Protocol):
         protocol: Measurement,
         folder: Path,
         specimen: str,
-        earlier: "Earlier | None" = None,
+        resume: "ResumableRun | None" = None,
         prepare: Sequence[Prompt] = (),
     ) -> None: ...
 
-    def measure_again(self, path: Path, entries: Sequence[int], folder: Path) -> None: ...
+    def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None: ...
 
     def pause(self) -> None: ...
 
@@ -92,7 +92,7 @@ class SessionLike(Protocol):
 
     def stop(self) -> None: ...
 
-    def happened(self, event: Event) -> None: ...
+    def inject_event(self, event: Event) -> None: ...
 
     def close(self, timeout_s: float | None = None) -> bool: ...
 
@@ -100,57 +100,57 @@ class SessionLike(Protocol):
 MakeSession = Callable[[Connect, Sequence[Observer], Operator], SessionLike]
 
 
-class Link:
+class SessionAdapter:
     """One session at a time; a bench that could not be opened may be opened again."""
 
     def __init__(self, connect: Connect, make_session: MakeSession = Session) -> None:
-        self.mailbox, self.feed = MailboxOperator(), LiveFeed()
+        self.mailbox, self.feed = PromptMailbox(), LiveFeed()
         self.faults = FaultPlan()
         """Hands that break and mend a simulated bench."""
-        self._connect, self._make_session = self.faults.around(connect), make_session
-        self._heard: queue.SimpleQueue[Heard] = queue.SimpleQueue()
-        self.listeners: list[Observer] = []
+        self._connect, self._make_session = self.faults.wrap(connect), make_session
+        self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
+        self.observers: list[Observer] = []
         """Told every event but the samples, in the bench thread, before the window hears it."""
-        self.session = self._begin()
+        self.session = self._new_session()
 
     def reconnect(self) -> bool:
         """Open the bench again; whether the last session had let go of it."""
         if not self.session.close(0.0):
             return False
-        self.session = self._begin()
+        self.session = self._new_session()
         return True
 
-    def heard(self) -> Iterator[Heard]:
+    def pending_events(self) -> Iterator[TimedEvent]:
         """What happened since this was last asked; never waits."""
         while True:
             try:
-                yield self._heard.get_nowait()
+                yield self._events.get_nowait()
             except queue.Empty:
                 return
 
-    def tell(self, events: Sequence[SessionEvent]) -> None:
+    def publish(self, events: Sequence[SessionEvent]) -> None:
         """Tell what no session has told; from any thread."""
         for event in events:
             self.observe(event)
 
     def observe(self, event: SessionEvent) -> None:
         """Called in the bench thread: blocks go to the feed, everything else into the queue."""
-        if isinstance(event, BlockTaken | BlockSeen):
-            self.feed.take(event.block)
+        if isinstance(event, BlockStored | BlockDiscarded):
+            self.feed.add_block(event.block)
             return
         if isinstance(event, StreamStarted) and self.session.bench is not None:
-            self.feed.begin(event.rate_hz, event.scales, self.session.bench.sensor)
+            self.feed.start_stream(event.rate_hz, event.scales, self.session.bench.sensor)
         elif isinstance(event, RunEnded):
-            self.mailbox.forget()
+            self.mailbox.clear()
         try:
             if isinstance(event, RunStarted):
                 self.faults(event)
-            for listener in self.listeners:
+            for listener in self.observers:
                 listener(event)
         finally:
-            self._heard.put(Heard(event, datetime.now().astimezone(), self.feed.streamed_s))
+            self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
 
-    def _begin(self) -> SessionLike:
+    def _new_session(self) -> SessionLike:
         session = self._make_session(self._connect, [self.observe], self.mailbox)
-        self.faults.tell = session.happened
+        self.faults.on_switched = session.inject_event
         return session

@@ -7,14 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from model.response.perception import THRESHOLD_M
-from model.studies.paper_figures import Figure
+from model.studies.paper_figures import PaperFigure
 
-MOST_INSIDE = 6
+MAX_LABELS_INSIDE = 6
 """Lines whose legend finds room inside the picture."""
 
-SHOWN = {"m": ("µm", 1e6), "s": ("ms", 1e3), "kg": ("g", 1e3), "kg^-1/2": ("kg$^{-1/2}$", 1), "N/m^2": ("N/m²", 1)}
-SHOWN_X = {**SHOWN, "m": ("mm", 1e3)}
-LINES: Sequence[dict[str, Any]] = (
+DISPLAY_UNITS = {
+    "m": ("µm", 1e6),
+    "s": ("ms", 1e3),
+    "kg": ("g", 1e3),
+    "kg^-1/2": ("kg$^{-1/2}$", 1),
+    "N/m^2": ("N/m²", 1),
+}
+X_DISPLAY_UNITS = {**DISPLAY_UNITS, "m": ("mm", 1e3)}
+LINE_STYLES: Sequence[dict[str, Any]] = (
     {"color": "tab:blue", "ls": "-"},
     {"color": "tab:red", "ls": "--"},
     {"color": "black", "ls": "-."},
@@ -26,7 +32,7 @@ LINES: Sequence[dict[str, Any]] = (
 )
 """The paper's colours and dashes for Figs. 10 to 12, and three more."""
 
-SYMBOLS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]] = (
+SYMBOL_SUBSTITUTIONS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]] = (
     (r"\b1e\+?(-?)0*(\d+)\b", lambda m: f"$10^{{{m[1]}{m[2]}}}$"),
     (r"\bc_s\^delta\b", r"$c_s^{\\delta}$"),
     (r"\bc_s\^0\b", r"$c_s^0$"),
@@ -40,7 +46,7 @@ SYMBOLS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]] = (
 )
 
 
-def draw(panels: Sequence[Figure], path: Path, log: bool = False) -> None:
+def draw_figure(panels: Sequence[PaperFigure], path: Path, log: bool = False) -> None:
     """Draw a figure, or the panels of one, with what the captions say below.
 
     Raises:
@@ -60,9 +66,9 @@ def draw(panels: Sequence[Figure], path: Path, log: bool = False) -> None:
     titles, caption = _captions(panels)
     labels = {tuple(curve.label for curve in panel.curves) for panel in panels}
     for i, (axes, panel, title) in enumerate(zip(grid.flat, panels, titles, strict=False)):
-        _panel(axes, panel, log)
+        _draw_panel(axes, panel, log)
         if len(axes.lines) > 1 and (len(labels) > 1 or panel is panels[-1]):  # one legend, where it is the same for all
-            outside = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if len(axes.lines) > MOST_INSIDE else {}
+            outside = {"loc": "upper left", "bbox_to_anchor": (1, 1)} if len(axes.lines) > MAX_LABELS_INSIDE else {}
             axes.legend(fontsize=8.5, **outside)
         axes.set_title("\n".join(textwrap.wrap(title, 52)), fontsize=10)
         if alike and i % columns:
@@ -72,12 +78,12 @@ def draw(panels: Sequence[Figure], path: Path, log: bool = False) -> None:
     sheet.savefig(path)
 
 
-def _panel(axes: Any, panel: Figure, log: bool) -> None:
-    x_unit, x_scale = SHOWN_X.get(panel.x_unit, (panel.x_unit, 1))
-    y_unit, y_scale = _shown_y(panel)
-    for line, curve in zip(_lines(len(panel.curves)), panel.curves, strict=True):
-        axes.plot(curve.x * x_scale, curve.y * y_scale, lw=1.5, label=pretty(curve.label), **line)
-    axes.set(xlabel=_label(panel.x_label, x_unit), ylabel=_label(panel.y_label, y_unit))
+def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
+    x_unit, x_scale = X_DISPLAY_UNITS.get(panel.x_unit, (panel.x_unit, 1))
+    y_unit, y_scale = _y_display_unit(panel)
+    for line, curve in zip(_line_styles(len(panel.curves)), panel.curves, strict=True):
+        axes.plot(curve.x * x_scale, curve.y * y_scale, lw=1.5, label=typeset_symbols(curve.label), **line)
+    axes.set(xlabel=_axis_label(panel.x_label, x_unit), ylabel=_axis_label(panel.y_label, y_unit))
     x = [value * x_scale for curve in panel.curves for value in (curve.x.min(), curve.x.max())]
     if max(x) > min(x):
         axes.set_xlim(min(x), max(x))
@@ -90,28 +96,28 @@ def _panel(axes: Any, panel: Figure, log: bool) -> None:
     axes.grid(alpha=0.25)
 
 
-def _shown_y(panel: Figure) -> tuple[str, float]:
+def _y_display_unit(panel: PaperFigure) -> tuple[str, float]:
     highest = max(float(abs(curve.y).max()) for curve in panel.curves)
     if panel.y_unit == "m" and highest > 2e-3:
         return "mm", 1e3
-    return SHOWN.get(panel.y_unit, (panel.y_unit, 1))
+    return DISPLAY_UNITS.get(panel.y_unit, (panel.y_unit, 1))
 
 
-def _lines(count: int) -> list[dict[str, Any]]:
-    return [LINES[i % len(LINES)] for i in range(count)]
+def _line_styles(count: int) -> list[dict[str, Any]]:
+    return [LINE_STYLES[i % len(LINE_STYLES)] for i in range(count)]
 
 
-def _label(words: str, unit: str) -> str:
-    return pretty(words) + (f" ({unit})" if unit else "")
+def _axis_label(text: str, unit: str) -> str:
+    return typeset_symbols(text) + (f" ({unit})" if unit else "")
 
 
-def _captions(panels: Sequence[Figure]) -> tuple[list[str], str]:
+def _captions(panels: Sequence[PaperFigure]) -> tuple[list[str], str]:
     """Titles of the panels and one caption: what all panels say once, then what each says alone."""
     if len(panels) == 1:
-        return [""], pretty(panels[0].caption)
+        return [""], typeset_symbols(panels[0].caption)
     said = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]
     titles, rest = [s[0].rstrip(".") for s in said], [s[1:] for s in said]
-    start = _common_start(titles)
+    start = _common_prefix(titles)
     common = [sentence for sentence in rest[0] if all(sentence in r for r in rest)]
     letters = [f"({'abcdefgh'[i]})" for i in range(len(panels))]
     alone = [
@@ -121,19 +127,19 @@ def _captions(panels: Sequence[Figure]) -> tuple[list[str], str]:
     ]
     heading = [f"{start.rstrip(', ')}."] if start else []
     return (
-        [f"{letter} {pretty(title[len(start) :])}" for letter, title in zip(letters, titles, strict=True)],
-        pretty(" ".join((*heading, *common, *alone))),
+        [f"{letter} {typeset_symbols(title[len(start) :])}" for letter, title in zip(letters, titles, strict=True)],
+        typeset_symbols(" ".join((*heading, *common, *alone))),
     )
 
 
-def _common_start(titles: Sequence[str]) -> str:
+def _common_prefix(titles: Sequence[str]) -> str:
     """What all titles begin with, up to a comma."""
     start = titles[0].rpartition(", ")[0]
     return f"{start}, " if start and all(title.startswith(f"{start}, ") for title in titles) else ""
 
 
-def pretty(text: str) -> str:
+def typeset_symbols(text: str) -> str:
     """Plain symbols and powers of ten as they are printed."""
-    for pattern, symbol in SYMBOLS:
+    for pattern, symbol in SYMBOL_SUBSTITUTIONS:
         text = re.sub(pattern, symbol, text)
     return text

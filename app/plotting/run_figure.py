@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from app.common.formatting import quantity, shown_unit
+from app.common.formatting import display_unit, format_quantity
 from app.config.tables import AmplifierTable
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
 from model.response.perception import THRESHOLD_M
-from protocols.base.quality import usable
-from protocols.runfile.reader import Run, intact
-from protocols.runfile.schema import ENTRY
+from protocols.base.quality import usable_mask
+from protocols.runfile.reader import Run, translate_read_errors
+from protocols.runfile.schema import ENTRY_COLUMN
 
-RESPONSE = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
+RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundamental", "fundamental_errors"}
 """Columns that are drawn on the model's curve."""
 
 
@@ -28,12 +28,12 @@ def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
         RunError: the run file is damaged.
         OSError: the picture cannot be written.
     """
-    with intact(run.path):
-        figure = figure_of(run, tactor or Tactor())
+    with translate_read_errors(run.path):
+        figure = run_figure(run, tactor or Tactor())
     figure.savefig(path)
 
 
-def figure_of(run: Run, tactor: Tactor) -> Any:
+def run_figure(run: Run, tactor: Tactor) -> Any:
     """The picture of a run as a matplotlib figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,9 +54,9 @@ def figure_of(run: Run, tactor: Tactor) -> Any:
 def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
     """What is drawn above the last recording, and how high."""
     points = run.points()
-    if points.keys() >= RESPONSE | {"elongation"}:
+    if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
         return [(_draw_series, 3)]
-    if points.keys() >= RESPONSE:
+    if points.keys() >= RESPONSE_COLUMNS:
         return [(_draw_response, 3)]
     panels: list[tuple[Callable[[Any, Run, Tactor], None], float]] = []
     if curves := run.curves():
@@ -74,11 +74,11 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
-    amplifier = _amplifier(run)
+    amplifier = _amplifier_of_run(run)
     curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
-    good = usable(points["quality"])
+    good = usable_mask(points["quality"])
     series = (  # an imported table may have one of them only
         ("peak_to_peak", 1e6, {"fmt": "o", "ms": 6, "mec": "tab:red", "ecolor": "tab:red"}, "measured, max - min"),
         (
@@ -99,7 +99,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
     )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    found = [f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="best")
 
 
@@ -109,11 +109,11 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
     from model.skin import skin
 
     points = run.points()
-    good = usable(points["quality"])
-    amplifier, amplitude_v = _amplifier(run), float(run.parameters["peak_to_peak_v"]) / 2
+    good = usable_mask(points["quality"])
+    amplifier, amplitude_v = _amplifier_of_run(run), float(run.parameters["peak_to_peak_v"]) / 2
     parts = np.unique(points["part"])
     curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
-    for colour, part in zip(_colours(len(parts)), parts, strict=True):
+    for colour, part in zip(_curve_colors(len(parts)), parts, strict=True):
         of_part = points["part"] == part
         elongation = float(points["elongation"][of_part][0])
         free = np.isnan(elongation)
@@ -136,22 +136,22 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
 def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
     """The curves of the entries; a frequency response with the model's beneath it."""
     curves, points = run.curves(), run.points()
-    amplifier, amplitude_v = _amplifier(run), float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
-    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+    amplifier, amplitude_v = _amplifier_of_run(run), float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
+    for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         x, y = curve.columns[curve.x], curve.columns[curve.y]
-        factor, unit = shown_unit(y.unit)
+        factor, unit = display_unit(y.unit)
         axes.plot(x.values, factor * y.values, "-", color=colour, lw=1.2, label=curve.label or "measured")
         if (errors := curve.columns.get(f"{curve.y}_errors")) is not None:
             low, high = y.values - 2 * errors.values, y.values + 2 * errors.values
             axes.fill_between(x.values, factor * low, factor * high, color=colour, alpha=0.3, lw=0)
         if y.unit == "m/V":
-            mass = points["mass"][points[ENTRY] == curve.entry] if "mass" in points else np.empty(0)
+            mass = points["mass"][points[ENTRY_COLUMN] == curve.entry] if "mass" in points else np.empty(0)
             loaded = replace(tactor, m_add=float(mass[-1])) if mass.size else tactor
             f = x.values[:: max(len(x.values) // 300, 1)]
             driven = amplifier_response(loaded, f, amplitude_v, amplifier.rest_v, amplifier)
             axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
-    found = [f"{e.name} {quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    found = [f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
     if any(curve.columns[curve.y].unit == "m/V" for curve in curves):
         found.append("dashed: model")
     axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)
@@ -161,7 +161,7 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
 
 def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
     curves = run.curves()
-    for colour, curve in zip(_colours(len(curves)), curves, strict=True):
+    for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         axes.plot(curve.columns[curve.x].values, curve.columns["coherence"].values, color=colour, lw=0.8)
     axes.set(xlabel=f"{curves[0].x} ({curves[0].columns[curves[0].x].unit})", ylabel="coherence", ylim=(None, 1.0))
     axes.ticklabel_format(useOffset=False)
@@ -170,8 +170,8 @@ def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
 def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
     """The points of any protocol over the axes it names, in units people think in; hollow where no fit may use them."""
     points, units, (x, y) = run.points(), run.units(), run.axes
-    (over, over_unit), (factor, unit) = shown_unit(units[x]), shown_unit(units[y])
-    good = usable(points["quality"])
+    (over, over_unit), (factor, unit) = display_unit(units[x]), display_unit(units[y])
+    good = usable_mask(points["quality"])
     errors = points.get(f"{y}_errors", np.zeros(len(good)))
     for shown, face, words in ((good, "tab:red", "measured"), (~good, "none", "measured, flagged")):
         if shown.any():
@@ -181,7 +181,7 @@ def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
             )  # fmt: skip
     if (x, y) == ("mass", "frequency"):
         _draw_peaks(axes, points["mass"], tactor)
-    axes.set(xlabel=_label(x, over_unit), ylabel=_label(y, unit))
+    axes.set(xlabel=_axis_label(x, over_unit), ylabel=_axis_label(y, unit))
     axes.legend(fontsize=9)
 
 
@@ -192,20 +192,20 @@ def _draw_peaks(axes: Any, masses: Any, tactor: Tactor) -> None:
     axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")
 
 
-def _colours(count: int) -> Any:
+def _curve_colors(count: int) -> Any:
     from matplotlib import colormaps
 
     return colormaps["viridis"](np.linspace(0.0, 0.85, count))
 
 
-def _label(column: str, unit: str) -> str:
+def _axis_label(column: str, unit: str) -> str:
     words = column.replace("_", " ")
     return f"{words} ({unit})" if unit else words
 
 
-def _amplifier(run: Run) -> AmplifierMap:
+def _amplifier_of_run(run: Run) -> AmplifierMap:
     """The amplifier's map as it was then."""
-    return AmplifierTable.of(run.configuration).map
+    return AmplifierTable.from_configuration(run.configuration).amplifier_map
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

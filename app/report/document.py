@@ -11,7 +11,7 @@ Tone = Literal["plain", "good", "bad", "small"]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class Paragraph:
     """A paragraph."""
 
     text: str
@@ -19,34 +19,34 @@ class Words:
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class ReportTable:
     """A table: a title, heads, rows of text; `bad` are rows that a reader must not miss."""
 
     title: str
-    heads: tuple[str, ...]
+    headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    bad: frozenset[int] = frozenset()
-    code: bool = False
+    highlighted_rows: frozenset[int] = frozenset()
+    monospace: bool = False
     """Letters of one width: hashes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Dots:
+class MeasuredPoints:
     """Measured points; `half` is half of their 95 % intervals. Hollow where `good` is False."""
 
     label: str
     x: Array
     y: Array
-    half: Array
-    good: NDArray[np.bool_]
+    half_interval: Array
+    usable: NDArray[np.bool_]
     marker: str = "o"
-    model: Array | None = None
+    model_y: Array | None = None
     """What the model says there; the strip below shows the difference."""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class PlotLine:
     """A curve, with its 95 % band where it has one."""
 
     label: str
@@ -58,15 +58,15 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class PlotPanel:
     """One pair of axes, in the units it is read in, and a strip of residuals below where dots know their model."""
 
     title: str
     x_label: str
     y_label: str
-    lines: tuple[Line, ...] = ()
-    dots: tuple[Dots, ...] = ()
-    level: tuple[float, str] | None = None
+    lines: tuple[PlotLine, ...] = ()
+    points: tuple[MeasuredPoints, ...] = ()
+    reference_level: tuple[float, str] | None = None
     """A horizontal line and what it means."""
     from_zero: bool = True
     unit: str = ""
@@ -74,25 +74,25 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
-class Plot:
+class ReportPlot:
     """Panels side by side, `columns` in a row, with a legend and a caption; `inches` is the height of one row."""
 
     title: str
-    panels: tuple[Panel, ...]
+    panels: tuple[PlotPanel, ...]
     caption: str = ""
     columns: int = 1
-    inches: float = 2.25
+    row_height_in: float = 2.25
 
     @property
     def rows(self) -> int:
         return -(-len(self.panels) // self.columns)
 
 
-Block = Words | Grid | Plot
+Block = Paragraph | ReportTable | ReportPlot
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ReportSection:
     """A part of the appendix."""
 
     title: str
@@ -100,7 +100,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class LimitOutcome:
     """What somebody asked of the specimen, and whether it holds."""
 
     name: str
@@ -116,19 +116,19 @@ class Report:
 
     specimen: str
     subtitle: str
-    marks: tuple[str, ...]
+    page_marks: tuple[str, ...]
     """What must be seen on every page: SIMULATED, IMPORTED."""
-    first: tuple[Block, ...]
+    first_page: tuple[Block, ...]
     """The page to sign."""
-    appendix: tuple[Section, ...]
-    outcomes: tuple[Outcome, ...] = ()
+    appendix: tuple[ReportSection, ...]
+    limit_outcomes: tuple[LimitOutcome, ...] = ()
     fingerprint: str = ""
     """Of the hashes of all its run files."""
-    code: str = ""
+    software_version: str = ""
     record: dict[str, object] = field(default_factory=dict)
     """The same for machines, SI units."""
 
     @property
     def passed(self) -> bool:
         """Whether everything that was asked of the specimen holds."""
-        return all(outcome.verdict == "pass" for outcome in self.outcomes)
+        return all(outcome.verdict == "pass" for outcome in self.limit_outcomes)

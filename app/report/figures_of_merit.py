@@ -10,23 +10,23 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, NORMAL, Specimen
-from model.identification.observations import Campaign, FrequencyResponse
-from model.identification.paper_chain import vertex
-from model.identification.parameters import OWN
-from model.parameter_spec import Quantity
+from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel
+from model.identification.observations import FrequencyResponseObservation, ObservationSet
+from model.identification.paper_chain import parabola_vertex
+from model.identification.parameters import SPECIMEN_PARAMETERS
+from model.parameter_spec import ParameterSpec
 from model.parameters import Membrane, Tactor
 from model.response.latency import step_latency
-from model.response.perception import THRESHOLD_M, margin, usable_bands
-from model.studies.uncertainty import Band
+from model.response.perception import THRESHOLD_M, perception_margin, usable_bands
+from model.studies.uncertainty import UncertaintyBand
 
 Array = NDArray[np.float64]
 
-AT_FULL = 0.02
+FULL_DRIVE_TOLERANCE = 0.02
 """How far, relative, a drive may be from the largest and still count as full."""
 
-PARAMETERS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
-_OF_ALL = (
+PARAMETER_MERITS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
+_SPECIMEN_MERITS = (
     ("resonance", "Hz", "frequency of the largest fundamental as measured, free, full drive"),
     ("amplitude_at_resonance", "m", "largest max - min as measured, free, full drive"),
     ("usable_from", "Hz", "lowest frequency felt, free, full drive; by the model, from 5 Hz on"),
@@ -36,14 +36,14 @@ _OF_ALL = (
     ("latency", "s", "from a step to the highest voltage until it is felt, by the model"),
     ("rise_time", "s", "10 to 90 % after that step, by the model"),
 )
-MERITS = {name: Quantity(name, unit, Interval(gt=0), words, None) for name, unit, words in _OF_ALL} | {
-    name: OWN[name] for name in PARAMETERS
-}
+FIGURES_OF_MERIT = {
+    name: ParameterSpec(name, unit, Interval(gt=0), words, None) for name, unit, words in _SPECIMEN_MERITS
+} | {name: SPECIMEN_PARAMETERS[name] for name in PARAMETER_MERITS}
 """Everything a limit can be set on: name, unit, meaning."""
 
 
 @dataclass(frozen=True, slots=True)
-class Merit:
+class FigureOfMerit:
     """A number of the specimen with its standard error, SI."""
 
     name: str
@@ -52,38 +52,38 @@ class Merit:
 
     @property
     def unit(self) -> str:
-        return MERITS[self.name].unit
+        return FIGURES_OF_MERIT[self.name].unit
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class PerceptionMargin:
     """How far above the threshold of the skin the specimen is over the band of touch, at full drive."""
 
-    words: str
-    band: Band
-    usable: tuple[tuple[float, float], ...]
-    edges: tuple[tuple[float, float], ...]
+    condition: str
+    band: UncertaintyBand
+    felt_bands: tuple[tuple[float, float], ...]
+    edge_errors: tuple[tuple[float, float], ...]
     """Standard errors of the ends of `usable`; 0 where it ends with the band that was looked at."""
     margin: float
     margin_error: float
-    at_hz: float
+    frequency_hz: float
 
 
-def felt(known: Specimen, elongation_m: float | None) -> Felt | None:
+def perception_margin_of(specimen: SpecimenModel, elongation_m: float | None) -> PerceptionMargin | None:
     """By the model; None where it cannot be evaluated."""
-    band = known.response(known.full_v, elongation_m)
+    band = specimen.response(specimen.full_amplitude_v, elongation_m)
     if band is None:
         return None
-    over = margin(GRID_HZ, band.centre)
+    over = perception_margin(GRID_HZ, band.centre)
     worst = int(over.argmin())
     usable = usable_bands(GRID_HZ, band.centre)
     words = "free" if elongation_m is None else f"on the membrane, {1e3 * elongation_m:g} mm"
     edges = tuple((_edge_error(band, a), _edge_error(band, b)) for a, b in usable)
     error = float(band.standard_error[worst] / THRESHOLD_M)
-    return Felt(words, band, usable, edges, float(over[worst]), error, float(GRID_HZ[worst]))
+    return PerceptionMargin(words, band, usable, edges, float(over[worst]), error, float(GRID_HZ[worst]))
 
 
-def _edge_error(band: Band, at_hz: float) -> float:
+def _edge_error(band: UncertaintyBand, at_hz: float) -> float:
     """By how much the end of a usable band moves for one standard error of the curve."""
     if at_hz in (LOW_HZ, HIGH_HZ):
         return 0.0
@@ -92,53 +92,53 @@ def _edge_error(band: Band, at_hz: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Quick:
+class StepLatency:
     """How soon the specimen is felt after a step to the highest voltage."""
 
-    volts: float
-    latency: Merit | None
-    rise: Merit | None
+    step_v: float
+    latency: FigureOfMerit | None
+    rise_time: FigureOfMerit | None
     overshoot: float
     overshoot_error: float
 
 
-def quick(known: Specimen) -> Quick | None:
+def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     """By the model; None where it cannot be evaluated."""
-    volts = float(known.amplifier.specimen_v(known.amplifier.high_v))
+    volts = float(specimen.amplifier.specimen_v(specimen.amplifier.high_v))
 
     def figures(tactor: Tactor, _: Membrane) -> Array:
-        told = step_latency(tactor, volts, THRESHOLD_M, n=known.n)
+        told = step_latency(tactor, volts, THRESHOLD_M, n=specimen.n)
         return np.array([np.nan if t is None else t for t in (told.to_threshold_s, told.rise_s, told.overshoot)], float)
 
-    band = known.band(figures)
+    band = specimen.curve_with_band(figures)
     if band is None:
         return None
     merits = [
-        Merit(name, float(v), float(e)) if np.isfinite(v) else None
+        FigureOfMerit(name, float(v), float(e)) if np.isfinite(v) else None
         for name, v, e in zip(("latency", "rise_time"), band.centre, band.standard_error, strict=False)
     ]
-    return Quick(volts, merits[0], merits[1], float(band.centre[2]), float(band.standard_error[2]))
+    return StepLatency(volts, merits[0], merits[1], float(band.centre[2]), float(band.standard_error[2]))
 
 
-def peak(known: Specimen, campaign: Campaign) -> list[Merit]:
+def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) -> list[FigureOfMerit]:
     """Resonance and height as measured at full drive, free, in the newest dwell that has its highest point between two others."""
-    found: dict[str, Merit] = {}
-    for run in reversed(campaign.of(FrequencyResponse)):
+    found: dict[str, FigureOfMerit] = {}
+    for run in reversed(observations.of_type(FrequencyResponseObservation)):
         if run.elongation_m is not None or run.added_mass_kg is not None:
             continue
         if run.fundamental_m is not None and run.errors_m is not None:
-            top = _vertex(run, np.abs(run.fundamental_m), run.errors_m, known.full_v)
+            top = _parabola_vertex(run, np.abs(run.fundamental_m), run.errors_m, specimen.full_amplitude_v)
             if top is not None:
-                found.setdefault("resonance", Merit("resonance", *top[0]))
+                found.setdefault("resonance", FigureOfMerit("resonance", *top[0]))
         if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
-            top = _vertex(run, run.peak_to_peak_m, run.peak_to_peak_errors_m, known.full_v)
+            top = _parabola_vertex(run, run.peak_to_peak_m, run.peak_to_peak_errors_m, specimen.full_amplitude_v)
             if top is not None:
-                found.setdefault("amplitude_at_resonance", Merit("amplitude_at_resonance", *top[1]))
+                found.setdefault("amplitude_at_resonance", FigureOfMerit("amplitude_at_resonance", *top[1]))
     return list(found.values())
 
 
-def _vertex(
-    run: FrequencyResponse, y: Array, errors: Array, full_v: float
+def _parabola_vertex(
+    run: FrequencyResponseObservation, y: Array, errors: Array, full_v: float
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Frequency and height of the single resonance through the three highest points, each with its standard error.
 
@@ -147,7 +147,7 @@ def _vertex(
     the height.
     """
     drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
-    at = np.flatnonzero(run.use & (np.abs(drive / full_v - 1) < AT_FULL))
+    at = np.flatnonzero(run.usable & (np.abs(drive / full_v - 1) < FULL_DRIVE_TOLERANCE))
     f, index = np.unique(run.frequency_hz[at], return_index=True)
     y, errors = y[at][index], errors[at][index]
     top = int(y.argmax()) if y.size else 0
@@ -155,45 +155,55 @@ def _vertex(
         return None
     three = slice(top - 1, top + 2)
     f, y, errors = f[three], y[three], errors[three]
-    centre = _resonance(f, y)
-    moved = np.array([_resonance(f, y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
-    shared = float(np.sqrt(sum(c.standard_error**2 for c in run.common if c.acts_on == "displacement")))
-    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(vertex(f, y))) ** 2)
+    centre = _resonance_vertex(f, y)
+    moved = np.array([_resonance_vertex(f, y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
+    shared = float(np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement")))
+    error = np.sqrt((moved**2).sum(axis=0) + (centre - np.array(parabola_vertex(f, y))) ** 2)
     return (float(centre[0]), float(error[0])), (float(centre[1]), float(np.hypot(error[1], shared * centre[1])))
 
 
-def _resonance(f: Array, y: Array) -> Array:
-    square, least = vertex(f**2, -(y**-2))
+def _resonance_vertex(f: Array, y: Array) -> Array:
+    square, least = parabola_vertex(f**2, -(y**-2))
     return np.array([np.sqrt(square), (-least) ** -0.5])
 
 
-def merits_of(
-    known: Specimen, campaign: Campaign | None, felt_free: Felt | None, felt_on: Felt | None, quick_: Quick | None
-) -> Mapping[str, Merit]:
+def figures_of_merit(
+    specimen: SpecimenModel,
+    observations: ObservationSet | None,
+    margin_free: PerceptionMargin | None,
+    margin_on_membrane: PerceptionMargin | None,
+    latency: StepLatency | None,
+) -> Mapping[str, FigureOfMerit]:
     """Everything a limit can be set on, as far as these runs tell it."""
-    found: list[Merit | None] = []
-    if known.found is not None:
-        found += [Merit(e.name, e.value, e.standard_error) for e in known.found.estimates if e.name in MERITS]
-    if campaign is not None:
-        found += peak(known, campaign)
-    if known.found is not None and known.tells_free:
-        if felt_free is not None:
-            found.append(Merit("smallest_margin", felt_free.margin, felt_free.margin_error))
-            if felt_free.usable:
-                found.append(Merit("usable_from", felt_free.usable[0][0], felt_free.edges[0][0]))
-                found.append(Merit("usable_to", felt_free.usable[-1][1], felt_free.edges[-1][1]))
-        if felt_on is not None:
-            found.append(Merit("smallest_margin_on_membrane", felt_on.margin, felt_on.margin_error))
-        if quick_ is not None:
-            found += [quick_.latency, quick_.rise]
+    found: list[FigureOfMerit | None] = []
+    if specimen.identification is not None:
+        found += [
+            FigureOfMerit(e.name, e.value, e.standard_error)
+            for e in specimen.identification.estimates
+            if e.name in FIGURES_OF_MERIT
+        ]
+    if observations is not None:
+        found += measured_resonance(specimen, observations)
+    if specimen.identification is not None and specimen.identifies_free_response:
+        if margin_free is not None:
+            found.append(FigureOfMerit("smallest_margin", margin_free.margin, margin_free.margin_error))
+            if margin_free.felt_bands:
+                found.append(FigureOfMerit("usable_from", margin_free.felt_bands[0][0], margin_free.edge_errors[0][0]))
+                found.append(FigureOfMerit("usable_to", margin_free.felt_bands[-1][1], margin_free.edge_errors[-1][1]))
+        if margin_on_membrane is not None:
+            found.append(
+                FigureOfMerit("smallest_margin_on_membrane", margin_on_membrane.margin, margin_on_membrane.margin_error)
+            )
+        if latency is not None:
+            found += [latency.latency, latency.rise_time]
     return {merit.name: merit for merit in found if merit is not None}
 
 
-def half_interval(merit: Merit) -> float:
+def half_interval(merit: FigureOfMerit) -> float:
     """Half of the 95 % interval."""
-    return NORMAL * merit.standard_error
+    return COVERAGE_FACTOR_95 * merit.standard_error
 
 
-def names() -> Sequence[str]:
+def merit_names() -> Sequence[str]:
     """What a limit can be set on."""
-    return tuple(MERITS)
+    return tuple(FIGURES_OF_MERIT)

@@ -7,11 +7,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.common.atomic_write import write_whole
-from app.report.charts import LEGEND, draw
-from app.report.document import Block, Grid, Plot, Report, Words
+from app.common.atomic_write import write_atomic
+from app.report.charts import LEGEND_IN, draw_plot
+from app.report.document import Block, Paragraph, Report, ReportPlot, ReportTable
 
-WIDTH = 7.0
+FIGURE_WIDTH_IN = 7.0
 """Of a picture, inches."""
 
 STYLE = """
@@ -31,7 +31,7 @@ svg { max-width: 100%; height: auto; }
 """
 
 
-class Html:
+class HtmlReport:
     """Collects the report; `close` writes it whole, or not at all where something went wrong before.
 
     Raises:
@@ -41,14 +41,14 @@ class Html:
     def __init__(self, report: Report, path: Path) -> None:
         self._path = path
         self._title = escape(f"Specimen {report.specimen}")
-        self._parts = [*_head(report)]
-        for block in report.first:
-            self._parts += _block(block)
+        self._parts = [*_html_head(report)]
+        for block in report.first_page:
+            self._parts += _html_block(block)
         self._parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
         for section in report.appendix:
             self._parts.append(f"<h2>{escape(section.title)}</h2>")
             for block in section.blocks:
-                self._parts += _block(block)
+                self._parts += _html_block(block)
         self._parts.append("<h2>Every run</h2>")
 
     def __enter__(self) -> Self:
@@ -59,64 +59,64 @@ class Html:
     ) -> None:
         if kind is None:
             body = "\n".join(self._parts)
-            write_whole(
+            write_atomic(
                 self._path,
                 f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{self._title}</title>'
                 f"<style>{STYLE}</style></head><body>\n{body}\n</body></html>\n",
             )
 
-    def picture(self, name: str, figure: Any) -> None:
+    def add_picture(self, name: str, figure: Any) -> None:
         """A run's own picture, laid out."""
         self._parts.append(f"<h3>{escape(name)}</h3>")
-        self._parts.append(_svg(figure, f"Run {name}"))
+        self._parts.append(_inline_svg(figure, f"Run {name}"))
 
 
-def _head(report: Report) -> Iterable[str]:
+def _html_head(report: Report) -> Iterable[str]:
     yield f"<h1>Specimen {escape(report.specimen)}</h1>"
-    if report.marks:
-        words = " ".join(report.marks)
+    if report.page_marks:
+        words = " ".join(report.page_marks)
         what = ": no number here was measured on a real specimen" if words == "SIMULATED" else ""
         yield f"<div class='mark' aria-hidden='true'>{escape(words)}</div>"
         yield f"<p class='banner'>{escape(words + what)}</p>"
     yield f"<p>{escape(report.subtitle)}</p>"
-    yield f"<p class='note'>fingerprint of the run files {report.fingerprint}; {escape(report.code)}</p>"
+    yield f"<p class='note'>fingerprint of the run files {report.fingerprint}; {escape(report.software_version)}</p>"
 
 
-def _block(block: Block) -> Iterable[str]:
+def _html_block(block: Block) -> Iterable[str]:
     match block:
-        case Words():
+        case Paragraph():
             yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
-        case Plot():
-            yield _plot(block)
-        case Grid():
-            yield _grid(block)
+        case ReportPlot():
+            yield _html_plot(block)
+        case ReportTable():
+            yield _html_table(block)
             if block.note:
                 yield f"<p class='note'>{escape(block.note)}</p>"
 
 
-def _plot(plot: Plot) -> str:
+def _html_plot(plot: ReportPlot) -> str:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height = plot.inches * plot.rows + LEGEND
-    figure = Figure(figsize=(WIDTH, height))
+    height = plot.row_height_in * plot.rows + LEGEND_IN
+    figure = Figure(figsize=(FIGURE_WIDTH_IN, height))
     FigureCanvasAgg(figure)
-    draw(figure, plot, (0.0, 0.0, WIDTH, height))
+    draw_plot(figure, plot, (0.0, 0.0, FIGURE_WIDTH_IN, height))
     caption = f"<figcaption>{escape(plot.caption)}</figcaption>" if plot.caption else ""
-    return f"<figure><h3>{escape(plot.title)}</h3>{_svg(figure, plot.title)}{caption}</figure>"
+    return f"<figure><h3>{escape(plot.title)}</h3>{_inline_svg(figure, plot.title)}{caption}</figure>"
 
 
-def _grid(grid: Grid) -> str:
-    heads = "".join(f"<th>{escape(head)}</th>" for head in grid.heads)
-    cell = "<td class='code'>{}</td>" if grid.code else "<td>{}</td>"
+def _html_table(table: ReportTable) -> str:
+    heads = "".join(f"<th>{escape(head)}</th>" for head in table.headings)
+    cell = "<td class='code'>{}</td>" if table.monospace else "<td>{}</td>"
     rows = "".join(
-        f"<tr{' class=bad' if at in grid.bad else ''}>{''.join(cell.format(escape(text)) for text in row)}</tr>"
-        for at, row in enumerate(grid.rows)
+        f"<tr{' class=bad' if at in table.highlighted_rows else ''}>{''.join(cell.format(escape(text)) for text in row)}</tr>"
+        for at, row in enumerate(table.rows)
     )
-    return f"<table><caption>{escape(grid.title)}</caption><tr>{heads}</tr>{rows}</table>"
+    return f"<table><caption>{escape(table.title)}</caption><tr>{heads}</tr>{rows}</table>"
 
 
-def _svg(figure: Any, title: str) -> str:
+def _inline_svg(figure: Any, title: str) -> str:
     import matplotlib as mpl
 
     store = StringIO()

@@ -10,20 +10,20 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common.formatting import shown_unit
-from app.config.bench_file import LARGEST
-from app.config.tables import Table
-from app.config.validation import faults
-from app.report.document import Outcome
-from app.report.figures_of_merit import MERITS, Merit, half_interval
-from app.report.rounding import plain, printed_unit, stated
+from app.common.formatting import display_unit
+from app.config.bench_file import MAX_FILE_BYTES
+from app.config.tables import ConfigTable
+from app.config.validation import validation_messages
+from app.report.document import LimitOutcome
+from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit, half_interval
+from app.report.rounding import typeset_measurement, typeset_number, typeset_unit
 
-BESIDE = "limits.toml"
+LIMITS_FILE_NAME = "limits.toml"
 """The name of a file of limits beside the runs."""
 
 Rule = Literal["guarded", "simple"]
 
-EXAMPLE = """\
+EXAMPLE_LIMITS = """\
 # Limits for 'tactor-bench report'. Beside the runs under the name limits.toml it is found by itself; any other file is named
 # with --limits FILE. A value may carry a unit, in quotes: low = "150 Hz". Plain numbers are SI.
 
@@ -75,9 +75,9 @@ class Limits:
     """The file's name and hash; not where it lay, for a report is the same wherever it is made."""
 
 
-class _Limit(Table):
+class _Limit(ConfigTable):
     @model_validator(mode="after")
-    def _asks_something(self) -> "_Limit":
+    def _check_not_empty(self) -> "_Limit":
         asked = self.model_dump()
         low, high = asked["low"], asked["high"]
         if all(value is None for value in asked.values()):
@@ -94,11 +94,11 @@ def _table(name: str, unit: str) -> type[_Limit]:
     return create_model(f"Limit of {name}", __base__=_Limit, **fields)
 
 
-_FIELDS: dict[str, Any] = {name: (_table(name, merit.unit) | None, None) for name, merit in MERITS.items()}
-_Named = create_model("Limits", __base__=Table, **_FIELDS)
+_FIELDS: dict[str, Any] = {name: (_table(name, merit.unit) | None, None) for name, merit in FIGURES_OF_MERIT.items()}
+_Named = create_model("Limits", __base__=ConfigTable, **_FIELDS)
 
 
-class _File(Table):
+class _File(ConfigTable):
     golden: Annotated[str, "the specimen that within_golden compares with"] = ""
     rule: Annotated[Rule, "whether the 95 % interval or the value alone must lie within"] = "guarded"
     limits: _Named = Field(default_factory=_Named)
@@ -112,17 +112,19 @@ def read_limits(path: Path) -> Limits:
     """
     try:
         with path.open(encoding="utf-8") as file:
-            text = file.read(LARGEST + 1)
+            text = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "it is no UTF-8 text"
         raise LimitsError(f"the limits {path} cannot be read: {reason}") from error
-    if len(text) > LARGEST:
-        raise LimitsError(f"{path} is longer than {LARGEST / 1e6:g} MB and no file of limits")
+    if len(text) > MAX_FILE_BYTES:
+        raise LimitsError(f"{path} is longer than {MAX_FILE_BYTES / 1e6:g} MB and no file of limits")
     try:
         read = _File.model_validate(tomllib.loads(text)).model_dump()
     except ValidationError as error:
-        lines = "\n".join(faults(error, text))
-        raise LimitsError(f"{path} has faults:\n{lines}\nA limit can be set on: {', '.join(MERITS)}") from error
+        lines = "\n".join(validation_messages(error, text))
+        raise LimitsError(
+            f"{path} has faults:\n{lines}\nA limit can be set on: {', '.join(FIGURES_OF_MERIT)}"
+        ) from error
     except (ValueError, RecursionError) as error:
         raise LimitsError(f"{path} is not valid TOML: {error}") from error
     asked = {name: Limit(**given) for name, given in read["limits"].items() if given is not None}
@@ -132,65 +134,75 @@ def read_limits(path: Path) -> Limits:
     return Limits(asked, read["rule"], read["golden"], f"{path.name} (SHA-256 {digest}...)")
 
 
-def example() -> str:
+def example_limits() -> str:
     """A commented file of limits."""
-    return EXAMPLE.format(names=", ".join(MERITS))
+    return EXAMPLE_LIMITS.format(names=", ".join(FIGURES_OF_MERIT))
 
 
-def judge(asked: Limits, found: Mapping[str, Merit], golden: Mapping[str, Merit]) -> tuple[Outcome, ...]:
+def judge_limits(
+    limits: Limits, merits: Mapping[str, FigureOfMerit], golden: Mapping[str, FigureOfMerit]
+) -> tuple[LimitOutcome, ...]:
     """Each limit with its verdict; what was not measured cannot pass."""
     return tuple(
         outcome
-        for name, limit in asked.limits.items()
-        for outcome in _judged(name, limit, asked, found.get(name), golden.get(name))
+        for name, limit in limits.limits.items()
+        for outcome in _limit_outcomes(name, limit, limits, merits.get(name), golden.get(name))
     )
 
 
-def _judged(name: str, limit: Limit, asked: Limits, merit: Merit | None, golden: Merit | None) -> list[Outcome]:
+def _limit_outcomes(
+    name: str, limit: Limit, limits: Limits, merit: FigureOfMerit | None, golden: FigureOfMerit | None
+) -> list[LimitOutcome]:
     out = []
-    value = "not told by these runs" if merit is None else stated(merit.value, merit.standard_error, merit.unit)
+    value = (
+        "not told by these runs"
+        if merit is None
+        else typeset_measurement(merit.value, merit.standard_error, merit.unit)
+    )
     if limit.low is not None or limit.high is not None:
-        words = _words(limit, MERITS[name].unit)
+        words = _limit_text(limit, FIGURES_OF_MERIT[name].unit)
         if merit is None:
-            out.append(Outcome(name, words, value, "cannot tell", "these runs do not tell it"))
+            out.append(LimitOutcome(name, words, value, "cannot tell", "these runs do not tell it"))
         else:
             low = -float("inf") if limit.low is None else limit.low
             high = float("inf") if limit.high is None else limit.high
-            out.append(Outcome(name, words, value, *_verdict(merit.value, half_interval(merit), low, high, asked.rule)))
+            out.append(
+                LimitOutcome(name, words, value, *_verdict(merit.value, half_interval(merit), low, high, limits.rule))
+            )
     if limit.within_golden is not None:
-        words = f"within {100 * limit.within_golden:g} % of {asked.golden}"
+        words = f"within {100 * limit.within_golden:g} % of {limits.golden}"
         if merit is None or golden is None or golden.value == 0:
-            why = "these runs do not tell it" if merit is None else f"the runs of {asked.golden} do not tell it"
-            out.append(Outcome(name, words, value, "cannot tell", why))
+            why = "these runs do not tell it" if merit is None else f"the runs of {limits.golden} do not tell it"
+            out.append(LimitOutcome(name, words, value, "cannot tell", why))
         else:
             ratio = merit.value / golden.value - 1
             both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
-            half = half_interval(Merit(name, ratio, sum(e * e for e in both) ** 0.5))
+            half = half_interval(FigureOfMerit(name, ratio, sum(e * e for e in both) ** 0.5))
             text = f"{value}: {100 * ratio:+.2f} ± {100 * half:.2f} % (95 %)".replace("-", "−")
             out.append(
-                Outcome(
-                    name, words, text, *_verdict(ratio, half, -limit.within_golden, limit.within_golden, asked.rule)
+                LimitOutcome(
+                    name, words, text, *_verdict(ratio, half, -limit.within_golden, limit.within_golden, limits.rule)
                 )
             )
     return out
 
 
 def _verdict(
-    value: float, half: float, low: float, high: float, rule: Rule
+    value: float, half_interval: float, low: float, high: float, rule: Rule
 ) -> tuple[Literal["pass", "fail", "cannot tell"], str]:
     if rule == "simple":
-        half = 0.0
-    if low <= value - half and value + half <= high:
+        half_interval = 0.0
+    if low <= value - half_interval and value + half_interval <= high:
         return "pass", ""
-    if value + half < low or value - half > high:
+    if value + half_interval < low or value - half_interval > high:
         return "fail", ""
     return "cannot tell", "the 95 % interval crosses the limit"
 
 
-def _words(limit: Limit, unit: str) -> str:
-    factor, shown = shown_unit(unit)
-    low, high = (None if v is None else plain(factor * v) for v in (limit.low, limit.high))
-    shown = f" {printed_unit(shown)}".rstrip()
+def _limit_text(limit: Limit, unit: str) -> str:
+    factor, shown = display_unit(unit)
+    low, high = (None if v is None else typeset_number(factor * v) for v in (limit.low, limit.high))
+    shown = f" {typeset_unit(shown)}".rstrip()
     if low is not None and high is not None:
         return f"{low} to {high}{shown}"
     return f"at least {low}{shown}" if low is not None else f"at most {high}{shown}"

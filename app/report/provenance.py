@@ -5,55 +5,70 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from app.common.formatting import counted, shown_unit
-from app.report.document import Block, Grid, Outcome
-from app.report.rounding import SPACE, plain, printed_unit
-from app.report.runs import Taken
-from app.report.specimen import TACTOR, Specimen
-from app.report.summary import Known
-from model.identification.parameters import OWN
+from app.common.formatting import display_unit, pluralize
+from app.report.document import Block, LimitOutcome, ReportTable
+from app.report.rounding import SPACE, typeset_number, typeset_unit
+from app.report.runs import ReportRun
+from app.report.specimen import TACTOR_NAMES, SpecimenModel
+from app.report.summary import SpecimenSummary
+from model.identification.parameters import SPECIMEN_PARAMETERS
 
 
-def held(known: Specimen) -> list[Block]:
+def held_values(specimen: SpecimenModel) -> list[Block]:
     """What was not identified but taken as known."""
-    told = known.told
-    free = known.found.fit.parameters if known.found is not None and known.found.fit is not None else ()
+    told = specimen.identified_names
+    free = (
+        specimen.identification.joint_fit.free_parameters
+        if specimen.identification is not None and specimen.identification.joint_fit is not None
+        else ()
+    )
     rows = tuple(
         (
             name,
-            OWN[name].words,
-            _value(value, OWN[name].unit),
+            SPECIMEN_PARAMETERS[name].description,
+            _format_value(value, SPECIMEN_PARAMETERS[name].unit),
         )
-        for name, value in {**asdict(known.tactor), **asdict(known.membrane)}.items()
-        if name not in told and name not in free and (name in TACTOR or known.each or "E_m" in told)
+        for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
+        if name not in told
+        and name not in free
+        and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in told)
     )
     note = "Taken from the paper's Table I, as if they were exact: their errors are in none of the errors given here."
-    return [Grid("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
+    return [ReportTable("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
 
 
-def _value(value: float, unit: str) -> str:
+def _format_value(value: float, unit: str) -> str:
     """Lengths of a specimen in millimetres."""
-    factor, shown = (1e3, "mm") if unit == "m" else shown_unit(unit)
-    return f"{plain(factor * value)} {printed_unit(shown)}"
+    factor, shown = (1e3, "mm") if unit == "m" else display_unit(unit)
+    return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 
-def quality(runs: Sequence[Taken]) -> Grid:
+def quality_table(runs: Sequence[ReportRun]) -> ReportTable:
     """How many points every run has, how many of them are flagged, and why."""
     rows = []
     for run in runs:
-        why = ", ".join(f"{count} {flag}" for flag, count in sorted(run.flags.items()))
+        why = ", ".join(f"{count} {flag}" for flag, count in sorted(run.flag_counts.items()))
         kind = ", ".join(word for word, holds in (("simulated", run.simulated), ("imported", run.imported)) if holds)
         begun = run.start_time[:16].replace("T", " ")
         rows.append(
-            (run.name, run.protocol, begun, run.state, kind, str(run.points), str(run.points - run.usable), why)
+            (
+                run.name,
+                run.protocol,
+                begun,
+                run.state,
+                kind,
+                str(run.point_count),
+                str(run.point_count - run.usable_count),
+                why,
+            )
         )
     heads = ("run", "protocol", "begun (UTC)", "ended", "kind", "points", "not usable", "flags")
-    return Grid("Runs and the quality of their points", heads, tuple(rows))
+    return ReportTable("Runs and the quality of their points", heads, tuple(rows))
 
 
-def instruments(runs: Sequence[Taken]) -> Grid:
+def instrument_table(runs: Sequence[ReportRun]) -> ReportTable:
     """Every instrument that had a part, with its calibration."""
-    users: dict[tuple[str, ...], list[Taken]] = {}
+    users: dict[tuple[str, ...], list[ReportRun]] = {}
     for run in runs:
         for i in run.instruments:
             users.setdefault((i.role, i.identity, i.serial, i.calibrated, i.expires, i.gain), []).append(run)
@@ -63,33 +78,38 @@ def instruments(runs: Sequence[Taken]) -> Grid:
         late = sum(bool(expires) and expires < run.start_time[:10] for run in used)
         if late:
             bad.add(at)
-            expires += f", before {counted(late, 'run')}"
+            expires += f", before {pluralize(late, 'run')}"
         known = role == "sensor"
         cells = (calibrated or ("unknown" if known else ""), expires or ("unknown" if known else ""), gain)
         rows.append((role, identity, serial, *cells, f"{len(used)} of {len(runs)}"))
     heads = ("role", "identity", "serial", "calibrated", "expires", "gain known to", "runs")
-    return Grid("Instruments", heads, tuple(rows), bad=frozenset(bad))
+    return ReportTable("Instruments", heads, tuple(rows), highlighted_rows=frozenset(bad))
 
 
-def software(runs: Sequence[Taken]) -> Iterable[Grid]:
+def software_tables(runs: Sequence[ReportRun]) -> Iterable[ReportTable]:
     """What the runs were measured with."""
     used = Counter(run.software for run in runs if run.software)
     if used:
         rows = tuple((words, str(count)) for words, count in sorted(used.items()))
-        yield Grid("Measured with", ("software", "runs"), rows)
+        yield ReportTable("Measured with", ("software", "runs"), rows)
 
 
-def hashes(runs: Sequence[Taken]) -> Grid:
+def hash_table(runs: Sequence[ReportRun]) -> ReportTable:
     """What every run file must hash to, for who wants to know that it is still the same."""
     rows = tuple((run.name, run.sha256 or "could not be read") for run in runs)
-    return Grid("Run files", ("file", "SHA-256"), rows, code=True)
+    return ReportTable("Run files", ("file", "SHA-256"), rows, monospace=True)
 
 
-def record(
-    specimen: str, known: Known, runs: Sequence[Taken], outcomes: Sequence[Outcome], fingerprint: str, code: str
+def report_record(
+    specimen: str,
+    summary: SpecimenSummary,
+    runs: Sequence[ReportRun],
+    outcomes: Sequence[LimitOutcome],
+    fingerprint: str,
+    software_version: str,
 ) -> dict[str, Any]:
     """The report's numbers for a machine, SI."""
-    found = known.specimen.found
+    found = summary.specimen.identification
     return {
         "specimen": specimen,
         "simulated": any(run.simulated for run in runs),
@@ -98,8 +118,11 @@ def record(
         "limits": [{k: v.replace(SPACE, " ") for k, v in asdict(o).items()} for o in outcomes],
         "parameters": [] if found is None else [asdict(e) for e in found.estimates],
         "unidentified": [] if found is None else list(found.unidentified),
-        "merits": [asdict(m) | {"unit": m.unit} for m in known.merits.values()],
-        "runs": [{"file": run.name, "points": run.points, "usable": run.usable, "sha256": run.sha256} for run in runs],
+        "merits": [asdict(m) | {"unit": m.unit} for m in summary.figures_of_merit.values()],
+        "runs": [
+            {"file": run.name, "points": run.point_count, "usable": run.usable_count, "sha256": run.sha256}
+            for run in runs
+        ],
         "fingerprint": fingerprint,
-        "code": code,
+        "code": software_version,
     }

@@ -3,52 +3,52 @@
 import math
 import re
 
-from app.common.formatting import shown_unit
+from app.common.formatting import display_unit
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "−"
 SPACE = "\N{NO-BREAK SPACE}"
 """A number, its error and its unit stay on one line."""
 
 
-def printed_unit(unit: str) -> str:
+def typeset_unit(unit: str) -> str:
     """`N m^2` as `N m²`; the unit `1` is left away."""
-    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(RAISED), unit)
+    return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), unit)
 
 
-def stated(value: float, error: float, unit: str) -> str:
+def typeset_measurement(value: float, error: float, unit: str) -> str:
     """A value in SI with its standard error, in the unit people think in: `(−13.300 ± 0.025) × 10⁻⁶ N m/V`.
 
     Where there is no error, six figures.
     """
-    factor, unit = shown_unit(unit)
-    text = with_error(factor * value, factor * error)
-    return f"{text}{SPACE}{printed_unit(unit).replace(' ', SPACE)}".rstrip()
+    factor, unit = display_unit(unit)
+    text = typeset_with_error(factor * value, factor * error)
+    return f"{text}{SPACE}{typeset_unit(unit).replace(' ', SPACE)}".rstrip()
 
 
-def with_error(value: float, error: float) -> str:
+def typeset_with_error(value: float, error: float) -> str:
     """A number to the two figures its error has."""
     if not math.isfinite(value):
         return "none"
     if not (error > 0 and math.isfinite(error)):
-        return plain(value)
-    power = _power(max(abs(value), error))
+        return typeset_number(value)
+    power = _engineering_exponent(max(abs(value), error))
     value, error = value / 10.0**power, error / 10.0**power
     places = max(1 - math.floor(math.log10(error)), 0)
     text = f"{value:.{places}f} ± {error:.{places}f}".replace("-", MINUS)
-    return (f"({text}) × 10{str(power).translate(RAISED)}" if power else text).replace(" ", SPACE)
+    return (f"({text}) × 10{str(power).translate(SUPERSCRIPTS)}" if power else text).replace(" ", SPACE)
 
 
-def plain(value: float, figures: int = 6) -> str:
+def typeset_number(value: float, figures: int = 6) -> str:
     """A number that has no error, to so many figures."""
     if not math.isfinite(value):
         return "none"
-    power = _power(abs(value))
+    power = _engineering_exponent(abs(value))
     text = f"{value / 10.0**power:.{figures}g}".replace("-", MINUS)
-    return f"{text} × 10{str(power).translate(RAISED)}" if power else text
+    return f"{text} × 10{str(power).translate(SUPERSCRIPTS)}" if power else text
 
 
-def probability(p: float) -> str:
+def typeset_probability(p: float) -> str:
     """A p value: `0.31`, `4 × 10⁻⁸`, `< 10⁻¹⁰`."""
     if not math.isfinite(p):
         return "none"
@@ -57,10 +57,10 @@ def probability(p: float) -> str:
     if p >= 1e-3:
         return f"{p:.2g}"
     power = math.floor(math.log10(p))
-    return f"{p / 10.0**power:.0f} × 10{str(power).translate(RAISED)}"
+    return f"{p / 10.0**power:.0f} × 10{str(power).translate(SUPERSCRIPTS)}"
 
 
-def _power(size: float) -> int:
+def _engineering_exponent(size: float) -> int:
     """A power of ten in threes, 0 from 0.01 to a hundred thousand."""
     if not size or 0.01 <= size < 1e5:
         return 0

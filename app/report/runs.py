@@ -8,25 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from app.archive.catalogue import Catalogue
-from app.archive.run_summary import Wanted
+from app.archive.run_summary import RunFilter
 from app.config.tables import AmplifierTable
-from app.identification.observations import observations, shapes_in
+from app.identification.observations import run_observations, shape_count_of_run
 from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import Setting
+from model.identification.fit_options import FitOptions
 from model.identification.observations import Observation
 from model.parameter_spec import ParameterError
 from protocols.base.quality import Quality
-from protocols.runfile.reader import Run, RunError, intact
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
-FACTS = Quality.SIMULATED | Quality.IMPORTED
+ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
 """Flags that are said elsewhere, and are no faults."""
 
-Told = Callable[[str, int, int], None]
+ReportProgress = Callable[[str, int, int], None]
 """Hears what is being done, and how far it is: how many of how many."""
 
 
 @dataclass(frozen=True, slots=True)
-class Instrument:
+class InstrumentRecord:
     """One instrument as a run names it."""
 
     role: str
@@ -38,8 +38,8 @@ class Instrument:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """One run as the report has it. `trouble` says why nothing could be taken from its file."""
+class ReportRun:
+    """One run as the report has it. `problem` says why nothing could be taken from its file."""
 
     path: Path
     name: str
@@ -49,19 +49,19 @@ class Taken:
     state: str = ""
     simulated: bool = False
     imported: bool = False
-    shapes: int = Setting.n
+    shape_count: int = FitOptions.n
     """Shape functions it is identified with."""
-    points: int = 0
-    usable: int = 0
-    flags: Mapping[str, int] = field(default_factory=dict)
-    instruments: tuple[Instrument, ...] = ()
+    point_count: int = 0
+    usable_count: int = 0
+    flag_counts: Mapping[str, int] = field(default_factory=dict)
+    instruments: tuple[InstrumentRecord, ...] = ()
     software: str = ""
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     observations: tuple[Observation, ...] = ()
     continues: Path | None = None
     sha256: str = ""
-    trouble: str = ""
-    left_out: str = ""
+    problem: str = ""
+    exclusion_reason: str = ""
     """Why its points take no part in the identification."""
 
     @property
@@ -70,27 +70,29 @@ class Taken:
         return any(each.expires and each.expires < self.start_time[:10] for each in self.instruments)
 
 
-def take(folder: Path, specimen: str, told: Told = lambda *_: None) -> tuple[Taken, ...]:
+def read_report_runs(folder: Path, specimen: str, progress: ReportProgress = lambda *_: None) -> tuple[ReportRun, ...]:
     """Every run of a specimen in a folder and below, in the order in which they were begun.
 
     Raises:
         OSError: the folder cannot be looked into.
     """
     catalogue = Catalogue(folder)
-    catalogue.scan(lambda done, of: told("looking for runs", done, of))
-    entries = sorted(Wanted(specimen=specimen).among(catalogue.entries()), key=lambda e: (e.start_time, e.path))
+    catalogue.scan(lambda done, of: progress("looking for runs", done, of))
+    entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
     found = []
     for i, entry in enumerate(entries):
-        told("reading runs", i, len(entries))
+        progress("reading runs", i, len(entries))
         file = folder / entry.path
         if entry.readable:
-            found.append(_taken(file, entry.path))
+            found.append(_read_report_run(file, entry.path))
         else:
-            found.append(Taken(file, entry.path, entry.protocol, entry.start_time, entry.state, trouble=entry.reason))
-    return _counting(found)
+            found.append(
+                ReportRun(file, entry.path, entry.protocol, entry.start_time, entry.state, problem=entry.reason)
+            )
+    return _mark_exclusions(found)
 
 
-def _counting(runs: list[Taken]) -> tuple[Taken, ...]:
+def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
     """Says of the runs that are better left out of the identification why."""
     carried = {run.continues: run.name for run in runs if run.continues is not None}
     first: dict[str, str] = {}
@@ -99,7 +101,7 @@ def _counting(runs: list[Taken]) -> tuple[Taken, ...]:
     real = any(run.observations and not run.simulated for run in runs)
     maps = [run.amplifier for run in runs if run.observations and not (real and run.simulated)]
 
-    def why(run: Taken) -> str:
+    def why(run: ReportRun) -> str:
         if (later := carried.get(run.path.resolve())) is not None:
             return f"its points are carried on in {later}"
         if first[run.sha256] != run.name:
@@ -110,32 +112,32 @@ def _counting(runs: list[Taken]) -> tuple[Taken, ...]:
             return "its amplifier was configured differently from that of the newest run"
         return ""
 
-    return tuple(replace(run, left_out=why(run)) if run.observations else run for run in runs)
+    return tuple(replace(run, exclusion_reason=why(run)) if run.observations else run for run in runs)
 
 
-def _taken(file: Path, name: str) -> Taken:
+def _read_report_run(file: Path, name: str) -> ReportRun:
     try:
-        sha256 = _hash(file)
-        with Run(file) as run, intact(file):
-            found = _read(run, name)
+        sha256 = _file_sha256(file)
+        with Run(file) as run, translate_read_errors(file):
+            found = _report_run_of(run, name)
         return replace(found, sha256=sha256)
-    except RunError as error:
-        return Taken(file, name, trouble=str(error))
+    except RunReadError as error:
+        return ReportRun(file, name, problem=str(error))
     except OSError as error:
-        return Taken(file, name, trouble=f"{file} cannot be read: {error.strerror or error}")
+        return ReportRun(file, name, problem=f"{file} cannot be read: {error.strerror or error}")
 
 
-def _read(run: Run, name: str) -> Taken:
+def _report_run_of(run: Run, name: str) -> ReportRun:
     flags = [Quality(int(each)) for each in run.points().get("quality", ())]
-    counts = Counter(flag.words for each in flags for flag in each & ~FACTS)
+    counts = Counter(flag.description for each in flags for flag in each & ~ORIGIN_FLAGS)
     left_out = ""
     told: tuple[Observation, ...] = ()
     try:
-        told = tuple(each for each in observations(run) if each.use.any())
+        told = tuple(each for each in run_observations(run) if each.usable.any())
     except ParameterError as error:
         left_out = str(error)
-    continues = run.continues
-    return Taken(
+    continues = run.resumed_from
+    return ReportRun(
         path=run.path,
         name=name,
         protocol=run.protocol,
@@ -143,33 +145,33 @@ def _read(run: Run, name: str) -> Taken:
         state=run.state,
         simulated=run.simulated,
         imported=bool(run.imported),
-        shapes=shapes_in(run),
-        points=len(flags),
-        usable=sum(each.usable for each in flags),
-        flags=dict(counts),
-        instruments=tuple(_instruments(run)),
+        shape_count=shape_count_of_run(run),
+        point_count=len(flags),
+        usable_count=sum(each.usable for each in flags),
+        flag_counts=dict(counts),
+        instruments=tuple(_instrument_records(run)),
         software=", ".join(f"{name} {version}" for name, version in run.software.items()),
-        amplifier=AmplifierTable.of(run.configuration).map,
+        amplifier=AmplifierTable.from_configuration(run.configuration).amplifier_map,
         observations=told,
         continues=continues.resolve() if continues else None,
-        left_out=left_out,
+        exclusion_reason=left_out,
     )
 
 
-def _instruments(run: Run) -> list[Instrument]:
+def _instrument_records(run: Run) -> list[InstrumentRecord]:
     configuration, sensor = run.configuration, run.sensor
     found = []
     for role, identity in configuration.get("identities", {}).items():
         if role == "sensor":
             continue
         table: Mapping[str, Any] = configuration.get(role) or {}
-        found.append(Instrument(role, str(identity), str(table.get("serial", "") or "")))
+        found.append(InstrumentRecord(role, str(identity), str(table.get("serial", "") or "")))
     expires = str((configuration.get("sensor") or {}).get("expires", "") or "")
     gain = f"{100 * sensor.gain_relative_uncertainty:.2g} %" if sensor.gain_relative_uncertainty else ""
-    found.append(Instrument("sensor", sensor.name, sensor.serial, sensor.calibrated, expires, gain))
+    found.append(InstrumentRecord("sensor", sensor.name, sensor.serial, sensor.calibrated, expires, gain))
     return found
 
 
-def _hash(path: Path) -> str:
+def _file_sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

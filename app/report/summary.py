@@ -3,34 +3,41 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from app.report.figures_of_merit import Felt, Merit, Quick, felt, merits_of, quick
-from app.report.runs import Taken, Told
-from app.report.specimen import Specimen, specimen_of
-from model.identification.observations import Campaign, FrequencyResponse
+from app.report.figures_of_merit import (
+    FigureOfMerit,
+    PerceptionMargin,
+    StepLatency,
+    figures_of_merit,
+    perception_margin_of,
+    step_latency_of,
+)
+from app.report.runs import ReportProgress, ReportRun
+from app.report.specimen import SpecimenModel, fit_specimen
+from model.identification.observations import FrequencyResponseObservation, ObservationSet
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class SpecimenSummary:
     """A specimen, what was observed of it, and what it is good for."""
 
-    specimen: Specimen
-    campaign: Campaign | None
-    felt: tuple[Felt, ...]
+    specimen: SpecimenModel
+    observations: ObservationSet | None
+    perception_margins: tuple[PerceptionMargin, ...]
     """Free, then on the membrane, at every elongation that was measured."""
-    quick: Quick | None
-    merits: Mapping[str, Merit]
+    latency: StepLatency | None
+    figures_of_merit: Mapping[str, FigureOfMerit]
 
 
-def known_of(name: str, runs: tuple[Taken, ...], told: Told) -> Known:
+def summarize_specimen(name: str, runs: tuple[ReportRun, ...], progress: ReportProgress) -> SpecimenSummary:
     """Identify a specimen from its runs, then its margin and latency; `told` hears how far it is."""
-    told("identifying", 0, 1)
-    found, campaign = specimen_of(name, runs, lambda evaluations, _: told("identifying", min(evaluations, 40), 41))
-    if campaign is None or found.found is None:
-        return Known(found, campaign, (), None, merits_of(found, campaign, None, None, None))
-    told("margins and latency", 0, 1)
-    on = sorted({r.elongation_m for r in campaign.of(FrequencyResponse) if r.elongation_m is not None})
-    free = felt(found, None) if found.tells_free else None
-    pressed = [felt(found, elongation) for elongation in on if found.tells_on(elongation)]
-    soon = quick(found) if found.tells_free else None
-    merits = merits_of(found, campaign, free, pressed[-1] if pressed else None, soon)
-    return Known(found, campaign, tuple(f for f in (free, *pressed) if f is not None), soon, merits)
+    progress("identifying", 0, 1)
+    found, campaign = fit_specimen(name, runs, lambda evaluations, _: progress("identifying", min(evaluations, 40), 41))
+    if campaign is None or found.identification is None:
+        return SpecimenSummary(found, campaign, (), None, figures_of_merit(found, campaign, None, None, None))
+    progress("margins and latency", 0, 1)
+    on = sorted({r.elongation_m for r in campaign.of_type(FrequencyResponseObservation) if r.elongation_m is not None})
+    free = perception_margin_of(found, None) if found.identifies_free_response else None
+    pressed = [perception_margin_of(found, elongation) for elongation in on if found.identifies_response_at(elongation)]
+    soon = step_latency_of(found) if found.identifies_free_response else None
+    merits = figures_of_merit(found, campaign, free, pressed[-1] if pressed else None, soon)
+    return SpecimenSummary(found, campaign, tuple(f for f in (free, *pressed) if f is not None), soon, merits)

@@ -12,29 +12,29 @@ from functools import partial
 from typing import Any
 
 from app.config.bench_file import BenchConfig
-from app.config.driver_registry import DIGITIZERS, driver, open_generator
+from app.config.driver_registry import DIGITIZERS, load_driver, open_generator
 from app.config.tables import MeterTable
-from app.session.session import OwnOperator
+from app.session.session import BuiltInOperator
 from drivers.bench.amplifier import HvAmplifier
 from drivers.bench.bench import Bench
-from drivers.bench.watchdog_interface import SWITCHED_OFF, BeatingClock, NoWatchdog, Watchdog
+from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, HeartbeatClock, NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.errors import InstrumentError
 from drivers.interfaces import Digitizer, Identity, Meter, Source
 from drivers.transport.scpi import Link
 from sim_hardware.operator import SimulatedOperator
 
-MARGIN_S = 0.1
+DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
 
-SERVED_OUTPUT = (
+SERVED_OUTPUT_WARNING = (
     "No watchdog: the drive is played by the card behind a gRPC server, which keeps it from anybody else. If this program "
     "dies while the bench is live, a drive ends by itself at rest, but a held level stays on the specimen"
 )
 
 
 def open_source(
-    config: BenchConfig, clock: Clock, link: Callable[[float], Link], server: str, stack: ExitStack
+    config: BenchConfig, clock: Clock, open_link: Callable[[float], Link], server: str, stack: ExitStack
 ) -> Source:
     """The source, on its wire; it is let go with `stack`. `link` opens a wire, given how long an answer may take.
 
@@ -43,24 +43,26 @@ def open_source(
     """
     match config.source.kind:
         case "card-output":
-            from drivers.nidaq.analog_output import NiOutput
+            from drivers.nidaq.analog_output import NiAnalogOutput
 
-            output = NiOutput(clock=clock, **{**options(config, _speed(clock)), "server": server or None})
+            output = NiAnalogOutput(
+                clock=clock, **{**source_options(config, _clock_speed(clock)), "server": server or None}
+            )
             stack.callback(output.close)
             return output
         case "dc-supply":
             from drivers.supplies.dc_supply import DcSupply
 
-            wire = link(config.supply.timeout_s)
+            wire = open_link(config.supply.timeout_s)
             stack.callback(wire.close)
-            return DcSupply(wire, clock, **options(config, _speed(clock)))
+            return DcSupply(wire, clock, **source_options(config, _clock_speed(clock)))
         case "generator":
-            wire = link(config.generator.timeout_s)
+            wire = open_link(config.generator.timeout_s)
             stack.callback(wire.close)
             return open_generator(config.generator.driver, wire, clock, config.amplifier.step_v)
 
 
-def options(config: BenchConfig, speed: float) -> dict[str, Any]:
+def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
     """What the driver of the source is told beyond its wire and its clock; plain values, the watchdog needs them too."""
     match config.source.kind:
         case "card-output":
@@ -68,7 +70,7 @@ def options(config: BenchConfig, speed: float) -> dict[str, Any]:
                 "device": config.card.device,
                 "channel": config.source.channel,
                 "start_trigger": config.source.start_trigger,
-                "margin_s": MARGIN_S * speed,
+                "margin_s": DRIVE_MARGIN_S * speed,
             }
         case "dc-supply":
             return {
@@ -81,32 +83,34 @@ def options(config: BenchConfig, speed: float) -> dict[str, Any]:
             return {"step_v": config.amplifier.step_v}
 
 
-def _speed(clock: Clock) -> float:
+def _clock_speed(clock: Clock) -> float:
     return float(getattr(clock, "speed", 1.0))
 
 
-BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
+DEFAULT_BAUD = {"keyence-lkg": 9600, "optoncdt": 921_600}
 """Factory settings."""
 
-See = Callable[[], float | None]
+ReadDisplacement = Callable[[], float | None]
 
 
-def open_meters(tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, see: See | None) -> dict[str, Meter]:
+def open_meters(
+    tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None
+) -> dict[str, Meter]:
     """The meters by name; they are let go with `stack`. `see` is what a simulated sensor sees, None on a real bench.
 
     Raises:
         InstrumentError: a port is not there, or something else answers on it.
     """
-    return {name: _open(table, clock, stack, see) for name, table in tables.items()}
+    return {name: _open_meter(table, clock, stack, read_displacement) for name, table in tables.items()}
 
 
-def _open(table: MeterTable, clock: Clock, stack: ExitStack, see: See | None) -> Meter:
+def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
     from drivers.sensors.keyence_lkg import KeyenceLkg
     from drivers.sensors.optoncdt import OptoNcdt
-    from drivers.transport.serial_port import SerialLine
+    from drivers.transport.serial_port import SerialPort
 
-    port = table.port if see is None else _simulated(table, stack, see)
-    line = SerialLine(port, table.baud or BAUD[table.driver], table.timeout_s)
+    port = table.port if read_displacement is None else _start_simulated_sensor(table, stack, read_displacement)
+    line = SerialPort(port, table.baud or DEFAULT_BAUD[table.driver], table.timeout_s)
     stack.callback(line.close)
     match table.driver:
         case "keyence-lkg":
@@ -115,31 +119,35 @@ def _open(table: MeterTable, clock: Clock, stack: ExitStack, see: See | None) ->
             return OptoNcdt(line, clock, range_m=table.range_m)
 
 
-def _simulated(table: MeterTable, stack: ExitStack, see: See) -> str:
-    from sim_hardware.sensors.laser_sensors import Ild1420, LkG, PtyPort
+def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
+    from sim_hardware.sensors.laser_sensors import SensorPtyServer, SimulatedKeyenceLkg, SimulatedOptoNcdt
 
-    model = LkG(see) if table.driver == "keyence-lkg" else Ild1420(see, table.range_m)
-    return stack.enter_context(PtyPort(model)).port
+    model = (
+        SimulatedKeyenceLkg(read_displacement)
+        if table.driver == "keyence-lkg"
+        else SimulatedOptoNcdt(read_displacement, table.range_m)
+    )
+    return stack.enter_context(SensorPtyServer(model)).port
 
 
 BLOCK_S = 0.05
 """A block on a bench at real speed; at raised speed blocks grow, so that they stay worth their round trip."""
 
-HASTY_BLOCK_S = 0.2
+UNATTENDED_BLOCK_S = 0.2
 """A block on the virtual clock where nobody watches: a quarter of the blocks is three times the speed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Laboratory:
+class BenchConnection:
     """A connected bench. `operator` answers prompts on a simulated one; `control` reaches its hidden hands: faults."""
 
     bench: Bench
-    operator: OwnOperator | None = None
+    operator: BuiltInOperator | None = None
     control: Any = None
 
 
 @contextmanager
-def connect(config: BenchConfig, speed: float | None = None, block_s: float = BLOCK_S) -> Iterator[Laboratory]:
+def connect(config: BenchConfig, speed: float | None = None, block_s: float = BLOCK_S) -> Iterator[BenchConnection]:
     """Open the instruments of a bench; they are let go at the end, the source staying at rest.
 
     Args:
@@ -152,49 +160,60 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
     """
     with ExitStack() as stack:
         if not config.simulated:
-            yield _assemble(config, stack, BeatingClock(), config.wire.resource, config.card.server)
+            yield _open_instruments(
+                config, stack, HeartbeatClock(), config.source_connection.resource, config.card.server
+            )
         elif speed is None:
-            from sim_hardware.bench import VirtualBench
+            from sim_hardware.bench import SimulatedBench
             from sim_hardware.clock import VirtualClock
 
-            virtual = VirtualBench(config.truth, VirtualClock())
+            virtual = SimulatedBench(config.simulation_parameters, VirtualClock())
             if config.source.kind == "card-output":  # input and output are one card: both on its service, in its time
                 from sim_hardware.service.served_bench import ServedBench
 
                 server = stack.enter_context(ServedBench(virtual)).card.address
-                digitizer = _digitizer(config, virtual.clock, server, stack)
+                digitizer = _open_digitizer(config, virtual.clock, server, stack)
             else:
                 server, digitizer = "", virtual.digitizer()
             source = open_source(config, virtual.clock, virtual.link, server, stack)
-            meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_sees)
-            bench = _bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
+            meters = open_meters(config.meters, virtual.clock, stack, virtual.laser_reading_m)
+            bench = _make_bench(config, virtual.clock, source, digitizer, meters, stack, lambda _: NoWatchdog())
             bench.block_s = block_s
-            yield Laboratory(bench, SimulatedOperator(virtual, config.truth.hands.patience_s), virtual)
+            yield BenchConnection(
+                bench, SimulatedOperator(virtual, config.simulation_parameters.hands.patience_s), virtual
+            )
         else:
             from sim_hardware.service.process import BenchProcess
 
-            process = stack.enter_context(BenchProcess(config.truth, speed))
+            process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
             see = partial(process.control, "laser_sees")
-            laboratory = _assemble(config, stack, BeatingClock(speed), process.resource, process.server, see)
-            yield Laboratory(laboratory.bench, SimulatedOperator(process, config.truth.hands.patience_s), process)
+            laboratory = _open_instruments(config, stack, HeartbeatClock(speed), process.resource, process.server, see)
+            yield BenchConnection(
+                laboratory.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
+            )
 
 
-def _assemble(
-    config: BenchConfig, stack: ExitStack, clock: BeatingClock, resource: str, server: str, see: See | None = None
-) -> Laboratory:
+def _open_instruments(
+    config: BenchConfig,
+    stack: ExitStack,
+    clock: HeartbeatClock,
+    resource: str,
+    server: str,
+    read_displacement: ReadDisplacement | None = None,
+) -> BenchConnection:
     """Instruments on their wires: the same code for a real bench and a served simulated one."""
     from drivers.transport.visa import VisaLink
 
-    digitizer = _digitizer(config, clock, server, stack)
-    source = open_source(config, clock, partial(VisaLink, resource, baud=config.wire.baud), server, stack)
-    meters = open_meters(config.meters, clock, stack, see)
-    watch = partial(_watchdog, config, resource, server, clock)
-    return Laboratory(_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
+    digitizer = _open_digitizer(config, clock, server, stack)
+    source = open_source(config, clock, partial(VisaLink, resource, baud=config.source_connection.baud), server, stack)
+    meters = open_meters(config.meters, clock, stack, read_displacement)
+    watch = partial(_make_watchdog, config, resource, server, clock)
+    return BenchConnection(_make_bench(config, clock, source, digitizer, meters, stack, watch, clock.speed))
 
 
-def _digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
+def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack) -> Digitizer:
     card = config.card
-    digitizer: Digitizer = driver(DIGITIZERS, card.driver)(
+    digitizer: Digitizer = load_driver(DIGITIZERS, card.driver)(
         card.device,
         (card.drive_channel, card.displacement_channel),
         clock,
@@ -206,64 +225,66 @@ def _digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitStack)
     return digitizer
 
 
-def _watchdog(config: BenchConfig, resource: str, server: str, clock: BeatingClock, source: Source) -> Watchdog:
+def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, source: Source) -> Watchdog:
     """A process that opens the same driver on the same resource once more."""
-    from drivers.watchdog.client import WatchdogProcess
-    from drivers.watchdog.config import Charge
+    from drivers.watchdog.client import WatchdogClient
+    from drivers.watchdog.config import WatchdogConfig
 
     if not config.watchdog.enabled:
-        return NoWatchdog(SWITCHED_OFF)
+        return NoWatchdog(WATCHDOG_DISABLED_WARNING)
     card_output = config.source.kind == "card-output"
     if card_output and server:
-        return NoWatchdog(SERVED_OUTPUT)
-    clock.watchdog = WatchdogProcess(
-        Charge(
+        return NoWatchdog(SERVED_OUTPUT_WARNING)
+    clock.watchdog = WatchdogClient(
+        WatchdogConfig(
             source=f"{type(source).__module__}:{type(source).__qualname__}",
             resource="" if card_output else resource,
-            timeout_s=config.wire.timeout_s,
-            baud=config.wire.baud,
-            options=options(config, clock.speed),
-            map=config.amplifier.map,
-            limits=config.amplifier.limits,
+            timeout_s=config.source_connection.timeout_s,
+            baud=config.source_connection.baud,
+            options=source_options(config, clock.speed),
+            map=config.amplifier.amplifier_map,
+            limits=config.amplifier.drive_limits,
             speed=clock.speed,
             # Of bench time: only a simulated bench runs at raised speed, and its card then takes turns with the program.
             silence_s=config.watchdog.silence_s * max(clock.speed, 1.0),
-            own_connection=config.watchdog.own_connection and not card_output and _shared(resource),
+            own_connection=config.watchdog.own_connection and not card_output and _allows_second_connection(resource),
             patience_s=config.watchdog.patience_s,
         )
     )
     return clock.watchdog
 
 
-def _shared(resource: str) -> bool:
+def _allows_second_connection(resource: str) -> bool:
     """Whether the wire takes two who talk: on a serial or USB line they would read each other's answers."""
     return not resource.upper().startswith(("ASRL", "USB"))
 
 
-def _must_be(seen: Identity, serial: str, table: str) -> None:
-    if serial and seen.serial.upper() != serial.upper():
+def _check_serial_number(identity: Identity, serial: str, table: str) -> None:
+    if serial and identity.serial.upper() != serial.upper():
         raise InstrumentError(
-            f"{seen} answers where the bench file expects serial number {serial}; connect that one, or correct {table} "
+            f"{identity} answers where the bench file expects serial number {serial}; connect that one, or correct {table} "
             "and look whether its calibration is the right one"
         )
 
 
-def _bench(
+def _make_bench(
     config: BenchConfig,
     clock: Clock,
     source: Source,
     digitizer: Digitizer,
     meters: Mapping[str, Meter],
     stack: ExitStack,
-    watch: Callable[[Source], Watchdog],
+    make_watchdog: Callable[[Source], Watchdog],
     speed: float | None = None,
 ) -> Bench:
     if config.source.kind != "card-output":
-        _must_be(
-            source.identity, config.wire.serial, "[supply]" if config.source.kind == "dc-supply" else "[generator]"
+        _check_serial_number(
+            source.identity,
+            config.source_connection.serial,
+            "[supply]" if config.source.kind == "dc-supply" else "[generator]",
         )
-    _must_be(digitizer.identity, config.card.serial, "[card]")
-    watchdog = watch(source)
+    _check_serial_number(digitizer.identity, config.card.serial, "[card]")
+    watchdog = make_watchdog(source)
     stack.callback(watchdog.close)
     identities = {
         "generator": str(source.identity),  # of whatever kind the source is
@@ -275,13 +296,13 @@ def _bench(
         **{name: str(meter.identity) for name, meter in meters.items()},
     }
     return Bench(
-        amplifier=HvAmplifier(source, config.amplifier.map, config.amplifier.limits, clock, watchdog),
+        amplifier=HvAmplifier(source, config.amplifier.amplifier_map, config.amplifier.drive_limits, clock, watchdog),
         digitizer=digitizer,
-        sensor=config.sensor.sensor,
+        sensor=config.sensor.laser_sensor,
         clock=clock,
         block_s=max(BLOCK_S, 0.02 * (speed or 1.0)),
         simulated=config.simulated,
-        record={**config.model_dump(mode="json"), "identities": identities, "speed": speed or "max"},
+        configuration={**config.model_dump(mode="json"), "identities": identities, "speed": speed or "max"},
         meters=meters,
         name=config.name,
         watchdog=watchdog,

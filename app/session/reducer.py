@@ -3,113 +3,128 @@
 import re
 from dataclasses import replace
 
-from app.session.messages import Level, Message, sentence, title_of
-from app.session.session import BenchFailed, BenchOpened, Refused
+from app.session.messages import LogLine, Severity, describe_event, protocol_title
+from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
     Acknowledged,
     BenchState,
-    ConnectAsked,
-    Heard,
-    Instrument,
+    InstrumentStatus,
     Lamp,
-    PauseAsked,
-    Progress,
-    RunAsked,
-    StopAsked,
-    View,
-    ViewEvent,
+    PauseRequested,
+    ReconnectRequested,
+    RunProgress,
+    RunRequested,
+    StopRequested,
+    TimedEvent,
+    WindowEvent,
+    WindowState,
 )
 from protocols.base.events import (
-    Answered,
-    Armed,
-    Asked,
-    AtRest,
+    BenchArmed,
     CurveReady,
-    GoingToRest,
-    Paused,
-    Playing,
+    DriveStarted,
     PointMeasured,
-    Progressed,
-    Resumed,
+    ProgressUpdated,
+    PromptAnswered,
+    PromptShown,
+    RestMeasured,
     RunEnded,
+    RunPaused,
+    RunResumed,
     RunStarted,
-    Status,
+    RunStatus,
+    ShutdownStarted,
 )
 from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.base.quality import Quality
 
-LOG_LINES = 500
+MAX_LOG_LINES = 500
 
-SPOKEN_FOR = r"\b{role} [^:.;,]{{1,40}}:"
+INSTRUMENT_PATTERN = r"\b{role} [^:.;,]{{1,40}}:"
 """A driver's sentence begins with its instrument: `function generator 33511B: no answer ...`."""
 
 
-def reduce(view: View, heard: Heard) -> View:
+def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
     """The view after an event."""
-    event = heard.event
-    after = _next(view, event, heard.streamed_s)
-    if isinstance(event, RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked):
-        said = _asked_words(event, after) if after is not view else None
+    event = timed_event.event
+    after = _transition(view, event, timed_event.streamed_s)
+    if isinstance(event, RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested):
+        said = _request_message(event, after) if after is not view else None
     else:
-        said = sentence(event)
+        said = describe_event(event)
     if said is None:
         return after
-    messages = (*after.messages, Message(heard.at, *said))[-LOG_LINES:]
-    return replace(after, messages=messages, told=after.told + 1)
+    messages = (*after.messages, LogLine(timed_event.time, *said))[-MAX_LOG_LINES:]
+    return replace(after, messages=messages, message_count=after.message_count + 1)
 
 
-def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
+def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> WindowState:
     match event:
         case BenchOpened(name, simulated, identities):
-            there = tuple(Instrument(role, identity, Lamp.READY) for role, identity in identities.items())
-            view = replace(view, bench=name, simulated=simulated, instruments=there, connected=True, trouble="")
-            return replace(view, state=_resting(view))
+            there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
+            view = replace(view, bench_name=name, simulated=simulated, instruments=there, connected=True, problem="")
+            return replace(view, bench_state=_state_between_runs(view))
         case BenchFailed(words):
-            gone = _lamps(view, Lamp.ABSENT)
+            gone = _with_lamps(view, Lamp.MISSING)
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
-            view = replace(view, state=state, connected=False, instruments=gone)
-            return replace(view, busy=False, trouble=words, prompt=None)
-        case ConnectAsked():
+            view = replace(view, bench_state=state, connected=False, instruments=gone)
+            return replace(view, busy=False, problem=words, prompt=None)
+        case ReconnectRequested():
             state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
-            return replace(view, state=state, instruments=_lamps(view, Lamp.WAITING), trouble="")
-        case RunAsked(title, reads):
-            progress = Progress(title, 0, 0.0, label=f"reading {reads}" if reads else "")
-            view = replace(view, busy=True, progress=progress, trouble="", prompt=None, pausing=False, paused=False)
-            return view if reads else _bare(view)
-        case Refused(words):
-            before = view.outcome or RunEnded(Status.FAILED, words, "")
-            outcome = replace(before, status=Status.FAILED, reason=words)  # a run that was read can be asked for again
-            return replace(view, busy=False, progress=None, trouble=words, state=_resting(view), outcome=outcome)
-        case RunStarted():
-            progress = Progress(title_of(event.protocol), event.entries, event.expected_s, left_s=event.expected_s)
-            state = view.state if view.state is BenchState.GOING_TO_REST else BenchState.ARMING
-            view = replace(_bare(view), busy=True, state=state, progress=progress, simulated=event.simulated)
-            return replace(view, rest=None, drive=None, protocol=event.protocol)
-        case Asked(_, prompt):
-            # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
-            off = view.state in (BenchState.ARMING, BenchState.HV_OFF)
-            live = prompt.action == ENABLE_HIGH_VOLTAGE.action and off
-            return replace(view, prompt=event, state=BenchState.LIVE if live else view.state)
-        case Answered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
-            # In a run, rest is measured before the operator is asked to switch off.
-            off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.state is BenchState.LIVE
-            return replace(
-                view, prompt=None, drive=None if off else view.drive, state=_off(view) if off else view.state
+            return replace(view, bench_state=state, instruments=_with_lamps(view, Lamp.WAITING), problem="")
+        case RunRequested(title, reads):
+            progress = RunProgress(title, 0, 0.0, label=f"reading {reads}" if reads else "")
+            view = replace(
+                view, busy=True, progress=progress, problem="", prompt=None, pause_requested=False, paused=False
             )
-        case Armed(high_voltage):
-            view = replace(view, rest_lost=False, instruments=_lamps(view, Lamp.READY), high_voltage=high_voltage)
-            return _live(view)
-        case Playing(drive):
-            return _live(replace(view, drive=drive))
-        case PauseAsked() if view.can_pause:
-            return replace(view, pausing=not view.paused)
-        case Paused() if view.state is not BenchState.GOING_TO_REST:
+            return view if reads else _without_results(view)
+        case RunRejected(words):
+            before = view.outcome or RunEnded(RunStatus.FAILED, words, "")
+            outcome = replace(
+                before, status=RunStatus.FAILED, reason=words
+            )  # a run that was read can be asked for again
+            return replace(
+                view, busy=False, progress=None, problem=words, bench_state=_state_between_runs(view), outcome=outcome
+            )
+        case RunStarted():
+            progress = RunProgress(
+                protocol_title(event.protocol), event.entries, event.expected_s, remaining_s=event.expected_s
+            )
+            state = view.bench_state if view.bench_state is BenchState.GOING_TO_REST else BenchState.ARMING
+            view = replace(
+                _without_results(view), busy=True, bench_state=state, progress=progress, simulated=event.simulated
+            )
+            return replace(view, rest=None, drive=None, protocol=event.protocol)
+        case PromptShown(_, prompt):
+            # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
+            off = view.bench_state in (BenchState.ARMING, BenchState.HV_OFF)
+            live = prompt.action == ENABLE_HIGH_VOLTAGE.action and off
+            return replace(view, prompt=event, bench_state=BenchState.LIVE if live else view.bench_state)
+        case PromptAnswered(ask_id, _) if view.prompt is not None and view.prompt.ask_id == ask_id:
+            # In a run, rest is measured before the operator is asked to switch off.
+            off = view.prompt.prompt.action == DISABLE_HIGH_VOLTAGE.action and view.bench_state is BenchState.LIVE
+            return replace(
+                view,
+                prompt=None,
+                drive=None if off else view.drive,
+                bench_state=_state_without_high_voltage(view) if off else view.bench_state,
+            )
+        case BenchArmed(high_voltage):
+            view = replace(view, rest_lost=False, instruments=_with_lamps(view, Lamp.READY), high_voltage=high_voltage)
+            return _with_live_state(view)
+        case DriveStarted(drive):
+            return _with_live_state(replace(view, drive=drive))
+        case PauseRequested() if view.can_pause:
+            return replace(view, pause_requested=not view.paused)
+        case RunPaused() if view.bench_state is not BenchState.GOING_TO_REST:
             state = BenchState.PAUSED if view.high_voltage else BenchState.HV_OFF
-            return replace(view, state=state, pausing=False, paused=True, drive=None, prompt=None)
-        case Resumed():
-            return _live(replace(view, pausing=False, paused=False))
-        case Progressed(done, entries, left_s, label) if view.progress is not None:
-            progress = replace(view.progress, done=done, entries=entries, left_s=left_s, label=label, at_s=streamed_s)
+            return replace(view, bench_state=state, pause_requested=False, paused=True, drive=None, prompt=None)
+        case RunResumed():
+            return _with_live_state(replace(view, pause_requested=False, paused=False))
+        case ProgressUpdated(done, entries, left_s, label) if view.progress is not None:
+            progress = replace(
+                view.progress, done=done, entries=entries, remaining_s=left_s, label=label, updated_at_s=streamed_s
+            )
             return replace(view, progress=progress)
         case PointMeasured(_, point, entry, replaces):
             points = list(view.points)
@@ -120,81 +135,83 @@ def _next(view: View, event: ViewEvent, streamed_s: float) -> View:
             which = (curve.entry, curve.name, curve.label)
             others = tuple(c for c in view.curves if (c.entry, c.name, c.label) != which)
             return replace(view, curves=(*others, curve))
-        case StopAsked() if view.busy and view.state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
-            return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
-        case GoingToRest():
-            return replace(view, state=BenchState.GOING_TO_REST, prompt=None)
-        case AtRest(confirmed):
+        case StopRequested() if view.busy and view.bench_state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
+            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
+        case ShutdownStarted():
+            return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
+        case RestMeasured(confirmed):
             state = BenchState.AT_REST if confirmed else BenchState.UNSAFE
-            return replace(view, state=state, rest=event, rest_lost=not confirmed, drive=None)
+            return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None)
         case RunEnded():
-            return _ended(view, event)
-        case Acknowledged() if view.unsafe or view.trouble:
-            return replace(view, unsafe="", trouble="")
+            return _with_outcome(view, event)
+        case Acknowledged() if view.unsafe or view.problem:
+            return replace(view, unsafe="", problem="")
         case _:
             return view
 
 
-def _bare(view: View) -> View:
+def _without_results(view: WindowState) -> WindowState:
     """Nothing of the run before."""
     return replace(view, outcome=None, points=(), entries=(), curves=())
 
 
-def _live(view: View) -> View:
+def _with_live_state(view: WindowState) -> WindowState:
     # A run that was asked to stop may still tell what it did before it heard.
-    if view.state is BenchState.GOING_TO_REST:
+    if view.bench_state is BenchState.GOING_TO_REST:
         return view
-    return replace(view, state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
+    return replace(view, bench_state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
 
 
-def _off(view: View) -> BenchState:
-    return view.state if view.state is BenchState.GOING_TO_REST else BenchState.HV_OFF
+def _state_without_high_voltage(view: WindowState) -> BenchState:
+    return view.bench_state if view.bench_state is BenchState.GOING_TO_REST else BenchState.HV_OFF
 
 
-def _resting(view: View) -> BenchState:
+def _state_between_runs(view: WindowState) -> BenchState:
     """What is known between runs: unsafe stays unsafe until rest is measured."""
     if view.rest_lost:
         return BenchState.UNSAFE
     return BenchState.AT_REST if view.rest is not None else BenchState.IDLE
 
 
-def _ended(view: View, event: RunEnded) -> View:
-    unsafe = event.status is Status.UNSAFE
-    failed = event.status is Status.FAILED
+def _with_outcome(view: WindowState, event: RunEnded) -> WindowState:
+    unsafe = event.status is RunStatus.UNSAFE
+    failed = event.status is RunStatus.FAILED
     instruments = view.instruments
     if failed or unsafe:
-        named = [i.role for i in instruments if re.search(SPOKEN_FOR.format(role=re.escape(i.role)), event.reason)]
-        instruments = tuple(replace(i, lamp=Lamp.DOUBTED) if i.role in named else i for i in instruments)
+        named = [
+            i.role for i in instruments if re.search(INSTRUMENT_PATTERN.format(role=re.escape(i.role)), event.reason)
+        ]
+        instruments = tuple(replace(i, lamp=Lamp.SUSPECT) if i.role in named else i for i in instruments)
     return replace(
         view,
-        state=BenchState.UNSAFE if unsafe else _resting(view),
+        bench_state=BenchState.UNSAFE if unsafe else _state_between_runs(view),
         rest_lost=unsafe or view.rest_lost,
         busy=False,
-        pausing=False,
+        pause_requested=False,
         paused=False,
         drive=None,
         prompt=None,
         outcome=event,
         instruments=instruments,
         unsafe=event.reason if unsafe else view.unsafe,
-        trouble=event.reason if failed else view.trouble,
+        problem=event.reason if failed else view.problem,
     )
 
 
-def _lamps(view: View, lamp: Lamp) -> tuple[Instrument, ...]:
+def _with_lamps(view: WindowState, lamp: Lamp) -> tuple[InstrumentStatus, ...]:
     return tuple(replace(instrument, lamp=lamp) for instrument in view.instruments)
 
 
-def _asked_words(
-    event: RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked, view: View
-) -> tuple[Level, str] | None:
+def _request_message(
+    event: RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested, view: WindowState
+) -> tuple[Severity, str] | None:
     match event:
-        case PauseAsked():
-            return Level.PLAIN, "Pause was asked" if view.pausing else "Going on was asked"
-        case StopAsked():
-            return Level.ATTENTION, "Stop was asked; the bench goes to rest"
-        case ConnectAsked():
-            return Level.PLAIN, "Connecting again"
+        case PauseRequested():
+            return Severity.INFO, "Pause was asked" if view.pause_requested else "Going on was asked"
+        case StopRequested():
+            return Severity.WARNING, "Stop was asked; the bench goes to rest"
+        case ReconnectRequested():
+            return Severity.INFO, "Connecting again"
         case Acknowledged():
-            return Level.PLAIN, "The message was acknowledged"
+            return Severity.INFO, "The message was acknowledged"
     return None

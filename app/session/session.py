@@ -17,70 +17,70 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
-from drivers.watchdog.log import untold
-from protocols.base.events import Event, Noted, RunEnded, Status
+from drivers.watchdog.log import take_unreported_lines
+from protocols.base.events import Event, LogMessage, RunEnded, RunStatus
 from protocols.base.operator import Operator
 from protocols.base.protocol import Protocol as Measurement
 from protocols.base.steps import Prompt
 
 if TYPE_CHECKING:
-    from protocols.resume import Earlier
-    from protocols.runfile.writer import Header
+    from protocols.resume import ResumableRun
+    from protocols.runfile.writer import RunMetadata
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class RunRequest:
     """A run with its protocol, and the run it goes on with."""
 
     protocol: Measurement
     folder: Path
     specimen: str
-    earlier: "Earlier | None" = None
+    resume: "ResumableRun | None" = None
     prepare: tuple[Prompt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Again:
+class RepeatRequest:
     """A run that goes on with another one, which is read when its turn comes."""
 
     path: Path
     entries: tuple[int, ...]
     folder: Path
 
-    def read(self) -> Job:
+    def load(self) -> RunRequest:
         """The job that goes on with that run.
 
         Raises:
             RunError: there is no such run to go on with.
         """
-        from protocols.resume import earlier
+        from protocols.resume import load_resumable
 
-        before = earlier(self.path, self.entries)
-        return Job(before.protocol, self.folder, before.specimen, before)
+        before = load_resumable(self.path, self.entries)
+        return RunRequest(before.protocol, self.folder, before.specimen, before)
 
 
-def header(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "Header":
+def run_metadata(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "RunMetadata":
     """What the run file says about a run before it begins."""
-    from protocols.runfile.writer import Header
+    from protocols.runfile.writer import RunMetadata
 
-    return Header(
+    return RunMetadata(
         protocol=protocol.name,
         title=protocol.title,
         parameters=protocol.model_dump(mode="json"),
         point_type=protocol.point_type,
         axes=protocol.axes,
         sensor=bench.sensor,
-        bench=bench.record,
+        bench=bench.configuration,
         simulated=bench.simulated,
         specimen=specimen,
-        continues=continues,
+        resumed_from=continues,
     )
 
 
 log = logging.getLogger(__name__)
 
 
-class State(StrEnum):
+class SessionState(StrEnum):
     """What the session is doing, in a word a person understands."""
 
     CONNECTING = "connecting"
@@ -109,32 +109,32 @@ class BenchFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RunRejected:
     """A run was not even begun: its file could not be created, or the one it goes on with not be read."""
 
     kind: ClassVar[str] = "Refused"
     words: str
 
 
-SessionEvent = Event | BenchOpened | BenchFailed | Refused
+SessionEvent = Event | BenchOpened | BenchFailed | RunRejected
 Observer = Callable[[SessionEvent], None]
 
 
-class OwnOperator(Operator, Protocol):
+class BuiltInOperator(Operator, Protocol):
     """An operator that the bench brings along."""
 
-    def tidy(self) -> None:
+    def clear_specimen(self) -> None:
         """Take off what a run that was stopped left on the specimen. Raises BenchError where the bench is gone."""
 
 
-class Connected(Protocol):
+class ConnectedBench(Protocol):
     """What the composition root hands over."""
 
     @property
     def bench(self) -> Bench: ...
 
     @property
-    def operator(self) -> OwnOperator | None:
+    def operator(self) -> BuiltInOperator | None:
         """Answers prompts by itself (a simulated operator), or None where a person must."""
 
     @property
@@ -153,17 +153,17 @@ class Session:
 
     def __init__(
         self,
-        connect: Callable[[], AbstractContextManager[Connected]],
+        connect: Callable[[], AbstractContextManager[ConnectedBench]],
         observers: Sequence[Observer],
         operator: Operator,
     ) -> None:
         self._connect, self._observers, self._operator = connect, tuple(observers), operator
-        self._outside: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._jobs: queue.SimpleQueue[Job | Again | None] = queue.SimpleQueue()
+        self._injected_events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[RunRequest | RepeatRequest | None] = queue.SimpleQueue()
         self._cancel, self._pause = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
-        self.state = State.CONNECTING
-        self.outcome: tuple[Status, str] | None = None
+        self.state = SessionState.CONNECTING
+        self.outcome: tuple[RunStatus, str] | None = None
         self.path: Path | None = None
         self.finished = threading.Event()
         """Set when the run that was asked for has ended, or will never begin because there is no bench."""
@@ -178,27 +178,27 @@ class Session:
         protocol: Measurement,
         folder: Path,
         specimen: str,
-        earlier: "Earlier | None" = None,
+        resume: "ResumableRun | None" = None,
         prepare: Sequence[Prompt] = (),
     ) -> None:
         """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
-        self._queue(Job(protocol, folder, specimen, earlier, tuple(prepare)))
+        self._enqueue(RunRequest(protocol, folder, specimen, resume, tuple(prepare)))
 
-    def measure_again(self, path: Path, entries: Sequence[int], folder: Path) -> None:
+    def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None:
         """Queue a run that measures some entries of the run `path` again. Returns at once; it is read in our thread."""
-        self._queue(Again(path, tuple(entries), folder))
+        self._enqueue(RepeatRequest(path, tuple(entries), folder))
 
-    def _queue(self, job: Job | Again) -> None:
+    def _enqueue(self, request: RunRequest | RepeatRequest) -> None:
         self._cancel.clear()
         self._pause.clear()
         self.outcome = None
         self.finished.clear()
-        self._jobs.put(job)
-        if self.state in (State.NO_BENCH, State.CLOSED):
+        self._requests.put(request)
+        if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
             self.finished.set()
 
     @property
-    def pausing(self) -> bool:
+    def pause_requested(self) -> bool:
         """Whether the present run shall be at rest and wait."""
         return self._pause.is_set()
 
@@ -214,16 +214,16 @@ class Session:
         """Let a paused run go on; returns at once."""
         self._pause.clear()
 
-    def happened(self, event: Event) -> None:
+    def inject_event(self, event: Event) -> None:
         """Something happened to the bench from outside: into the file of the run that goes on, and told. From any thread."""
-        self._outside.put(event)
-        if self.state is not State.RUNNING:
-            self._tell_outside()
+        self._injected_events.put(event)
+        if self.state is not SessionState.RUNNING:
+            self._forward_injected()
 
     def close(self, timeout_s: float | None = None) -> bool:
         """Stop, go to rest, let go of the bench; whether the thread has ended within `timeout_s`."""
         self.stop()
-        self._jobs.put(None)
+        self._requests.put(None)
         if self._thread.is_alive():
             self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -232,93 +232,97 @@ class Session:
         try:
             with self._connect() as connected:
                 self.bench = connected.bench
-                identities = dict(connected.bench.record.get("identities", {}))
-                self._become(State.IDLE)
-                self._tell(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
-                while (job := self._jobs.get()) is not None:
+                identities = dict(connected.bench.configuration.get("identities", {}))
+                self._set_state(SessionState.IDLE)
+                self._notify(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
+                while (job := self._requests.get()) is not None:
                     self._run(connected, job)
         except BenchError as error:
-            self._lose(str(error))
+            self._fail(str(error))
         except Exception as error:
             log.exception("the session failed by an error of this program")
-            self._lose(f"an error of this program: {type(error).__name__}: {error}")
+            self._fail(f"an error of this program: {type(error).__name__}: {error}")
         finally:
             self.bench = None
-            if self.state is not State.NO_BENCH:
-                self._become(State.CLOSED)
+            if self.state is not SessionState.NO_BENCH:
+                self._set_state(SessionState.CLOSED)
             self.finished.set()
 
-    def _run(self, connected: Connected, asked: Job | Again) -> None:
+    def _run(self, connection: ConnectedBench, request: RunRequest | RepeatRequest) -> None:
         # HDF5 and what comes with it: not before the window is painted, and not in its thread.
-        from protocols.runfile.errors import StoreError
-        from protocols.runfile.open import RunError
-        from protocols.runfile.writer import RunFile
+        from protocols.runfile.errors import StorageError
+        from protocols.runfile.open import RunReadError
+        from protocols.runfile.writer import RunFileWriter
         from protocols.runner.runner import Runner
 
-        self._become(State.RUNNING)
-        self._tell_outside()
+        self._set_state(SessionState.RUNNING)
+        self._forward_injected()
         try:
-            job = asked.read() if isinstance(asked, Again) else asked
-            if isinstance(asked, Again) and self._cancel.is_set():
-                raise RunError(f"Stopped before the run began; nothing was measured. {asked.path.name} is as it was.")
-        except RunError as error:
-            self._refuse(str(error))
+            job = request.load() if isinstance(request, RepeatRequest) else request
+            if isinstance(request, RepeatRequest) and self._cancel.is_set():
+                raise RunReadError(
+                    f"Stopped before the run began; nothing was measured. {request.path.name} is as it was."
+                )
+        except RunReadError as error:
+            self._reject(str(error))
             return
-        for note in watchdog_notes(job.folder):
-            self._tell(note)
-        connected.bench.watchdog.log_to(job.folder)
+        for note in unreported_watchdog_messages(job.folder):
+            self._notify(note)
+        connection.bench.watchdog.set_log_folder(job.folder)
         try:
-            continues = job.earlier.path if job.earlier else None
-            store = RunFile.new(job.folder, header(job.protocol, connected.bench, job.specimen, continues))
-        except StoreError as error:
-            self._refuse(str(error))
+            continues = job.resume.path if job.resume else None
+            store = RunFileWriter.new(job.folder, run_metadata(job.protocol, connection.bench, job.specimen, continues))
+        except StorageError as error:
+            self._reject(str(error))
         else:
             self.path = store.path
-            operator = connected.operator or self._operator
-            if connected.operator is not None:
+            operator = connection.operator or self._operator
+            if connection.operator is not None:
                 with suppress(BenchError):  # the run will say it better
-                    connected.operator.tidy()
-            continuation = job.earlier.continuation if job.earlier else None
+                    connection.operator.clear_specimen()
+            continuation = job.resume.resume_state if job.resume else None
             runner = Runner(
                 job.protocol,
-                connected.bench,
+                connection.bench,
                 store,
                 operator,
-                [self._pass_on],
+                [self._forward],
                 self._cancel,
                 self._pause,
                 continuation,
                 job.prepare,
-                self._outside,
+                self._injected_events,
             )
             self.outcome = runner.run()
             self.finished.set()
 
-    def _refuse(self, words: str) -> None:
-        self.outcome = (Status.FAILED, words)
-        self._become(State.IDLE)
-        self._tell(Refused(words))
+    def _reject(self, reason: str) -> None:
+        self.outcome = (RunStatus.FAILED, reason)
+        self._set_state(SessionState.IDLE)
+        self._notify(RunRejected(reason))
         self.finished.set()
 
-    def _pass_on(self, event: Event) -> None:
+    def _forward(self, event: Event) -> None:
         if isinstance(event, RunEnded):
-            self._become(State.IDLE)  # before observers hear, so that they see a session ready for the next run
-            self._tell_outside()
-        self._tell(event)
+            self._set_state(
+                SessionState.IDLE
+            )  # before observers hear, so that they see a session ready for the next run
+            self._forward_injected()
+        self._notify(event)
 
-    def _tell_outside(self) -> None:
+    def _forward_injected(self) -> None:
         with suppress(queue.Empty):
             while True:
-                self._tell(self._outside.get_nowait())
+                self._notify(self._injected_events.get_nowait())
 
-    def _lose(self, words: str) -> None:
-        self._become(State.NO_BENCH)
-        self._tell(BenchFailed(words))
+    def _fail(self, reason: str) -> None:
+        self._set_state(SessionState.NO_BENCH)
+        self._notify(BenchFailed(reason))
 
-    def _become(self, state: State) -> None:
+    def _set_state(self, state: SessionState) -> None:
         self.state = state
 
-    def _tell(self, event: SessionEvent) -> None:
+    def _notify(self, event: SessionEvent) -> None:
         for observer in self._observers:
             try:
                 observer(event)
@@ -326,6 +330,6 @@ class Session:
                 log.exception("an observer failed on %s", event.kind)
 
 
-def watchdog_notes(folder: Path) -> list[Noted]:
+def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
     """What the watchdog of an earlier program left to be told beside these runs; told once."""
-    return [Noted(f"Since the last start the watchdog wrote: {line}") for line in untold(folder)]
+    return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]

@@ -6,13 +6,13 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
-from app.session.messages import Message
+from app.session.messages import LogLine
 from app.session.session import SessionEvent
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import Asked, AtRest, RunEnded, Status
+from protocols.base.events import PromptShown, RestMeasured, RunEnded, RunStatus
 from protocols.base.quality import Quality
-from protocols.base.records import Curve
+from protocols.base.records import ResultCurve
 
 UNSAFE_EXIT = 3
 
@@ -40,12 +40,12 @@ class Lamp(StrEnum):
 
     WAITING = "connecting"
     READY = "ready"
-    DOUBTED = "see the message"
-    ABSENT = "not connected"
+    SUSPECT = "see the message"
+    MISSING = "not connected"
 
 
 @dataclass(frozen=True, slots=True)
-class Instrument:
+class InstrumentStatus:
     """One instrument of the bench bar."""
 
     role: str
@@ -54,43 +54,43 @@ class Instrument:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """How far a run is. `at_s` is the bench time that had streamed when this was told."""
+class RunProgress:
+    """How far a run is. `updated_at_s` is the bench time that had streamed when this was told."""
 
     title: str
     entries: int
     expected_s: float
     done: int = 0
-    left_s: float = 0.0
+    remaining_s: float = 0.0
     label: str = ""
-    at_s: float = 0.0
+    updated_at_s: float = 0.0
 
-    def left_at(self, streamed_s: float) -> float:
+    def remaining_at(self, streamed_s: float) -> float:
         """Bench time left, counted down by the samples that came since; never past the present entry."""
         entry_s = self.expected_s / max(self.entries, 1)
-        return max(self.left_s - min(max(streamed_s - self.at_s, 0.0), entry_s), 0.0)
+        return max(self.remaining_s - min(max(streamed_s - self.updated_at_s, 0.0), entry_s), 0.0)
 
     def fraction_at(self, streamed_s: float) -> float:
         """How much is done, 0 to 1."""
-        return 1.0 - min(self.left_at(streamed_s) / self.expected_s, 1.0) if self.expected_s > 0 else 0.0
+        return 1.0 - min(self.remaining_at(streamed_s) / self.expected_s, 1.0) if self.expected_s > 0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class RunAsked:
+class RunRequested:
     """The operator pressed Run."""
 
     title: str
-    reads: str = ""
+    resumed_file: str = ""
     """The run that is read first, to be gone on with; what it measured is shown until the new one has begun."""
 
 
 @dataclass(frozen=True, slots=True)
-class PauseAsked:
+class PauseRequested:
     """The operator pressed Pause."""
 
 
 @dataclass(frozen=True, slots=True)
-class StopAsked:
+class StopRequested:
     """The operator pressed Stop, or wants to leave."""
 
 
@@ -100,36 +100,36 @@ class Acknowledged:
 
 
 @dataclass(frozen=True, slots=True)
-class ConnectAsked:
+class ReconnectRequested:
     """The operator wants the bench to be opened once more."""
 
 
-ViewEvent = SessionEvent | RunAsked | PauseAsked | StopAsked | Acknowledged | ConnectAsked
+WindowEvent = SessionEvent | RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class TimedEvent:
     """An event, when it was heard, and how much bench time the card had streamed by then."""
 
-    event: ViewEvent
-    at: datetime
+    event: WindowEvent
+    time: datetime
     streamed_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class WindowState:
     """Everything the window shows but the samples."""
 
     amplifier: AmplifierMap
-    bench: str
+    bench_name: str
     simulated: bool
-    instruments: tuple[Instrument, ...]
-    state: BenchState = BenchState.CONNECTING
+    instruments: tuple[InstrumentStatus, ...]
+    bench_state: BenchState = BenchState.CONNECTING
     connected: bool = False
     """The instruments answered when they were last asked to."""
     busy: bool = False
     """A run was asked for and has not ended."""
-    pausing: bool = False
+    pause_requested: bool = False
     """A pause was asked for and has not begun."""
     paused: bool = False
     protocol: str = ""
@@ -137,24 +137,24 @@ class View:
     high_voltage: bool = True
     """Whether the present run has it on."""
     drive: Drive | None = None
-    rest: AtRest | None = None
+    rest: RestMeasured | None = None
     """Rest as last measured; None while nothing is known."""
     rest_lost: bool = False
     """Rest could once not be confirmed, and has not been measured since."""
-    progress: Progress | None = None
-    prompt: Asked | None = None
+    progress: RunProgress | None = None
+    prompt: PromptShown | None = None
     points: tuple[Any, ...] = ()
     entries: tuple[int, ...] = ()
     """The entry of the plan each point belongs to."""
-    curves: tuple[Curve, ...] = ()
+    curves: tuple[ResultCurve, ...] = ()
     """What entries gave beside their points; one of each entry and label, the newest."""
     outcome: RunEnded | None = None
     unsafe: str = ""
     """The unsafe sentence, until it is acknowledged."""
-    trouble: str = ""
+    problem: str = ""
     """Why the last thing did not work, until it is dismissed or something new begins."""
-    messages: tuple[Message, ...] = ()
-    told: int = 0
+    messages: tuple[LogLine, ...] = ()
+    message_count: int = 0
     """How many messages there ever were."""
 
     @property
@@ -168,7 +168,7 @@ class View:
         return self.connected and not self.busy and not self.unsafe
 
     @property
-    def why_not(self) -> str:
+    def blocked_reason(self) -> str:
         """Why no run can begin; empty where one can."""
         if self.busy:
             return "a run is going on"
@@ -178,15 +178,15 @@ class View:
 
     @property
     def can_pause(self) -> bool:
-        return self.busy and self.state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
+        return self.busy and self.bench_state in (BenchState.LIVE, BenchState.HV_OFF, BenchState.PAUSED)
 
     @property
-    def volts(self) -> str:
+    def voltage_text(self) -> str:
         """Volts on the specimen, in figures."""
-        match self.state:
+        match self.bench_state:
             case BenchState.LIVE if self.drive is not None:
                 low, high = self.amplifier.specimen_v([self.drive.low_v, self.drive.high_v])
-                return volts_between(float(low), float(high))
+                return format_voltage_range(float(low), float(high))
             case BenchState.LIVE | BenchState.AT_REST | BenchState.PAUSED | BenchState.HV_OFF:
                 return "0 V"
             case BenchState.GOING_TO_REST:
@@ -197,11 +197,15 @@ class View:
                 return "unknown"
 
     @property
-    def volts_note(self) -> str:
+    def voltage_note(self) -> str:
         """What belongs beside the figures."""
-        match self.state:
+        match self.bench_state:
             case BenchState.LIVE:
-                return f"on the specimen, {pace(self.drive)}" if self.drive else "on the specimen, high voltage on"
+                return (
+                    f"on the specimen, {describe_drive(self.drive)}"
+                    if self.drive
+                    else "on the specimen, high voltage on"
+                )
             case BenchState.PAUSED:
                 return "rest measured, high voltage still on"
             case BenchState.HV_OFF:
@@ -226,24 +230,26 @@ class View:
     @property
     def exit_code(self) -> int:
         """What the program tells its caller: 3 unsafe, 1 failed or no bench, else 0."""
-        if self.state is BenchState.UNSAFE or self.rest_lost:
+        if self.bench_state is BenchState.UNSAFE or self.rest_lost:
             return UNSAFE_EXIT
-        failed = self.outcome is not None and self.outcome.status is Status.FAILED
-        return int(failed or self.state is BenchState.NO_BENCH)
+        failed = self.outcome is not None and self.outcome.status is RunStatus.FAILED
+        return int(failed or self.bench_state is BenchState.NO_BENCH)
 
 
-def opening(amplifier: AmplifierMap, bench: str, simulated: bool, names: Mapping[str, str]) -> View:
+def initial_window_state(amplifier: AmplifierMap, bench: str, simulated: bool, names: Mapping[str, str]) -> WindowState:
     """The view before anything is heard; `names` are the instruments' names of the bench file, by role."""
-    return View(amplifier, bench, simulated, tuple(Instrument(r, n, Lamp.WAITING) for r, n in names.items()))
+    return WindowState(
+        amplifier, bench, simulated, tuple(InstrumentStatus(r, n, Lamp.WAITING) for r, n in names.items())
+    )
 
 
-def volts_between(low: float, high: float) -> str:
+def format_voltage_range(low: float, high: float) -> str:
     """`−500 … +1500 V`, `0 V`."""
     figures = [("0" if abs(v) < 0.5 else f"{v:+.0f}").replace("-", "−") for v in (low, high)]
     return f"{figures[0]} V" if figures[0] == figures[1] else f"{figures[0]} … {figures[1]} V"
 
 
-def pace(drive: Drive) -> str:
+def describe_drive(drive: Drive) -> str:
     """How fast a drive goes, in words: `160 Hz`, `25 … 525 Hz`, `held`."""
     match drive:
         case Sine(frequency_hz=f):

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold
-from drivers.errors import DriveRefused, InstrumentError, LinkError
-from drivers.interfaces import Choosy, Identity, Source
+from drivers.errors import DriveRejectedError, InstrumentError, LinkError
+from drivers.interfaces import DriveChecker, Identity, Source
 from model.amplifier_map import AmplifierMap
 
-VOLTS_TOLERANCE = 1e-9
+LEVEL_ROUNDING_V = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class DriveLimits:
     specimen_capacitance_f: float = 0.0
 
     @property
-    def current_is_known(self) -> bool:
+    def has_current_limit(self) -> bool:
         """Whether a drive's current can be held against what the amplifier can push."""
         return self.current_limit_a > 0 and self.specimen_capacitance_f > 0
 
@@ -46,23 +46,23 @@ class HvAmplifier:
     def __init__(
         self,
         source: Source,
-        amplifier: AmplifierMap,
+        amplifier_map: AmplifierMap,
         limits: DriveLimits,
         clock: Clock,
         watchdog: Watchdog | None = None,
     ) -> None:
         self._source = source
         self._watchdog = watchdog or NoWatchdog()
-        self.map = amplifier
+        self.map = amplifier_map
         self.limits = limits
         self._clock = clock
-        self._until_s = 0.0
+        self._drive_end_s = 0.0
 
     @property
     def identity(self) -> Identity:
         return self._source.identity
 
-    def admit(self, drive: Drive) -> None:
+    def check_drive_limits(self, drive: Drive) -> None:
         """Refuse what must not reach the amplifier.
 
         Raises:
@@ -70,53 +70,53 @@ class HvAmplifier:
         """
         rest, name = self.map.rest_v, drive.kind
         for value, edge, beyond in (
-            (drive.low_v, self.map.low_v, drive.low_v < self.map.low_v - VOLTS_TOLERANCE),
-            (drive.high_v, self.map.high_v, drive.high_v > self.map.high_v + VOLTS_TOLERANCE),
+            (drive.low_v, self.map.low_v, drive.low_v < self.map.low_v - LEVEL_ROUNDING_V),
+            (drive.high_v, self.map.high_v, drive.high_v > self.map.high_v + LEVEL_ROUNDING_V),
         ):
             if beyond:
-                raise DriveRefused(
+                raise DriveRejectedError(
                     f"{name} refused: it reaches {value:g} V at the amplifier's input "
                     f"({float(self.map.specimen_v(edge)):g} V on the specimen is the limit, at {edge:g} V); "
                     "lower its amplitude or move its offset"
                 )
         if drive.slew_v_per_s > self.limits.slew_v_per_s:
-            raise DriveRefused(
+            raise DriveRejectedError(
                 f"{name} refused: its slope of {drive.slew_v_per_s:.4g} V/s at the amplifier's input exceeds the limit of "
                 f"{self.limits.slew_v_per_s:.4g} V/s; lower its frequency or amplitude, or lengthen its rise"
             )
-        current_a = self.current_a(drive)
-        if self.limits.current_is_known and current_a > self.limits.current_limit_a:
-            raise DriveRefused(
+        current_a = self.peak_current_a(drive)
+        if self.limits.has_current_limit and current_a > self.limits.current_limit_a:
+            raise DriveRejectedError(
                 f"{name} refused: it needs {1e3 * current_a:.3g} mA into {1e9 * self.limits.specimen_capacitance_f:.3g} nF, "
                 f"and the amplifier gives {1e3 * self.limits.current_limit_a:.3g} mA; lower its frequency or amplitude"
             )
-        if isinstance(self._source, Choosy) and (why := self._source.cannot(drive)):
-            raise DriveRefused(f"{name} refused: {why}")
+        if isinstance(self._source, DriveChecker) and (why := self._source.reason_unsupported(drive)):
+            raise DriveRejectedError(f"{name} refused: {why}")
         if not isinstance(drive, Hold):  # the guard itself ramps to a held level and back
-            for end, volts in zip(("starts", "ends"), drive.ends_v, strict=True):
+            for end, volts in zip(("starts", "ends"), drive.end_levels_v, strict=True):
                 if abs(volts - rest) > self.limits.step_v:
-                    raise DriveRefused(
+                    raise DriveRejectedError(
                         f"{name} refused: it {end} at {volts:g} V, but rest is {rest:g} V (limit ±{self.limits.step_v:g} V); "
                         f"make it start and end at {rest:g} V"
                     )
 
-    def current_a(self, drive: Drive) -> float:
+    def peak_current_a(self, drive: Drive) -> float:
         """What a drive charges the specimen with at its steepest, in amperes: capacitance times slope at the electrodes."""
         gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)
         gains += [self.map.slope_below] * (drive.low_v < self.map.rest_v)
         return self.limits.specimen_capacitance_f * drive.slew_v_per_s * max(gains, default=0.0)
 
-    def source_at_rest(self) -> bool:
+    def is_source_at_rest(self) -> bool:
         """Whether the source says of itself that it idles at rest with its output on."""
-        with self._watchdog.allow():
-            return self._source.at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
+        with self._watchdog.allow_silence():
+            return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
-    def prepare(self) -> None:
+    def initialize_at_rest(self) -> None:
         """Bring the source up at rest. Only with high voltage disabled."""
-        with self._watchdog.allow():
-            self._source.prepare(self.map.rest_v, self.map.low_v, self.map.high_v)
+        with self._watchdog.allow_silence():
+            self._source.initialize_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
-    def play(self, drive: Drive) -> None:
+    def start_drive(self, drive: Drive) -> None:
         """Admit a drive and begin it; whatever played before comes to rest first.
 
         Raises:
@@ -124,29 +124,29 @@ class HvAmplifier:
             InstrumentError: the source refused it or does not answer.
             BenchError: the watchdog has taken the source over, or has ended.
         """
-        self.admit(drive)
-        with self._watchdog.allow():
-            self._watchdog.check()
-            self.to_rest()
+        self.check_drive_limits(drive)
+        with self._watchdog.allow_silence():
+            self._watchdog.raise_for_status()
+            self.return_to_rest()
             # Set before the source is told: if its answer is lost, we must assume that it plays.
-            self._until_s = self._clock.now() + drive.duration_s
+            self._drive_end_s = self._clock.now() + drive.duration_s
             if isinstance(drive, Hold):
-                self._until_s = float("inf")
+                self._drive_end_s = float("inf")
                 self._ramp(drive.level_v)
-            self._source.play(drive)
+            self._source.start_drive(drive)
 
     @property
-    def seconds_left(self) -> float:
+    def remaining_s(self) -> float:
         """How much longer the present drive lasts by itself (0 at rest, infinite for a held level)."""
-        return max(self._until_s - self._clock.now(), 0.0)
+        return max(self._drive_end_s - self._clock.now(), 0.0)
 
-    def to_rest(self) -> None:
+    def return_to_rest(self) -> None:
         """Stop what plays and ramp to rest; returns when the source says it idles there.
 
         Raises:
             InstrumentError: the source does not answer. Rest must then be established by measurement.
         """
-        if self._until_s > 0:
+        if self._drive_end_s > 0:
             self.force_rest()
 
     def force_rest(self) -> None:
@@ -155,7 +155,7 @@ class HvAmplifier:
         Raises:
             InstrumentError: something went wrong; what could be sent was sent all the same.
         """
-        with self._watchdog.allow():
+        with self._watchdog.allow_silence():
             failure: InstrumentError | None = None
             for way in (self._source.stop, self._ramp_to_rest):
                 try:
@@ -164,11 +164,11 @@ class HvAmplifier:
                     failure = failure or error
             if failure is not None:
                 raise failure
-            self._until_s = 0.0
+            self._drive_end_s = 0.0
 
-    def recover(self) -> None:
+    def reconnect_and_force_rest(self) -> None:
         """Open a failed wire anew and go to rest over it."""
-        with self._watchdog.allow():
+        with self._watchdog.allow_silence():
             self._source.reconnect()
         self.force_rest()
 
@@ -181,9 +181,9 @@ class HvAmplifier:
             self._ramp(self.map.rest_v)
         except LinkError:  # where it idles cannot be asked: as if it were the furthest way
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
-            self._source.move(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
+            self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
 
     def _ramp(self, level_v: float) -> None:
-        distance = abs(self._source.idle_v() - level_v)
-        if distance > VOLTS_TOLERANCE:
-            self._source.move(level_v, max(distance / self.limits.ramp_v_per_s, 0.01))
+        distance = abs(self._source.idle_level_v() - level_v)
+        if distance > LEVEL_ROUNDING_V:
+            self._source.ramp_to(level_v, max(distance / self.limits.ramp_v_per_s, 0.01))

@@ -11,8 +11,16 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.rest import Rest
-from drivers.bench.shutdown import BY_HAND, DISPLACEMENT, DRIVE, PATIENCE_S, WayOut, channel_skew_s, drive_volts
+from drivers.bench.rest import RestMeasurement
+from drivers.bench.shutdown import (
+    DISPLACEMENT_CHANNEL,
+    DRIVE_CHANNEL,
+    MANUAL_SHUTDOWN_INSTRUCTIONS,
+    REST_TIMEOUT_S,
+    SafeShutdown,
+    channel_skew_s,
+    drive_voltage,
+)
 from drivers.bench.watchdog_interface import NoWatchdog, Watchdog
 from drivers.clock import Clock
 from drivers.drive import Drive
@@ -20,7 +28,16 @@ from drivers.errors import AcquisitionError, BenchError, UnsafeError
 from drivers.interfaces import Block, Digitizer, Meter, Scale, Stream
 from drivers.sensors.laser_sensor import LaserSensor
 
-__all__ = ["BY_HAND", "DISPLACEMENT", "DRIVE", "Armed", "Bench", "HighVoltageSwitch", "channel_skew_s", "drive_volts"]
+__all__ = [
+    "DISPLACEMENT_CHANNEL",
+    "DRIVE_CHANNEL",
+    "MANUAL_SHUTDOWN_INSTRUCTIONS",
+    "ArmedBench",
+    "Bench",
+    "HighVoltageSwitch",
+    "channel_skew_s",
+    "drive_voltage",
+]
 
 RATE_TOLERANCE = 0.01
 """How far the card's sample clock may be from what was asked for: its divider makes what comes next."""
@@ -35,19 +52,19 @@ class HighVoltageSwitch(Protocol):
 
 
 @dataclass
-class Armed:
+class ArmedBench:
     """The live bench: play a drive, read blocks. Every block read goes to the sink first."""
 
     amplifier: HvAmplifier
     stream: Stream
-    sink: Callable[[Block], None]
+    block_sink: Callable[[Block], None]
     watchdog: Watchdog
-    measure_rest: Callable[[], Rest]
-    energised: bool = False
+    measure_rest: Callable[[], RestMeasurement]
+    high_voltage_may_be_on: bool = False
     """Whether high voltage may be on: from then on, every way out must measure rest."""
-    before: Rest | None = None
+    initial_rest: RestMeasurement | None = None
     """What the card saw when rest was measured before the first drive."""
-    rest: Rest | None = None
+    final_rest: RestMeasurement | None = None
     """What was measured on the way out; None while live, or where high voltage never came on."""
 
     @property
@@ -58,43 +75,43 @@ class Armed:
     def scales(self) -> tuple[Scale, ...]:
         return self.stream.scales
 
-    def play(self, drive: Drive) -> None:
-        self.amplifier.play(drive)
+    def start_drive(self, drive: Drive) -> None:
+        self.amplifier.start_drive(drive)
 
-    def to_rest(self) -> Rest:
+    def return_to_verified_rest(self) -> RestMeasurement:
         """Go to rest and see it there.
 
         Raises:
             BenchError: the card does not see rest; leaving the `with` block then tries everything else.
         """
-        self.amplifier.to_rest()
+        self.amplifier.return_to_rest()
         rest = self.measure_rest()
         if not rest.confirmed:
-            raise BenchError(f"the source was told to rest, but {rest.words}")
+            raise BenchError(f"the source was told to rest, but {rest.message}")
         return rest
 
     @contextlib.contextmanager
-    def hands_on(self, switch: HighVoltageSwitch) -> Iterator[None]:
+    def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
         """Let a person touch the specimen: rest measured, high voltage off; and both again before anything moves."""
-        self.to_rest()
+        self.return_to_verified_rest()
         switch.disable()
         yield
         if not (rest := self.measure_rest()).confirmed:
-            raise BenchError(f"high voltage stays off: {rest.words}")
+            raise BenchError(f"high voltage stays off: {rest.message}")
         switch.enable()
         if not (rest := self.measure_rest()).confirmed:
-            raise BenchError(f"after high voltage was enabled, {rest.words}")
+            raise BenchError(f"after high voltage was enabled, {rest.message}")
 
-    def read(self) -> Block:
-        block = self.skip()
-        self.sink(block)
+    def read_block(self) -> Block:
+        block = self.discard_block()
+        self.block_sink(block)
         return block
 
-    def skip(self) -> Block:
+    def discard_block(self) -> Block:
         """Read a block that nobody keeps: while a person takes their time, the card must be emptied all the same."""
         block = self.stream.read()
-        self.watchdog.beat()
-        self.watchdog.check()
+        self.watchdog.send_heartbeat()
+        self.watchdog.raise_for_status()
         return block
 
 
@@ -103,7 +120,7 @@ class Bench:
     """The instruments of one bench.
 
     Args:
-        record: the complete configuration as plain values, copied into every run.
+        configuration: the complete configuration as plain values, copied into every run.
     """
 
     amplifier: HvAmplifier
@@ -112,11 +129,11 @@ class Bench:
     clock: Clock
     block_s: float = 0.05
     simulated: bool = False
-    record: Mapping[str, Any] = field(default_factory=dict)
+    configuration: Mapping[str, Any] = field(default_factory=dict)
     meters: Mapping[str, Meter] = field(default_factory=dict)
     name: str = "bench"
     watchdog: Watchdog = field(default_factory=NoWatchdog)
-    _switched_on: bool = field(default=False, init=False)
+    _high_voltage_enabled: bool = field(default=False, init=False)
     """Whether somebody has switched high voltage on since this bench was opened."""
 
     def close(self) -> None:
@@ -145,48 +162,48 @@ class Bench:
     def armed(
         self,
         rate_hz: float,
-        sink: Callable[[Block], None],
+        block_sink: Callable[[Block], None],
         switch: HighVoltageSwitch,
-        started: Callable[[Armed], None] = lambda _: None,
+        on_started: Callable[[ArmedBench], None] = lambda _: None,
         high_voltage: bool = True,
-    ) -> Iterator[Armed]:
+    ) -> Iterator[ArmedBench]:
         """The bench at rest and live, with the card running.
 
         Args:
             rate_hz: scans per second.
-            sink: receives every block, in order, before anybody else sees it.
+            block_sink: receives every block, in order, before anybody else sees it.
             switch: asked to disable high voltage before the output comes up, and to enable it when rest is measured.
-            started: told before the first block, when the card runs (its true rate and scales are known).
+            on_started: told before the first block, when the card runs (its true rate and scales are known).
             high_voltage: whether it shall come on; where not, it is switched off, and the drive is seen at rest.
 
         Raises:
             BenchError: an instrument is absent or refuses; high voltage was not enabled, or rest was confirmed.
             UnsafeError: rest could not be confirmed; the sentence says what to do by hand.
         """
-        way_out = WayOut(self.amplifier, self.clock, self.watchdog, self.open_stream)
+        way_out = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
         try:
             stream = self.open_stream(rate_hz)
         except Exception as error:
-            if not self._switched_on:
+            if not self._high_voltage_enabled:
                 raise
             # An earlier run left high voltage on, and nobody can see now where the source stands.
-            trouble = way_out.command(self.amplifier.force_rest)
+            trouble = way_out.command_rest(self.amplifier.force_rest)
             words = f"the card cannot see the drive: {error}.{trouble}"
-            self.watchdog.note(f"the program could not confirm rest: {words}")
-            raise UnsafeError(f"{BY_HAND}. What was measured: {words}") from error
+            self.watchdog.log(f"the program could not confirm rest: {words}")
+            raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {words}") from error
         with stream:
             # An earlier run may have left high voltage on: then any failure from here on must measure rest.
-            armed = Armed(
+            armed = ArmedBench(
                 self.amplifier,
                 stream,
-                sink,
+                block_sink,
                 self.watchdog,
-                lambda: way_out.watch(armed.skip, stream, PATIENCE_S, armed.before),
-                energised=self._switched_on,
+                lambda: way_out.measure_rest(armed.discard_block, stream, REST_TIMEOUT_S, armed.initial_rest),
+                high_voltage_may_be_on=self._high_voltage_enabled,
             )
             failure: BaseException | None = None
             try:
-                started(armed)
+                on_started(armed)
                 self._arm(armed, switch, way_out, high_voltage)
                 yield armed
             except BaseException as error:
@@ -194,44 +211,46 @@ class Bench:
                 raise
             finally:
                 lost = None
-                if armed.energised:
-                    armed.rest, lost = way_out.take(stream, sink, armed.before)
+                if armed.high_voltage_may_be_on:
+                    armed.final_rest, lost = way_out.run(stream, block_sink, armed.initial_rest)
                     self.watchdog.disarm()  # not where even that was broken off: then its turn has come
-                    if not armed.rest.confirmed:
-                        raise UnsafeError(f"{BY_HAND}. What was measured: {armed.rest.words}") from failure
+                    if not armed.final_rest.confirmed:
+                        raise UnsafeError(
+                            f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {armed.final_rest.message}"
+                        ) from failure
                 if failure is None and lost is not None:
                     raise lost
 
-    def _arm(self, armed: Armed, switch: HighVoltageSwitch, way_out: WayOut, high_voltage: bool) -> None:
-        says_rest = self.amplifier.source_at_rest()
+    def _arm(self, armed: ArmedBench, switch: HighVoltageSwitch, shutdown: SafeShutdown, high_voltage: bool) -> None:
+        says_rest = self.amplifier.is_source_at_rest()
         if says_rest:  # an earlier run may have left high voltage on
-            armed.energised = True
+            armed.high_voltage_may_be_on = True
             self.watchdog.arm()
         else:
             switch.disable()
-            armed.energised = self._switched_on = False
-            self.amplifier.prepare()
-        rest = way_out.watch(armed.read, armed.stream, PATIENCE_S)
+            armed.high_voltage_may_be_on = self._high_voltage_enabled = False
+            self.amplifier.initialize_at_rest()
+        rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed and says_rest:
-            raise BenchError(f"the generator says it is at rest, but {rest.words}")
+            raise BenchError(f"the generator says it is at rest, but {rest.message}")
         if not rest.confirmed:
             raise BenchError(
-                f"not armed, high voltage stays disabled: {rest.words}. Check the cable from the generator to the amplifier "
+                f"not armed, high voltage stays disabled: {rest.message}. Check the cable from the generator to the amplifier "
                 "and to the card's drive channel"
             )
         if not high_voltage:
             if says_rest:
                 switch.disable()
-            armed.energised = self._switched_on = False
+            armed.high_voltage_may_be_on = self._high_voltage_enabled = False
             self.watchdog.disarm()
-            armed.before = rest
+            armed.initial_rest = rest
             return
         # Before every run, also where the source rests from the last one: nobody may be surprised by a drive, and whoever
         # was told to switch high voltage off has to be told to switch it on.
-        armed.energised = self._switched_on = True
+        armed.high_voltage_may_be_on = self._high_voltage_enabled = True
         self.watchdog.arm()
         switch.enable()
-        rest = way_out.watch(armed.read, armed.stream, PATIENCE_S)
+        rest = shutdown.measure_rest(armed.read_block, armed.stream, REST_TIMEOUT_S)
         if not rest.confirmed:
-            raise BenchError(f"after high voltage was enabled, {rest.words}")
-        armed.before = rest
+            raise BenchError(f"after high voltage was enabled, {rest.message}")
+        armed.initial_rest = rest

@@ -13,70 +13,70 @@ from drivers.clock import Clock
 REST_TOLERANCE_V = 0.05
 """How far the card may see the drive from rest: its noise, its gain error and a generator's offset error."""
 
-RETURN_TOLERANCE_V = 0.01
+REST_REPEATABILITY_V = 0.01
 """How far from where it stood when armed the drive may come to rest. The generator's and the card's errors are the same
 then as now, so that a level of some 30 mV that nobody brought back is seen, and is not taken for an error."""
 
-MORE_NOISE, MORE_NOISE_V = 2.0, 0.002
+MAX_NOISE_RATIO, NOISE_MARGIN_V = 2.0, 0.002
 """How much noisier than when armed it may be: a small sine that still plays has the right mean."""
 
-REST_HELD_S = 0.1
+REST_DURATION_S = 0.1
 """How long the card must see rest without a break."""
 
-SEEN_S = 1.0
+EXTREMES_WINDOW_S = 1.0
 """Lowest and highest that are told where rest is not confirmed are those of this last while."""
 
-FRESH_S = 0.1
+STALE_SAMPLES_S = 0.1
 """Samples taken earlier than this after a command may still show what was before it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class RestMeasurement:
     """What the card saw of the drive when rest was to be confirmed."""
 
     confirmed: bool
     measured_v: float
-    words: str
+    message: str
     noise_v: float = math.nan
 
 
-def see_rest(
-    next_volts: Callable[[], tuple[int, NDArray[np.float64]]],
+def verify_rest(
+    read_drive_volts: Callable[[], tuple[int, NDArray[np.float64]]],
     clock: Clock,
-    started_s: float,
+    start_time_s: float,
     rate_hz: float,
     rest_v: float,
-    patience_s: float,
-    before: Rest | None = None,
-) -> Rest:
+    timeout_s: float,
+    initial_rest: RestMeasurement | None = None,
+) -> RestMeasurement:
     """Read until the drive has stood at rest for a while, in samples taken after this call.
 
     Every sample must lie near rest; and where rest was seen `before`, it must stand where it stood then, as quietly.
 
     Args:
-        next_volts: index of the first scan of the next block, and volts at the amplifier's input.
+        read_drive_volts: index of the first scan of the next block, and volts at the amplifier's input.
         clock: bench time.
-        started_s: bench time of scan 0.
+        start_time_s: bench time of scan 0.
         rate_hz: scans per second.
         rest_v: what rest should be.
-        patience_s: how long to wait for it.
-        before: what was seen when the bench was armed.
+        timeout_s: how long to wait for it.
+        initial_rest: what was seen when the bench was armed.
     """
     wanted_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, math.inf
-    if before is not None:
-        wanted_v, limit_v = before.measured_v, RETURN_TOLERANCE_V
-        noise_limit_v = MORE_NOISE * before.noise_v + MORE_NOISE_V
+    if initial_rest is not None:
+        wanted_v, limit_v = initial_rest.measured_v, REST_REPEATABILITY_V
+        noise_limit_v = MAX_NOISE_RATIO * initial_rest.noise_v + NOISE_MARGIN_V
     begin_s = clock.now()
-    fresh = math.ceil((begin_s - started_s + FRESH_S) * rate_hz)
-    needed = math.ceil(REST_HELD_S * rate_hz)
+    fresh = math.ceil((begin_s - start_time_s + STALE_SAMPLES_S) * rate_hz)
+    needed = math.ceil(REST_DURATION_S * rate_hz)
     still, mean_v, noise_v = np.empty(0), math.nan, math.nan
     extremes: deque[tuple[int, float, float]] = deque()
     while True:
-        start, block = next_volts()
+        start, block = read_drive_volts()
         volts = block[max(fresh - start, 0) :]
         if volts.size:
             extremes.append((start + block.size, float(volts.min()), float(volts.max())))
-            while extremes[0][0] < start - SEEN_S * rate_hz:
+            while extremes[0][0] < start - EXTREMES_WINDOW_S * rate_hz:
                 extremes.popleft()
             away = np.flatnonzero(np.abs(volts - rest_v) > REST_TOLERANCE_V)
             still = np.concatenate([still, volts]) if not away.size else volts[int(away[-1]) + 1 :]
@@ -84,12 +84,14 @@ def see_rest(
             seen = still if still.size == needed else volts
             mean_v, noise_v = float(seen.mean()), float(seen.std())
             if still.size == needed and abs(mean_v - wanted_v) <= limit_v and noise_v <= noise_limit_v:
-                return Rest(True, mean_v, f"the card sees {mean_v:z.3f} V at the amplifier's input: rest", noise_v)
-        if start + block.size >= fresh + needed and clock.now() - begin_s > patience_s:
+                return RestMeasurement(
+                    True, mean_v, f"the card sees {mean_v:z.3f} V at the amplifier's input: rest", noise_v
+                )
+        if start + block.size >= fresh + needed and clock.now() - begin_s > timeout_s:
             noise = f", noise {noise_v:.2g} V" if noise_v > noise_limit_v else ""
             lowest_v, highest_v = min(e[1] for e in extremes), max(e[2] for e in extremes)
             words = (
                 f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {wanted_v:.4g} V "
-                f"(limit ±{limit_v:g} V{noise}, watched for {patience_s:.1f} s)"
+                f"(limit ±{limit_v:g} V{noise}, watched for {timeout_s:.1f} s)"
             )
-            return Rest(False, mean_v, words, noise_v)
+            return RestMeasurement(False, mean_v, words, noise_v)

@@ -16,27 +16,27 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivers.errors import LinkError
-from drivers.generators.arbitrary_waveform import SINE, Points
+from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V, BurstGenerator
-from drivers.generators.expected_setting import Setting, between, near, word
+from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
 
 FULL_SCALE = 32767
-NAMES = ("tbench1", "tbench2")
+WAVEFORM_NAMES = ("tbench1", "tbench2")
 
 
 class SiglentSdg(BurstGenerator):
     """A `Source` that keeps one amplitude and carries every drive in the points of its waveform."""
 
     MODELS = ("SDG1", "SDG2", "T3AFG")
-    SOLD_AS = "Siglent SDG1000X and SDG2000X"
-    HOLDS_RANGE = False
+    PRODUCT_NAMES = "Siglent SDG1000X and SDG2000X"
+    CAN_FREEZE_RANGE = False
 
-    def idle_v(self) -> float:
-        return self._number("BSWV", "OFST")
+    def idle_level_v(self) -> float:
+        return self._query_number("BSWV", "OFST")
 
-    def _ask(self, command: str) -> dict[str, str]:
+    def _query_parameters(self, command: str) -> dict[str, str]:
         """The parameters that a query answers, by name."""
-        answer = self._scpi.ask(f"C1:{command}?")
+        answer = self._scpi.query(f"C1:{command}?")
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
             self._scpi.link.clear()
@@ -49,8 +49,8 @@ class SiglentSdg(BurstGenerator):
             words = ["STATE", *words]
         return dict(zip(words[::2], words[1::2], strict=False))
 
-    def _number(self, command: str, name: str) -> float:
-        text = self._answer(f"{command} {name}")
+    def _query_number(self, command: str, name: str) -> float:
+        text = self._query_setting(f"{command} {name}")
         try:
             return float(text)
         except ValueError:
@@ -58,20 +58,20 @@ class SiglentSdg(BurstGenerator):
                 f"{self._scpi.instrument}: 'C1:{command}?' names no {name} ('{text[:30]}'); is it in the mode it was set to?"
             ) from None
 
-    def _answer(self, name: str) -> str:
+    def _query_setting(self, name: str) -> str:
         command, _, parameter = name.partition(" ")
-        text = self._ask(command).get(parameter, "nothing")
+        text = self._query_parameters(command).get(parameter, "nothing")
         number = re.match(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?(?=[A-Z]*$)", text)
         return number[0] if number else text
 
-    def _put(self, command: str, name: str, value: float, tolerance: float) -> None:
-        self._scpi.link.write(_words(command, name, value))
-        self._agree(self._number(command, name), value, tolerance, f"{command} {name}")
+    def _set_number(self, command: str, name: str, value: float, tolerance: float) -> None:
+        self._scpi.link.write(_parameter_command(command, name, value))
+        self._check_readback(self._query_number(command, name), value, tolerance, f"{command} {name}")
 
-    def _choose(self, command: str, **values: str) -> None:
+    def _set_keywords(self, command: str, **values: str) -> None:
         words = ",".join(f"{name},{value}" for name, value in values.items())
         self._scpi.link.write(f"C1:{command} {words.removeprefix('STATE,') if command == 'OUTP' else words}")
-        seen = self._ask(command)
+        seen = self._query_parameters(command)
         for name, value in values.items():
             if seen.get(name) != value:
                 raise LinkError(
@@ -79,95 +79,97 @@ class SiglentSdg(BurstGenerator):
                     "nothing more was sent. Look at the instrument's front panel"
                 )
 
-    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
+    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
         return (
-            word("OUTP LOAD", "HZ"),
-            word("OUTP PLRT", "NOR"),
-            word("BSWV WVTP", "ARB"),
-            near("BSWV OFST", rest_v, LEVEL_TOLERANCE_V),
-            near("BSWV AMP", high_v - low_v, LEVEL_TOLERANCE_V),
-            word("BTWV STATE", "ON"),
-            word("BTWV GATE_NCYC", "NCYC"),
-            word("BTWV TRSR", "MAN"),
-            near("BTWV STPS", 0.0, 1e-3),
-            between("BTWV TIME", 1, self.MOST_CYCLES),
+            expect_keyword("OUTP LOAD", "HZ"),
+            expect_keyword("OUTP PLRT", "NOR"),
+            expect_keyword("BSWV WVTP", "ARB"),
+            expect_value("BSWV OFST", rest_v, LEVEL_TOLERANCE_V),
+            expect_value("BSWV AMP", high_v - low_v, LEVEL_TOLERANCE_V),
+            expect_keyword("BTWV STATE", "ON"),
+            expect_keyword("BTWV GATE_NCYC", "NCYC"),
+            expect_keyword("BTWV TRSR", "MAN"),
+            expect_value("BTWV STPS", 0.0, 1e-3),
+            expect_range("BTWV TIME", 1, self.MAX_BURST_CYCLES),
         )
 
-    def _output_is_on(self) -> bool:
-        return self._answer("OUTP STATE") == "ON"
+    def _is_output_on(self) -> bool:
+        return self._query_setting("OUTP STATE") == "ON"
 
-    def _forget_errors(self) -> None:
+    def _clear_error_queue(self) -> None:
         """Nothing: this box keeps no errors."""
 
-    def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
-        self._choose("OUTP", LOAD="HZ")
-        self._choose("OUTP", PLRT="NOR")
-        self._choose("BSWV", WVTP="ARB")
-        self._put("BSWV", "AMP", 0.1, 1e-3)
-        self._choose("BTWV", STATE="OFF")
-        self._put("BSWV", "OFST", rest_v, 1e-3)
-        self._held = None
-        self._load(SINE)
-        self._choose("BTWV", STATE="ON")
-        self._choose("BTWV", GATE_NCYC="NCYC", TRSR="MAN")
-        self._put("BTWV", "STPS", 0, 1e-3)
+    def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
+        self._set_keywords("OUTP", LOAD="HZ")
+        self._set_keywords("OUTP", PLRT="NOR")
+        self._set_keywords("BSWV", WVTP="ARB")
+        self._set_number("BSWV", "AMP", 0.1, 1e-3)
+        self._set_keywords("BTWV", STATE="OFF")
+        self._set_number("BSWV", "OFST", rest_v, 1e-3)
+        self._stored_waveform = None
+        self._load_waveform(SINE_CYCLE)
+        self._set_keywords("BTWV", STATE="ON")
+        self._set_keywords("BTWV", GATE_NCYC="NCYC", TRSR="MAN")
+        self._set_number("BTWV", "STPS", 0, 1e-3)
         self._set_cycles(1)
-        self._put("BSWV", "AMP", high_v - low_v, 1e-3)
+        self._set_number("BSWV", "AMP", high_v - low_v, 1e-3)
 
-    def _output_on(self) -> None:
-        self._choose("OUTP", STATE="ON")
+    def _enable_output(self) -> None:
+        self._set_keywords("OUTP", STATE="ON")
 
-    def _offset_words(self, volts: float) -> str:
-        return _words("BSWV", "OFST", volts)
+    def _offset_command(self, volts: float) -> str:
+        return _parameter_command("BSWV", "OFST", volts)
 
     def _set_offset(self, volts: float) -> None:
-        self._put("BSWV", "OFST", volts, 1e-3)
+        self._set_number("BSWV", "OFST", volts, 1e-3)
 
-    def _amplitude(self) -> float:
-        return self._number("BSWV", "AMP")
+    def _query_amplitude(self) -> float:
+        return self._query_number("BSWV", "AMP")
 
-    def _amplitude_words(self, vpp: float) -> str:
-        return _words("BSWV", "AMP", vpp)
+    def _amplitude_command(self, vpp: float) -> str:
+        return _parameter_command("BSWV", "AMP", vpp)
 
     def _set_amplitude(self, vpp: float) -> None:
-        self._put("BSWV", "AMP", vpp, 1e-3)
+        self._set_number("BSWV", "AMP", vpp, 1e-3)
 
-    def _set_rate(self, rate_hz: float, size: int) -> None:  # noqa: ARG002 - this box counts whole periods
-        self._put("BSWV", "FRQ", rate_hz, 1e-6 * rate_hz + 1e-6)
+    def _set_rate(self, rate_hz: float, point_count: int) -> None:  # noqa: ARG002 - this box counts whole periods
+        self._set_number("BSWV", "FRQ", rate_hz, 1e-6 * rate_hz + 1e-6)
 
     def _set_cycles(self, cycles: int) -> None:
-        self._put("BTWV", "TIME", cycles, 0.5)
+        self._set_number("BTWV", "TIME", cycles, 0.5)
 
-    def _longest_s(self) -> float:
-        if self._answer("BTWV STATE") != "ON":
+    def _query_burst_duration_s(self) -> float:
+        if self._query_setting("BTWV STATE") != "ON":
             return 0.0
-        cycles = self._answer("BTWV TIME")
-        return math.inf if cycles == "INF" else float(cycles) / self._number("BSWV", "FRQ")
+        cycles = self._query_setting("BTWV TIME")
+        return math.inf if cycles == "INF" else float(cycles) / self._query_number("BSWV", "FRQ")
 
     def _trigger(self) -> None:
-        self._say("C1:BTWV MTRIG")  # nothing confirms a trigger; this at least hears that the box still answers
+        self._send("C1:BTWV MTRIG")  # nothing confirms a trigger; this at least hears that the box still answers
 
-    def _say(self, words: str) -> None:
-        self._scpi.link.write(words)
-        self._ask("OUTP")
+    def _send(self, command: str) -> None:
+        self._scpi.link.write(command)
+        self._query_parameters("OUTP")
 
-    def _cut_words(self) -> Sequence[str]:
+    def _abort_commands(self) -> Sequence[str]:
         return "C1:BTWV STATE,OFF", "C1:BTWV STATE,ON"
 
-    def _store(self, points: Points) -> None:
-        playing = self._ask("ARWV").get("NAME", "")
-        name = NAMES[1] if playing.startswith(NAMES[0]) else NAMES[0]  # never the one on the output
+    def _download_waveform(self, points: Points) -> None:
+        playing = self._query_parameters("ARWV").get("NAME", "")
+        name = (
+            WAVEFORM_NAMES[1] if playing.startswith(WAVEFORM_NAMES[0]) else WAVEFORM_NAMES[0]
+        )  # never the one on the output
         data = np.rint(points * FULL_SCALE).astype("<i2").tobytes()
-        hertz, vpp, offset = (self._number("BSWV", name) for name in ("FRQ", "AMP", "OFST"))
+        hertz, vpp, offset = (self._query_number("BSWV", name) for name in ("FRQ", "AMP", "OFST"))
         brought = f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0"
         self._scpi.link.write(
             f"C1:WVDT WVNM,{name},TYPE,5,LENGTH,{len(data)}B,{brought},WAVEDATA,{data.decode('latin-1')}"
         )
-        self._choose("ARWV", NAME=name)
+        self._set_keywords("ARWV", NAME=name)
 
-    def _most_points(self) -> int:
+    def _max_points(self) -> int:
         return 16_384 if self.identity.model.upper().startswith("SDG1") else 1_000_000
 
 
-def _words(command: str, name: str, value: float) -> str:
+def _parameter_command(command: str, name: str, value: float) -> str:
     return f"C1:{command} {name},{value:.10g}"

@@ -12,9 +12,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from drivers.generators.arbitrary_waveform import SINE, Points, block
+from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import LEVEL_TOLERANCE_V
-from drivers.generators.expected_setting import Setting, near, word
+from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_value
 from drivers.generators.scpi_burst_generator import ScpiBurstGenerator
 
 FULL_SCALE = 16382
@@ -24,50 +24,54 @@ class TektronixAfg(ScpiBurstGenerator):
     """A `Source` that keeps one amplitude and carries every drive in the points of its edit memory."""
 
     MODELS = ("AFG3", "AFG1")
-    SOLD_AS = "Tektronix AFG3000 and AFG1000"
-    HOLDS_RANGE = False
-    SOURCE = "SOUR1:"
-    OUTPUT = "OUTP1:STAT"
-    LOAD = "OUTP1:IMP"
+    PRODUCT_NAMES = "Tektronix AFG3000 and AFG1000"
+    CAN_FREEZE_RANGE = False
+    SOURCE_PREFIX = "SOUR1:"
+    OUTPUT_HEADER = "OUTP1:STAT"
+    LOAD_HEADER = "OUTP1:IMP"
 
     @property
-    def _small(self) -> bool:
+    def _is_afg1000(self) -> bool:
         return self.identity.model.upper().startswith("AFG1")
 
-    def _armed_state(self, rest_v: float, low_v: float, high_v: float) -> Iterable[Setting]:
-        yield from self._shared_state(rest_v)
+    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
+        yield from self._common_expected_settings(rest_v)
         yield from (
-            word("SOUR1:FUNC:SHAP", "EMEM", "EMEMORY", "EMEM1"),
-            word("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
-            near("SOUR1:BURS:TDEL", 0.0, 1e-9),
-            word("TRIG:SOUR", "EXT"),
-            near("SOUR1:VOLT", high_v - low_v, LEVEL_TOLERANCE_V),
+            expect_keyword("SOUR1:FUNC:SHAP", "EMEM", "EMEMORY", "EMEM1"),
+            expect_keyword("SOUR1:FREQ:MODE", "CW", "FIX", "FIXED"),
+            expect_value("SOUR1:BURS:TDEL", 0.0, 1e-9),
+            expect_keyword("TRIG:SOUR", "EXT"),
+            expect_value("SOUR1:VOLT", high_v - low_v, LEVEL_TOLERANCE_V),
         )
-        if not self._small:
+        if not self._is_afg1000:
             half_v = (high_v - low_v) / 2
-            yield self._load_state()
-            yield near("SOUR1:VOLT:LIM:LOW", low_v - half_v, LEVEL_TOLERANCE_V)
-            yield near("SOUR1:VOLT:LIM:HIGH", high_v + half_v, LEVEL_TOLERANCE_V)
+            yield self._expected_load()
+            yield expect_value("SOUR1:VOLT:LIM:LOW", low_v - half_v, LEVEL_TOLERANCE_V)
+            yield expect_value("SOUR1:VOLT:LIM:HIGH", high_v + half_v, LEVEL_TOLERANCE_V)
 
-    def _set_up(self, rest_v: float, low_v: float, high_v: float) -> None:
+    def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
         half_v = (high_v - low_v) / 2
-        if not self._small:
-            self._tell("SOUR1:VOLT:LIM:LOW MIN", "SOUR1:VOLT:LIM:HIGH MAX")
-            self._declare_load()
-        self._tell("SOUR1:VOLT:UNIT VPP", "SOUR1:FREQ:MODE CW")
-        self._tell("SOUR1:VOLT 0.1", "SOUR1:BURS:STAT OFF", f"SOUR1:VOLT:OFFS {rest_v:.6f}")
-        self._held = None
-        self._load(SINE)
-        self._tell("SOUR1:FUNC:SHAP EMEM", "SOUR1:FREQ 100")
+        if not self._is_afg1000:
+            self._write_checked("SOUR1:VOLT:LIM:LOW MIN", "SOUR1:VOLT:LIM:HIGH MAX")
+            self._set_high_impedance_load()
+        self._write_checked("SOUR1:VOLT:UNIT VPP", "SOUR1:FREQ:MODE CW")
+        self._write_checked("SOUR1:VOLT 0.1", "SOUR1:BURS:STAT OFF", f"SOUR1:VOLT:OFFS {rest_v:.6f}")
+        self._stored_waveform = None
+        self._load_waveform(SINE_CYCLE)
+        self._write_checked("SOUR1:FUNC:SHAP EMEM", "SOUR1:FREQ 100")
         # On the external trigger the burst waits for ever, and *TRG fires it all the same.
-        self._tell("TRIG:SOUR EXT", "SOUR1:BURS:MODE TRIG", "SOUR1:BURS:NCYC 1", "SOUR1:BURS:TDEL 0")
-        self._tell("SOUR1:BURS:STAT ON", f"SOUR1:VOLT {2 * half_v:.6f}")
-        if not self._small:  # the amplitude is there although it does not play, and counts wherever the burst idles
-            self._tell(f"SOUR1:VOLT:LIM:LOW {low_v - half_v:.6f}", f"SOUR1:VOLT:LIM:HIGH {high_v + half_v:.6f}")
+        self._write_checked("TRIG:SOUR EXT", "SOUR1:BURS:MODE TRIG", "SOUR1:BURS:NCYC 1", "SOUR1:BURS:TDEL 0")
+        self._write_checked("SOUR1:BURS:STAT ON", f"SOUR1:VOLT {2 * half_v:.6f}")
+        if (
+            not self._is_afg1000
+        ):  # the amplitude is there although it does not play, and counts wherever the burst idles
+            self._write_checked(
+                f"SOUR1:VOLT:LIM:LOW {low_v - half_v:.6f}", f"SOUR1:VOLT:LIM:HIGH {high_v + half_v:.6f}"
+            )
 
-    def _store(self, points: Points) -> None:
+    def _download_waveform(self, points: Points) -> None:
         counts = np.rint((points + 1) / 2 * FULL_SCALE).astype(">u2")
-        self._tell(f"DATA:DEF EMEM,{points.size}", f"DATA:DATA EMEM,{block(counts.tobytes())}")
+        self._write_checked(f"DATA:DEF EMEM,{points.size}", f"DATA:DATA EMEM,{definite_length_block(counts.tobytes())}")
 
-    def _most_points(self) -> int:
-        return 8192 if self._small else 65_536
+    def _max_points(self) -> int:
+        return 8192 if self._is_afg1000 else 65_536

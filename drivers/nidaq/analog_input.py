@@ -18,7 +18,7 @@ from nidaqmx.system import System
 from drivers.clock import Clock
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.interfaces import Block, Identity, Scale
-from drivers.nidaq.errors import words
+from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
 """Seconds of scans the driver holds for us: how long the program may be busy without losing one."""
@@ -27,7 +27,7 @@ READ_TIMEOUT_S = 5.0
 """A card that gives nothing for this long (beyond the block's own duration) is gone."""
 
 
-class NiLink:
+class NiConnection:
     """The way to one card: the local driver, or a gRPC device server. Input and output share nothing but this code.
 
     Args:
@@ -40,12 +40,12 @@ class NiLink:
 
     def __init__(self, device: str, server: str | None = None) -> None:
         self.device = device
-        self.where = f"DAQ card {device}" + (f" at {server}" if server else "")
+        self.description = f"DAQ card {device}" + (f" at {server}" if server else "")
         self._server = server
         self._rpc: Any = None
         self._options: Any = None
         self.identity = self.reopen()
-        self.where = f"DAQ card {device} ({self.identity.model})"
+        self.description = f"DAQ card {device} ({self.identity.model})"
 
     def reopen(self) -> Identity:
         """Open the way anew; who stands at its end. Raises InstrumentError as the constructor."""
@@ -62,7 +62,7 @@ class NiLink:
             self._rpc = grpc.insecure_channel(self._server, options=options)
             self._options = nidaqmx.GrpcSessionOptions(self._rpc, "")
         try:
-            with words(self.where):
+            with translate_errors(self.description):
                 system = System.remote(self._options) if self._server else System.local()
                 card = system.devices[self.device]
                 return Identity("NI", card.product_type, format(card.serial_num, "X"))
@@ -70,11 +70,11 @@ class NiLink:
             self.close()
             raise
 
-    def task(self) -> Any:
+    def new_task(self) -> Any:
         """A new NI task on this card's driver."""
         if self._server and self._rpc is None:
-            raise AcquisitionError(f"{self.where} is closed")
-        with words(self.where):
+            raise AcquisitionError(f"{self.description} is closed")
+        with translate_errors(self.description):
             return nidaqmx.Task(grpc_options=self._options) if self._options else nidaqmx.Task()
 
     def close(self) -> None:
@@ -110,17 +110,17 @@ class NiDigitizer:
     ) -> None:
         self._channels, self._clock, self._range_v = channels, clock, range_v
         self._terminal = TerminalConfiguration[terminal]
-        self._link = NiLink(device, server)
-        self.identity = self._link.identity
+        self._connection = NiConnection(device, server)
+        self.identity = self._connection.identity
 
     def stream(self, rate_hz: float, block_scans: int) -> "NiStream":
         """Begin to acquire (see drivers.interfaces.Digitizer.stream)."""
-        task, where = self._link.task(), self._link.where
+        task, where = self._connection.new_task(), self._connection.description
         try:
-            with words(where):
+            with translate_errors(where):
                 for terminal in self._channels:
                     task.ai_channels.add_ai_voltage_chan(
-                        f"{self._link.device}/{terminal}",
+                        f"{self._connection.device}/{terminal}",
                         terminal_config=self._terminal,
                         min_val=-self._range_v,
                         max_val=self._range_v,
@@ -136,16 +136,16 @@ class NiDigitizer:
             raise
 
     def close(self) -> None:
-        self._link.close()
+        self._connection.close()
 
 
 class NiStream:
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 
-    def __init__(self, task: Any, block_scans: int, clock: Clock, where: str) -> None:
-        self._task, self._where, self._next = task, where, 0
+    def __init__(self, task: Any, block_scans: int, clock: Clock, description: str) -> None:
+        self._task, self._description, self._next_scan = task, description, 0
         self.rate_hz = float(task.timing.samp_clk_rate)
-        convert_s = _convert_s(task)
+        convert_s = _convert_interval_s(task)
         self.scales = tuple(
             Scale(tuple(map(float, channel.ai_dev_scaling_coeff)), skew_s=slot * convert_s)
             for slot, channel in enumerate(task.ai_channels)
@@ -154,15 +154,15 @@ class NiStream:
         self._timeout_s = READ_TIMEOUT_S + block_scans / self.rate_hz
         self._reader = AnalogUnscaledReader(task.in_stream)
         task.start()
-        self.started_s = clock.now()
+        self.start_time_s = clock.now()
 
     def read(self) -> Block:
         if self._task is None:
-            raise AcquisitionError(f"{self._where}: the acquisition is closed")
-        with words(self._where):
+            raise AcquisitionError(f"{self._description}: the acquisition is closed")
+        with translate_errors(self._description):
             self._reader.read_int16(self._raw, self._raw.shape[1], self._timeout_s)
-        block = Block(self._next, self._raw.copy())
-        self._next = block.stop
+        block = Block(self._next_scan, self._raw.copy())
+        self._next_scan = block.stop
         return block
 
     def __enter__(self) -> Self:
@@ -178,14 +178,14 @@ class NiStream:
                 task.close()
 
 
-def _convert_s(task: Any) -> float:
+def _convert_interval_s(task: Any) -> float:
     """Seconds between the conversions of two channels of one scan; 0 on a card that has a converter for each."""
     if all(device.ai_simultaneous_sampling_supported for device in task.devices):
         return 0.0
     return 1 / float(task.timing.ai_conv_rate)
 
 
-def cards(server: str | None = None) -> list[tuple[str, Identity]]:
+def list_devices(server: str | None = None) -> list[tuple[str, Identity]]:
     """Names and identities of the cards of this computer, or of a gRPC device server.
 
     Raises:
@@ -194,7 +194,7 @@ def cards(server: str | None = None) -> list[tuple[str, Identity]]:
     where = f"DAQ cards at {server}" if server else "DAQ cards"
     rpc: Any = None
     try:
-        with words(where):
+        with translate_errors(where):
             if not server:
                 return [
                     (c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in System.local().devices

@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine
 from drivers.errors import BenchError, InstrumentError
-from drivers.nidaq.analog_input import NiLink
-from drivers.nidaq.errors import words
+from drivers.nidaq.analog_input import NiConnection
+from drivers.nidaq.errors import translate_errors
 
-RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
+SAMPLE_RATES_HZ = (10e3, 20e3, 50e3, 100e3, 200e3, 500e3)
 """Integer parts of an NI card's 100 MHz timebase; the slowest that is fine enough is taken."""
 
 STEP_V = 0.02
@@ -36,62 +36,62 @@ STEP_V = 0.02
 
 SAMPLES_PER_CYCLE = 100
 FADE_S = 0.05
-STILL_S = 1.0
+HOLD_AFTER_FADE_S = 1.0
 """Rest after a fade: longer than it takes anybody to let go of the card."""
 
 Array = NDArray[np.float64]
 
 
-def rate_for(drive: Drive) -> float:
+def sample_rate_for(drive: Drive) -> float:
     """Samples per second."""
     fine = drive.slew_v_per_s / STEP_V
     if isinstance(drive, Sine):
         fine = max(fine, SAMPLES_PER_CYCLE * drive.frequency_hz)
     if isinstance(drive, LinearSweep | PeriodicSweep):
         fine = max(fine, SAMPLES_PER_CYCLE * max(drive.start_hz, drive.stop_hz))
-    return next((rate for rate in RATES_HZ if rate >= fine), RATES_HZ[-1])
+    return next((rate for rate in SAMPLE_RATES_HZ if rate >= fine), SAMPLE_RATES_HZ[-1])
 
 
-def count_of(drive: Drive, rate_hz: float) -> int:
+def sample_count(drive: Drive, rate_hz: float) -> int:
     """Samples of the whole drive; the last one is where it ends."""
     return math.ceil(drive.duration_s * rate_hz) + 1
 
 
-def rendered(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
+def render_samples(drive: Drive, rate_hz: float, first: int, count: int) -> Array:
     """Samples `first` to `first + count`, shape (count,); beyond its end the drive stays where it ended."""
     t = np.arange(first, first + count) / rate_hz
     return np.ascontiguousarray(drive.volts(np.minimum(t, drive.duration_s)))
 
 
-def resting_v(drive: Drive, rate_hz: float, first: int) -> float:
+def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
     """Where a drive idles that is stopped at sample `first`: at its offset, or at the level it has reached."""
-    last = count_of(drive, rate_hz) - 1
+    last = sample_count(drive, rate_hz) - 1
     if isinstance(drive, Sine | LinearSweep | PeriodicSweep) and first <= last:
         return drive.offset_v
-    return float(rendered(drive, rate_hz, min(first, last), 1)[0])
+    return float(render_samples(drive, rate_hz, min(first, last), 1)[0])
 
 
-def dying(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
+def fade_out(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
     """What to play from sample `first` on instead of the drive, and how much of it is not rest yet."""
-    left = count_of(drive, rate_hz) - first
+    left = sample_count(drive, rate_hz) - first
     fade = min(math.ceil(FADE_S * rate_hz), left)
-    level_v = resting_v(drive, rate_hz, first)
+    level_v = idle_level_after_stop_v(drive, rate_hz, first)
     wave = np.full(fade, level_v)
     if isinstance(drive, Sine | LinearSweep | PeriodicSweep):
-        wave += np.linspace(1.0, 0.0, fade) * (rendered(drive, rate_hz, first, fade) - level_v)
-    return np.concatenate((wave, np.full(min(math.ceil(STILL_S * rate_hz), left - fade), level_v))), fade
+        wave += np.linspace(1.0, 0.0, fade) * (render_samples(drive, rate_hz, first, fade) - level_v)
+    return np.concatenate((wave, np.full(min(math.ceil(HOLD_AFTER_FADE_S * rate_hz), left - fade), level_v))), fade
 
 
 LEVEL_TOLERANCE_V = 5e-3
-MOST_SAMPLES = 50_000_000
-WRITE_SAMPLES = 200_000
+MAX_SAMPLES = 50_000_000
+SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB that a gRPC server takes by default."""
 
 FIFO_SAMPLES = 8191
 """What the card may have fetched already and will play whatever is written over it."""
 
 
-class NiOutput:
+class NiAnalogOutput:
     """One analogue output as a `Source` (see drivers.interfaces).
 
     Args:
@@ -118,66 +118,66 @@ class NiOutput:
         start_trigger: str = "",
         margin_s: float = 0.1,
     ) -> None:
-        self._link = NiLink(device, server)
-        self._terminal, self._inside = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
+        self._connection = NiConnection(device, server)
+        self._physical_channel, self._readback_channel = f"{device}/{channel}", f"{device}/_{channel}_vs_aognd"
         self._trigger = f"/{device}/{start_trigger}" if start_trigger else ""
         self._clock, self._margin_s = clock, margin_s
-        self._where = f"{self._link.where} output {channel}"
-        self.identity = self._link.identity
+        self._description = f"{self._connection.description} output {channel}"
+        self.identity = self._connection.identity
         self._task: Any = None
         self._drive: Drive | None = None
-        self._rate_hz, self._samples = RATES_HZ[0], 0
-        self._began_s = 0.0
+        self._rate_hz, self._samples = SAMPLE_RATES_HZ[0], 0
+        self._start_s = 0.0
         self._rest_v: float | None = None
-        self._level_v = self._measured()
+        self._level_v = self._read_back_v()
 
-    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+    def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         del low_v, high_v  # the card's output range is fixed at +-10 V; the guard keeps the amplifier's
-        if self._task is not None and not self._finished():
+        if self._task is not None and not self._is_done():
             return False
-        rests = self._level_v is not None and abs(self.idle_v() - rest_v) <= LEVEL_TOLERANCE_V
+        rests = self._level_v is not None and abs(self.idle_level_v() - rest_v) <= LEVEL_TOLERANCE_V
         self._rest_v = rest_v if rests else self._rest_v
         return rests
 
-    def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
+    def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v, high_v
-        self._let_go()
+        self._release_task()
         self._rest_v = rest_v
-        measured = self._measured()
+        measured = self._read_back_v()
         self._level_v = self._level_v if measured is None else measured
         if self._level_v is None:
-            self._set(rest_v)  # the level is not known; high voltage is disabled here
+            self._write_level(rest_v)  # the level is not known; high voltage is disabled here
         else:
-            self.move(rest_v, 0.5)
-        seen = self._measured()
+            self.ramp_to(rest_v, 0.5)
+        seen = self._read_back_v()
         if seen is not None and abs(seen - rest_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
-                f"{self._where} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
+                f"{self._description} was set to {rest_v:g} V and measures {seen:.4f} V inside the card "
                 f"(limit ±{LEVEL_TOLERANCE_V:g} V); check what is connected to it"
             )
 
-    def play(self, drive: Drive) -> None:
-        begins_v, _ = drive.ends_v
-        idle_v = self.idle_v()
+    def start_drive(self, drive: Drive) -> None:
+        begins_v, _ = drive.end_levels_v
+        idle_v = self.idle_level_v()
         if self._task is not None:
-            raise InstrumentError(f"{self._where} still plays; stop that first. Nothing was sent")
+            raise InstrumentError(f"{self._description} still plays; stop that first. Nothing was sent")
         if abs(idle_v - begins_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
-                f"{self._where} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
+                f"{self._description} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
             )
         if not isinstance(drive, Hold):
             self._start(drive, self._trigger)
 
     def stop(self) -> None:
         task, drive = self._task, self._drive
-        if task is None or drive is None or self._finished():
-            self.idle_v()
+        if task is None or drive is None or self._is_done():
+            self.idle_level_v()
             return
         rate = self._rate_hz
-        with words(self._where):
+        with translate_errors(self._description):
             first = task.out_stream.total_samp_per_chan_generated + FIFO_SAMPLES + math.ceil(self._margin_s * rate)
             total = self._samples
-            end = self._fade(task, drive, first) if first < total else total
+            end = self._rewrite_with_fade(task, drive, first) if first < total else total
             began = self._clock.now()
             patience_s = (end - first + FIFO_SAMPLES) / rate + 2 * self._margin_s + 2.0
             while (played := task.out_stream.total_samp_per_chan_generated) < end:
@@ -185,43 +185,45 @@ class NiOutput:
                 if played == 0 and self._trigger and waited_s > self._margin_s:
                     break  # armed, and the trigger never came: nothing has moved
                 if waited_s > patience_s:
-                    raise InstrumentError(f"{self._where} plays no further; check the card's power and its USB cable")
+                    raise InstrumentError(
+                        f"{self._description} plays no further; check the card's power and its USB cable"
+                    )
                 self._clock.sleep(min((end - played) / rate, 0.02))
-            level_v = drive.ends_v[0] if played == 0 else resting_v(drive, rate, first)
-        self._let_go()
-        self._set(level_v)
+            level_v = drive.end_levels_v[0] if played == 0 else idle_level_after_stop_v(drive, rate, first)
+        self._release_task()
+        self._write_level(level_v)
 
-    def move(self, level_v: float, duration_s: float) -> None:
-        idle_v = self.idle_v()
+    def ramp_to(self, level_v: float, duration_s: float) -> None:
+        idle_v = self.idle_level_v()
         if abs(level_v - idle_v) > STEP_V / 4:
             # Never by the trigger: a way to rest must not wait for a clock that may have stopped.
             self._start(Ramp(idle_v, level_v, duration_s), "")
             began = self._clock.now()
-            while not self._finished():
+            while not self._is_done():
                 if self._clock.now() - began > duration_s + 2.0:
                     raise InstrumentError(
-                        f"{self._where} did not reach {level_v:g} V within {duration_s + 2:.1f} s; check the card"
+                        f"{self._description} did not reach {level_v:g} V within {duration_s + 2:.1f} s; check the card"
                     )
                 self._clock.sleep(min(max(began + duration_s - self._clock.now(), 1e-3), 0.02))
-            self._let_go()
-        self._set(level_v)
+            self._release_task()
+        self._write_level(level_v)
 
-    def idle_v(self) -> float:
-        if self._finished() and self._drive is not None:
-            level_v = self._drive.ends_v[1]
-            self._let_go()
-            self._set(level_v)
+    def idle_level_v(self) -> float:
+        if self._is_done() and self._drive is not None:
+            level_v = self._drive.end_levels_v[1]
+            self._release_task()
+            self._write_level(level_v)
         if self._level_v is None:
-            raise InstrumentError(f"{self._where}: its level is not known; prepare it with high voltage disabled")
+            raise InstrumentError(f"{self._description}: its level is not known; prepare it with high voltage disabled")
         return self._level_v
 
     def reconnect(self) -> None:
-        drive, elapsed_s = self._drive, self._clock.now() - self._began_s
+        drive, elapsed_s = self._drive, self._clock.now() - self._start_s
         with contextlib.suppress(BenchError):
-            self._let_go()  # where the wire is gone, so is the task
-        self._link.reopen()
+            self._release_task()  # where the wire is gone, so is the task
+        self._connection.reopen()
         self._drive = None
-        measured = self._measured()
+        measured = self._read_back_v()
         if measured is not None:
             self._level_v = measured
         elif drive is not None:
@@ -233,85 +235,85 @@ class NiOutput:
         with contextlib.suppress(BenchError):
             if self._rest_v is not None and self._level_v is not None:
                 self.stop()
-                self.move(self._rest_v, 0.5)
+                self.ramp_to(self._rest_v, 0.5)
         with contextlib.suppress(BenchError):
-            self._let_go()
-        self._link.close()
+            self._release_task()
+        self._connection.close()
 
     def _start(self, drive: Drive, trigger: str) -> None:
-        rate = rate_for(drive)
-        samples = count_of(drive, rate)
-        if samples > MOST_SAMPLES:
+        rate = sample_rate_for(drive)
+        samples = sample_count(drive, rate)
+        if samples > MAX_SAMPLES:
             raise InstrumentError(
-                f"{self._where}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
-                f"{MOST_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
+                f"{self._description}: a {drive.kind} of {drive.duration_s:g} s takes {samples} samples, the limit is "
+                f"{MAX_SAMPLES}; shorten it or lower its frequency. Nothing was sent"
             )
-        self._let_go()
-        task = self._link.task()
+        self._release_task()
+        task = self._connection.new_task()
         try:
-            with words(self._where):
-                task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-10.0, max_val=10.0)
+            with translate_errors(self._description):
+                task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
                 task.timing.cfg_samp_clk_timing(rate, sample_mode=AcquisitionType.FINITE, samps_per_chan=samples)
                 if trigger:
                     task.triggers.start_trigger.cfg_dig_edge_start_trig(trigger)
                 task.out_stream.output_buf_size = samples
                 self._rate_hz, self._samples = float(task.timing.samp_clk_rate), samples
                 writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
-                for first in range(0, samples, WRITE_SAMPLES):
-                    count = min(WRITE_SAMPLES, samples - first)
-                    writer.write_many_sample(rendered(drive, self._rate_hz, first, count))
+                for first in range(0, samples, SAMPLES_PER_WRITE):
+                    count = min(SAMPLES_PER_WRITE, samples - first)
+                    writer.write_many_sample(render_samples(drive, self._rate_hz, first, count))
                 # Set before the card is told: if its answer is lost, we must assume that it plays.
-                self._task, self._drive, self._began_s = task, drive, self._clock.now()
+                self._task, self._drive, self._start_s = task, drive, self._clock.now()
                 task.start()
         except BaseException:
             self._task = self._drive = None
-            with contextlib.suppress(BenchError), words(self._where):
+            with contextlib.suppress(BenchError), translate_errors(self._description):
                 task.close()
             raise
 
-    def _fade(self, task: Any, drive: Drive, first: int) -> int:
+    def _rewrite_with_fade(self, task: Any, drive: Drive, first: int) -> int:
         """Rewrite the drive from sample `first` on so that it dies down; the sample at which it has."""
-        wave, fade = dying(drive, self._rate_hz, first)
+        wave, fade = fade_out(drive, self._rate_hz, first)
         writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
         task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
-        for k in range(0, wave.size, WRITE_SAMPLES):
+        for k in range(0, wave.size, SAMPLES_PER_WRITE):
             task.out_stream.offset = first + k
-            writer.write_many_sample(np.ascontiguousarray(wave[k : k + WRITE_SAMPLES]))
+            writer.write_many_sample(np.ascontiguousarray(wave[k : k + SAMPLES_PER_WRITE]))
         return first + fade
 
-    def _finished(self) -> bool:
+    def _is_done(self) -> bool:
         if self._task is None:
             return False
-        with words(self._where):
+        with translate_errors(self._description):
             return bool(self._task.is_task_done())
 
-    def _let_go(self) -> None:
+    def _release_task(self) -> None:
         task, self._task, self._drive = self._task, None, None
         if task is not None:
-            with words(self._where):
+            with translate_errors(self._description):
                 task.close()
 
-    def _set(self, level_v: float) -> None:
+    def _write_level(self, level_v: float) -> None:
         """Write one level at once, without a clock."""
-        task = self._link.task()
+        task = self._connection.new_task()
         try:
-            with words(self._where):
-                task.ao_channels.add_ao_voltage_chan(self._terminal, min_val=-10.0, max_val=10.0)
+            with translate_errors(self._description):
+                task.ao_channels.add_ao_voltage_chan(self._physical_channel, min_val=-10.0, max_val=10.0)
                 task.write(level_v, auto_start=True)
         finally:
-            with words(self._where):
+            with translate_errors(self._description):
                 task.close()
         self._level_v = level_v
 
-    def _measured(self) -> float | None:
+    def _read_back_v(self) -> float | None:
         """The output as the card measures it inside itself; None where its converter is busy or has no such channel."""
-        task = self._link.task()
+        task = self._connection.new_task()
         try:
-            with words(self._where):
-                task.ai_channels.add_ai_voltage_chan(self._inside, min_val=-10.0, max_val=10.0)
+            with translate_errors(self._description):
+                task.ai_channels.add_ai_voltage_chan(self._readback_channel, min_val=-10.0, max_val=10.0)
                 return float(task.read())
         except InstrumentError:
             return None
         finally:
-            with contextlib.suppress(InstrumentError), words(self._where):
+            with contextlib.suppress(InstrumentError), translate_errors(self._description):
                 task.close()

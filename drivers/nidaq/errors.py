@@ -27,24 +27,24 @@ REMEDIES = {
 
 
 @contextlib.contextmanager
-def words(where: str) -> Iterator[None]:
+def translate_errors(device_name: str) -> Iterator[None]:
     """Turn NI's errors into sentences: AcquisitionError, or InstrumentError where nothing is installed."""
     try:
         yield
     except DaqNotFoundError as error:
         raise InstrumentError(
-            f"{where}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "
+            f"{device_name}: the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx or with "
             "'python -m nidaqmx installdriver', or use the simulated bench (--bench sim)"
         ) from error
     except DaqNotSupportedError as error:
         raise InstrumentError(
-            f"{where}: NI-DAQmx does not run on this computer; use a gRPC server or --bench sim"
+            f"{device_name}: NI-DAQmx does not run on this computer; use a gRPC server or --bench sim"
         ) from error
     except RpcError as error:
         raise AcquisitionError(
-            f"{where}: the gRPC device server does not answer ({error.rpc_code}); check that it runs and its address"
+            f"{device_name}: the gRPC device server does not answer ({error.rpc_code}); check that it runs and its address"
         ) from error
     except DaqError as error:
         remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
         told = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
-        raise AcquisitionError(f"{where}: {remedy} (NI {error.error_code}: {told[:200]})") from error
+        raise AcquisitionError(f"{device_name}: {remedy} (NI {error.error_code}: {told[:200]})") from error

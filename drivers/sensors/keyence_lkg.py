@@ -11,9 +11,9 @@ import re
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity, Reading
-from drivers.transport.serial_port import SerialLine
+from drivers.transport.serial_port import SerialPort
 
-ERRORS = {
+ERROR_REASONS = {
     "00": "it does not know the command",
     "01": "it is not in a state to do so; bring it from its setting screen back to measuring",
     "20": "the command has a wrong length",
@@ -21,7 +21,7 @@ ERRORS = {
     "22": "a parameter is not valid",
     "88": "its head did not answer in time; check the head's cable",
 }
-NUMBER = re.compile(r"[+-][0-9]*\.?[0-9]+")
+NUMBER_PATTERN = re.compile(r"[+-][0-9]*\.?[0-9]+")
 
 
 class KeyenceLkg:
@@ -36,35 +36,35 @@ class KeyenceLkg:
         LinkError: nothing answers on the port, or something else does.
     """
 
-    def __init__(self, line: SerialLine, clock: Clock, *, output: int = 1) -> None:
-        self._line, self._clock, self._output = line, clock, output
+    def __init__(self, port: SerialPort, clock: Clock, *, output: int = 1) -> None:
+        self._port, self._clock, self._output = port, clock, output
         self.identity = Identity("Keyence", "LK-G")
         try:
             self.read()
         except InstrumentError:
-            line.close()
+            port.close()
             raise
 
     def read(self) -> Reading:
-        answer = self._line.ask(b"MS\r", b"\r")
+        answer = self._port.query(b"MS\r", b"\r")
         time_s = self._clock.now()
         head, *fields = answer.split(",")
         if head == "ER":
             code = fields[-1] if fields else ""
             raise InstrumentError(
-                f"{self.identity} at {self._line.name}: {ERRORS.get(code, 'it reports an error')} ({answer})"
+                f"{self.identity} at {self._port.name}: {ERROR_REASONS.get(code, 'it reports an error')} ({answer})"
             )
         if head != "MS" or len(fields) < self._output:
             raise LinkError(
-                f"{self.identity} at {self._line.name} answered '{answer[:40]}' where output {self._output} was asked; "
+                f"{self.identity} at {self._port.name} answered '{answer[:40]}' where output {self._output} was asked; "
                 "check the port, the baud rate and that the output is on"
             )
         text = fields[self._output - 1].strip()
-        if NUMBER.fullmatch(text):
+        if NUMBER_PATTERN.fullmatch(text):
             return Reading(float(text) * 1e-3, "m", True, time_s)
         if set(text) <= set("+-FX"):
             return Reading(math.nan, "m", False, time_s)
-        raise LinkError(f"{self.identity} at {self._line.name} answered '{answer[:40]}', which is no value")
+        raise LinkError(f"{self.identity} at {self._port.name} answered '{answer[:40]}', which is no value")
 
     def close(self) -> None:
-        self._line.close()
+        self._port.close()

@@ -14,10 +14,10 @@ import re
 from drivers.clock import Clock
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity, Reading
-from drivers.transport.serial_port import SerialLine
+from drivers.transport.serial_port import SerialPort
 
 FULL_COUNT = 65520
-FRAMES_TRIED = 64
+MAX_FRAMES = 64
 
 
 class OptoNcdt:
@@ -33,56 +33,56 @@ class OptoNcdt:
         InstrumentError: the sensor says that its measuring range is another one.
     """
 
-    def __init__(self, line: SerialLine, clock: Clock, *, range_m: float) -> None:
-        self._line, self._clock, self._range_m = line, clock, range_m
+    def __init__(self, port: SerialPort, clock: Clock, *, range_m: float) -> None:
+        self._port, self._clock, self._range_m = port, clock, range_m
         try:
-            line.ask(b"OUTPUT NONE\r\n", b"->")
-            told = line.ask(b"GETINFO\r\n", b"->")
-            line.send(b"OUTPUT RS422\r\n")
-            self.identity = self._who(told)
+            port.query(b"OUTPUT NONE\r\n", b"->")
+            told = port.query(b"GETINFO\r\n", b"->")
+            port.write(b"OUTPUT RS422\r\n")
+            self.identity = self._parse_identity(told)
             self.read()
         except InstrumentError:
-            line.close()
+            port.close()
             raise
 
     def read(self) -> Reading:
         # What waited in the port's buffer is old: a reading is a word that was sent after it was asked for.
-        self._line.forget()
-        count = self._next_word()
+        self._port.discard_input()
+        count = self._read_count()
         time_s = self._clock.now()
         if count > FULL_COUNT:
             return Reading(math.nan, "m", False, time_s)
         return Reading((count * 102 / FULL_COUNT - 1) / 100 * self._range_m, "m", True, time_s)
 
     def close(self) -> None:
-        self._line.close()
+        self._port.close()
 
-    def _next_word(self) -> int:
+    def _read_count(self) -> int:
         last = b""
-        for _ in range(3 * FRAMES_TRIED):
-            byte = self._line.take(1)
+        for _ in range(3 * MAX_FRAMES):
+            byte = self._port.read(1)
             if not byte:
                 raise LinkError(
-                    f"{self._line.name} was silent for {self._line.timeout_s:g} s; check that the sensor is on, measures, and "
+                    f"{self._port.name} was silent for {self._port.timeout_s:g} s; check that the sensor is on, measures, and "
                     "sends over RS422"
                 )
             last = (last + byte)[-3:]
             if len(last) == 3 and last[0] >> 6 == 0 and last[1] >> 6 == 1 and last[2] >> 7 == 1:
                 return last[0] & 63 | (last[1] & 63) << 6 | (last[2] & 63) << 12
-        raise LinkError(f"{self._line.name} sends bytes that are no measurement; check the baud rate")
+        raise LinkError(f"{self._port.name} sends bytes that are no measurement; check the baud rate")
 
-    def _who(self, told: str) -> Identity:
+    def _parse_identity(self, info: str) -> Identity:
         def field(name: str) -> str:
-            found = re.search(rf"{name}:\s*(\S+)", told, re.IGNORECASE)
+            found = re.search(rf"{name}:\s*(\S+)", info, re.IGNORECASE)
             return found[1] if found else ""
 
         model = field("Name")
         if not model:
-            raise LinkError(f"{self._line.name} answered '{told[:40]}'; is this an optoNCDT?")
+            raise LinkError(f"{self._port.name} answered '{info[:40]}'; is this an optoNCDT?")
         said_mm = re.match(r"[0-9.]+", field("Measuring range"))
         if said_mm and not math.isclose(float(said_mm[0]), self._range_m * 1e3, rel_tol=1e-3):
             raise InstrumentError(
-                f"{model} at {self._line.name} has a measuring range of {said_mm[0]} mm, the bench file says "
+                f"{model} at {self._port.name} has a measuring range of {said_mm[0]} mm, the bench file says "
                 f"{self._range_m * 1e3:g} mm; correct range_m"
             )
         return Identity("Micro-Epsilon", model, field("Serial"))

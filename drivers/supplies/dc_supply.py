@@ -20,51 +20,51 @@ import numpy as np
 from drivers.clock import Clock
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError
-from drivers.supplies.dialects import SupplyWire
-from drivers.transport.safe_ramp_down import Descent
+from drivers.supplies.dialects import SupplyChannel
+from drivers.transport.safe_ramp_down import RampDown
 from drivers.transport.scpi import Link
 
-PERIOD_S = 2e-3
+STEP_PERIOD_S = 2e-3
 
 
-class Steppable(Protocol):
+class SteppableSupply(Protocol):
     """What the walk needs of a supply."""
 
-    def idle_v(self) -> float: ...
+    def idle_level_v(self) -> float: ...
 
     def set_level(self, level_v: float) -> None:
         """One step, at once."""
 
-    def towards(self, wanted_v: float) -> float:
+    def limited_step_to(self, target_v: float) -> float:
         """The level at most one step from the present one."""
 
 
-class Stairs(threading.Thread):
+class StaircaseThread(threading.Thread):
     """Walks a supply along a drive in steps while the run goes on; ends with the drive, or when it is told to."""
 
-    def __init__(self, supply: Steppable, drive: Ramp | Steps, clock: Clock) -> None:
+    def __init__(self, supply: SteppableSupply, drive: Ramp | Steps, clock: Clock) -> None:
         super().__init__(name="DC supply steps", daemon=True)
         self._supply, self._drive, self._clock = supply, drive, clock
-        self._told = threading.Event()
+        self._stop_requested = threading.Event()
         self._failure: BaseException | None = None
-        self._began_s = clock.now()
+        self._start_s = clock.now()
         self.start()
 
     def run(self) -> None:
         try:
-            while not self._told.wait(PERIOD_S):
-                t = self._clock.now() - self._began_s
-                level_v = self._supply.towards(float(self._drive.volts(np.array([t]))[0]))
-                if level_v != self._supply.idle_v():
+            while not self._stop_requested.wait(STEP_PERIOD_S):
+                t = self._clock.now() - self._start_s
+                level_v = self._supply.limited_step_to(float(self._drive.volts(np.array([t]))[0]))
+                if level_v != self._supply.idle_level_v():
                     self._supply.set_level(level_v)
                 elif t >= self._drive.duration_s:
                     return
         except Exception as error:  # noqa: BLE001 - told by `end`, to whoever owns the run
             self._failure = error
 
-    def end(self) -> BaseException | None:
+    def stop(self) -> BaseException | None:
         """Stay where it is; what went wrong on the way."""
-        self._told.set()
+        self._stop_requested.set()
         self.join()
         return self._failure
 
@@ -72,12 +72,12 @@ class Stairs(threading.Thread):
 LEVEL_TOLERANCE_V = 0.02
 """Programming and read-back accuracy of a bench supply at 5 V, together."""
 
-STILL_V = 2e-3
+SETTLED_V = 2e-3
 """Two readings that differ by less: the output has stopped falling."""
 
 CURRENT_TOLERANCE_A = 0.01
 OVP_MARGIN_V = 0.3
-CALM_V_PER_S = 5.0
+FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 POLL_S = 0.01
 
 
@@ -110,53 +110,53 @@ class DcSupply:
         fall_time_s: float = 2.0,
         step_v: float = 0.05,
     ) -> None:
-        self._wire = SupplyWire(link, channel)
-        self._name, self.identity = self._wire.name, self._wire.identity
+        self._output = SupplyChannel(link, channel)
+        self._name, self.identity = self._output.name, self._output.identity
         self._clock = clock
-        self._current_a, self._fall_time_s, self._step_v = current_limit_a, fall_time_s, step_v
+        self._current_limit_a, self._fall_time_s, self._step_v = current_limit_a, fall_time_s, step_v
         self._level_v = math.nan
         self._rest_v: float | None = None
-        self._stairs: Stairs | None = None
-        self.fall_s = 0.0
+        self._staircase: StaircaseThread | None = None
+        self.longest_settling_s = 0.0
 
-    def at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
+    def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         del low_v
         self._rest_v = rest_v
         return (
-            not self._plays()
-            and self._wire.is_on()
-            and abs(self._wire.measured_v() - rest_v) <= LEVEL_TOLERANCE_V
-            and abs(self._wire.current_a() - self._current_a) <= CURRENT_TOLERANCE_A
-            and not self._wire.could_trip(high_v + OVP_MARGIN_V)
+            not self._is_stepping()
+            and self._output.is_output_on()
+            and abs(self._output.measured_v() - rest_v) <= LEVEL_TOLERANCE_V
+            and abs(self._output.current_limit_a() - self._current_limit_a) <= CURRENT_TOLERANCE_A
+            and not self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V)
         )
 
-    def prepare(self, rest_v: float, low_v: float, high_v: float) -> None:
+    def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         del low_v
         self._rest_v = rest_v
-        self._stop_stairs()
-        self._wire.forget_errors()
-        if trouble := self._wire.could_trip(high_v + OVP_MARGIN_V):
+        self._stop_staircase()
+        self._output.clear_error_queue()
+        if trouble := self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V):
             raise InstrumentError(f"{self._name}: {trouble}")
-        self._wire.set_current(self._current_a)
-        if self._wire.is_on():  # an earlier program's level comes to rest as any other does
-            self.move(rest_v, abs(self.idle_v() - rest_v) / CALM_V_PER_S)
+        self._output.set_current_limit(self._current_limit_a)
+        if self._output.is_output_on():  # an earlier program's level comes to rest as any other does
+            self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)
         self.set_level(rest_v)
-        self._wire.switch_on()
-        if not self._wire.is_on():
+        self._output.enable_output()
+        if not self._output.is_output_on():
             raise InstrumentError(f"{self._name}: its output does not come on; look at its front panel")
-        self._arrive(rest_v)
+        self._wait_for_level(rest_v)
 
-    def play(self, drive: Drive) -> None:
+    def start_drive(self, drive: Drive) -> None:
         match drive:
             case Hold():
-                self._must_begin_here(drive)
+                self._check_start_level(drive)
             case Ramp() | Steps():
-                self._must_begin_here(drive)
-                self._stairs = Stairs(self, drive, self._clock)
+                self._check_start_level(drive)
+                self._staircase = StaircaseThread(self, drive, self._clock)
             case Sine() | LinearSweep() | PeriodicSweep():
-                raise InstrumentError(self.cannot(drive))
+                raise InstrumentError(self.reason_unsupported(drive))
 
-    def cannot(self, drive: Drive) -> str:
+    def reason_unsupported(self, drive: Drive) -> str:
         if not isinstance(drive, Sine | LinearSweep | PeriodicSweep):
             return ""
         return (
@@ -165,82 +165,82 @@ class DcSupply:
         )
 
     def stop(self) -> None:
-        self._stop_stairs()
-        Descent(self._wire.link).ask(self._wire.forget_errors)
-        self._arrive(self.idle_v())
+        self._stop_staircase()
+        RampDown(self._output.link).query(self._output.clear_error_queue)
+        self._wait_for_level(self.idle_level_v())
 
-    def move(self, level_v: float, duration_s: float) -> None:
-        self._stop_stairs()
-        way = Descent(self._wire.link, stubborn=level_v == self._rest_v)
-        start_v = self.idle_v()
+    def ramp_to(self, level_v: float, duration_s: float) -> None:
+        self._stop_staircase()
+        way = RampDown(self._output.link, best_effort=level_v == self._rest_v)
+        start_v = self.idle_level_v()
         steps = max(math.ceil(abs(level_v - start_v) / self._step_v), 1)
         for i in range(1, steps + 1):
             volts = start_v + (level_v - start_v) * i / steps
-            way.step(self._wire.volts_words(volts), partial(self.set_level, volts))
+            way.step(self._output.voltage_command(volts), partial(self.set_level, volts))
             self._level_v = volts
             self._clock.sleep(duration_s / steps)
-        way.end()
-        self._arrive(level_v)
+        way.raise_first_error()
+        self._wait_for_level(level_v)
 
-    def idle_v(self) -> float:
+    def idle_level_v(self) -> float:
         if math.isnan(self._level_v):
             self._level_v = (
-                self._wire.measured_v()
+                self._output.measured_v()
             )  # whoever set it before us: where it measures is where we start from
         return self._level_v
 
     def reconnect(self) -> None:
-        self._wire.reopen()
+        self._output.reopen()
         self._level_v = math.nan
 
     def close(self) -> None:
-        stairs, self._stairs = self._stairs, None
+        stairs, self._staircase = self._staircase, None
         if stairs is not None:
-            stairs.end()
-        self._wire.link.close()
+            stairs.stop()
+        self._output.link.close()
 
     def set_level(self, level_v: float) -> None:
         """One step, at once."""
-        self._wire.set_volts(level_v)
+        self._output.set_voltage(level_v)
         self._level_v = level_v
 
-    def towards(self, wanted_v: float) -> float:
+    def limited_step_to(self, target_v: float) -> float:
         """The level at most one step from the present one."""
-        idle_v = self.idle_v()
-        return idle_v + min(max(wanted_v - idle_v, -self._step_v), self._step_v)
+        idle_v = self.idle_level_v()
+        return idle_v + min(max(target_v - idle_v, -self._step_v), self._step_v)
 
-    def _arrive(self, level_v: float) -> None:
+    def _wait_for_level(self, level_v: float) -> None:
         """Wait until the output measures its level; falling takes a while."""
         began_s, before_v = self._clock.now(), math.inf
         while True:
-            seen_v = self._wire.measured_v()
-            if abs(seen_v - level_v) <= LEVEL_TOLERANCE_V and abs(seen_v - before_v) <= STILL_V:
+            seen_v = self._output.measured_v()
+            if abs(seen_v - level_v) <= LEVEL_TOLERANCE_V and abs(seen_v - before_v) <= SETTLED_V:
                 break
             before_v = seen_v
             waited_s = self._clock.now() - began_s
             if waited_s > self._fall_time_s:
-                state = "is on" if self._wire.is_on() else "has switched itself OFF"
+                state = "is on" if self._output.is_output_on() else "has switched itself OFF"
                 raise InstrumentError(
                     f"{self._name} was set to {level_v:.3f} V and measures {seen_v:.3f} V after {waited_s:.1f} s "
                     f"(limit {self._fall_time_s:g} s; its output {state}). If it falls slowly, put 1 kohm across its output "
                     "or raise fall_time_s; if it is low, look at its current limit and protection"
                 )
             self._clock.sleep(POLL_S)
-        self.fall_s = max(self.fall_s, self._clock.now() - began_s)
+        self.longest_settling_s = max(self.longest_settling_s, self._clock.now() - began_s)
 
-    def _must_begin_here(self, drive: Drive) -> None:
-        if self._plays():
+    def _check_start_level(self, drive: Drive) -> None:
+        if self._is_stepping():
             raise InstrumentError(f"{self._name} still plays; stop that first. Nothing was sent")
-        idle_v, begins_v = self.idle_v(), drive.ends_v[0]
+        idle_v, begins_v = self.idle_level_v(), drive.end_levels_v[0]
         if abs(idle_v - begins_v) > LEVEL_TOLERANCE_V:
             raise InstrumentError(
                 f"{self._name} idles at {idle_v:.4f} V where the drive begins at {begins_v:.4f} V; nothing was sent"
             )
 
-    def _plays(self) -> bool:
-        return self._stairs is not None and self._stairs.is_alive()
+    def _is_stepping(self) -> bool:
+        return self._staircase is not None and self._staircase.is_alive()
 
-    def _stop_stairs(self) -> None:
-        stairs, self._stairs = self._stairs, None
-        if stairs is not None and (failure := stairs.end()) is not None:
+    def _stop_staircase(self) -> None:
+        stairs, self._staircase = self._staircase, None
+        if stairs is not None and (failure := stairs.stop()) is not None:
             raise failure

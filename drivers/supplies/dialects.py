@@ -12,94 +12,94 @@ from dataclasses import dataclass
 
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
-from drivers.transport.scpi import Link, Scpi
+from drivers.transport.scpi import Link, ScpiSession
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class SupplyDialect:
     """The words of one family; `{ch}` is the output's number, `{v}` a value.
 
     Args:
-        models: how the models of its `*IDN?` answer begin.
-        ovp, ovp_v, tripped: ask whether over-voltage protection is armed, at what level, and whether it has tripped;
+        model_pattern: how the models of its `*IDN?` answer begin.
+        query_ovp_enabled, query_ovp_level, query_ovp_tripped: ask whether over-voltage protection is armed, at what level, and whether it has tripped;
             empty where the box has none over the wire.
-        status_word: whether `is_on` is answered by a word of bits: bit 4 is output 1, bit 5 output 2.
-        compound: whether a setting and the query that confirms it fit in one message.
+        output_in_status_word: whether `is_on` is answered by a word of bits: bit 4 is output 1, bit 5 output 2.
+        accepts_compound_messages: whether a setting and the query that confirms it fit in one message.
     """
 
     name: str
-    models: str
-    volts: str
-    current: str
-    current_is: str
-    measure: str
-    on: str
-    is_on: str
-    ovp: str = ""
-    ovp_v: str = ""
-    tripped: str = ""
-    status_word: bool = False
-    compound: bool = True
+    model_pattern: str
+    set_voltage: str
+    set_current: str
+    query_current: str
+    measure_voltage: str
+    enable_output: str
+    query_output: str
+    query_ovp_enabled: str = ""
+    query_ovp_level: str = ""
+    query_ovp_tripped: str = ""
+    output_in_status_word: bool = False
+    accepts_compound_messages: bool = True
 
 
-DIALECTS = (
-    Dialect(
+SUPPLY_DIALECTS = (
+    SupplyDialect(
         "Keysight E36100/E36200/E36300",
         r"E36\d{3}",
-        volts="VOLT {v:.4f},(@{ch})",
-        current="CURR {v:.4f},(@{ch})",
-        current_is="CURR? (@{ch})",
-        measure="MEAS:VOLT? (@{ch})",
-        on="OUTP ON,(@{ch})",
-        is_on="OUTP? (@{ch})",
-        ovp="VOLT:PROT:STAT? (@{ch})",
-        ovp_v="VOLT:PROT? (@{ch})",
-        tripped="VOLT:PROT:TRIP? (@{ch})",
+        set_voltage="VOLT {v:.4f},(@{ch})",
+        set_current="CURR {v:.4f},(@{ch})",
+        query_current="CURR? (@{ch})",
+        measure_voltage="MEAS:VOLT? (@{ch})",
+        enable_output="OUTP ON,(@{ch})",
+        query_output="OUTP? (@{ch})",
+        query_ovp_enabled="VOLT:PROT:STAT? (@{ch})",
+        query_ovp_level="VOLT:PROT? (@{ch})",
+        query_ovp_tripped="VOLT:PROT:TRIP? (@{ch})",
     ),
     # All outputs of an E3631A come on together; which one a setting means is selected in the same message.
-    Dialect(
+    SupplyDialect(
         "Keysight E3631A",
         r"E3631A",
-        volts="INST:NSEL {ch};:VOLT {v:.4f}",
-        current="INST:NSEL {ch};:CURR {v:.4f}",
-        current_is="INST:NSEL {ch};:CURR?",
-        measure="INST:NSEL {ch};:MEAS:VOLT?",
-        on="OUTP ON",
-        is_on="OUTP?",
+        set_voltage="INST:NSEL {ch};:VOLT {v:.4f}",
+        set_current="INST:NSEL {ch};:CURR {v:.4f}",
+        query_current="INST:NSEL {ch};:CURR?",
+        measure_voltage="INST:NSEL {ch};:MEAS:VOLT?",
+        enable_output="OUTP ON",
+        query_output="OUTP?",
     ),
-    Dialect(
+    SupplyDialect(
         "Rigol DP800",
         r"DP8\d\d",
-        volts=":SOUR{ch}:VOLT {v:.4f}",
-        current=":SOUR{ch}:CURR {v:.4f}",
-        current_is=":SOUR{ch}:CURR?",
-        measure=":MEAS:VOLT? CH{ch}",
-        on=":OUTP CH{ch},ON",
-        is_on=":OUTP? CH{ch}",
-        ovp=":OUTP:OVP? CH{ch}",
-        ovp_v=":OUTP:OVP:VAL? CH{ch}",
-        tripped=":OUTP:OVP:QUES? CH{ch}",
+        set_voltage=":SOUR{ch}:VOLT {v:.4f}",
+        set_current=":SOUR{ch}:CURR {v:.4f}",
+        query_current=":SOUR{ch}:CURR?",
+        measure_voltage=":MEAS:VOLT? CH{ch}",
+        enable_output=":OUTP CH{ch},ON",
+        query_output=":OUTP? CH{ch}",
+        query_ovp_enabled=":OUTP:OVP? CH{ch}",
+        query_ovp_level=":OUTP:OVP:VAL? CH{ch}",
+        query_ovp_tripped=":OUTP:OVP:QUES? CH{ch}",
     ),
     # MEM: one command a message, no query for the output, no protection over the wire.
-    Dialect(
+    SupplyDialect(
         "Siglent SPD",
         r"SPD[13]",
-        volts="CH{ch}:VOLT {v:.3f}",
-        current="CH{ch}:CURR {v:.3f}",
-        current_is="CH{ch}:CURR?",
-        measure="MEAS:VOLT? CH{ch}",
-        on="OUTP CH{ch},ON",
-        is_on="SYST:STAT?",
-        status_word=True,
-        compound=False,
+        set_voltage="CH{ch}:VOLT {v:.3f}",
+        set_current="CH{ch}:CURR {v:.3f}",
+        query_current="CH{ch}:CURR?",
+        measure_voltage="MEAS:VOLT? CH{ch}",
+        enable_output="OUTP CH{ch},ON",
+        query_output="SYST:STAT?",
+        output_in_status_word=True,
+        accepts_compound_messages=False,
     ),
 )
 
 
-YES, NO = ("1", "+1", "ON", "YES"), ("0", "+0", "OFF", "NO")
+TRUE_REPLIES, FALSE_REPLIES = ("1", "+1", "ON", "YES"), ("0", "+0", "OFF", "NO")
 
 
-class SupplyWire:
+class SupplyChannel:
     """May be used by several threads.
 
     Args:
@@ -117,16 +117,16 @@ class SupplyWire:
     def __init__(self, link: Link, channel: int) -> None:
         self.link, self._channel = link, channel
         self._lock = threading.RLock()
-        self._scpi = Scpi(link, f"DC supply at {link.name}")
+        self._scpi = ScpiSession(link, f"DC supply at {link.name}")
         self.identity: Identity = self._scpi.identify()
-        fits = [d for d in DIALECTS if re.match(d.models, self.identity.model, re.IGNORECASE)]
+        fits = [d for d in SUPPLY_DIALECTS if re.match(d.model_pattern, self.identity.model, re.IGNORECASE)]
         if not fits:
             link.close()
             raise InstrumentError(
-                f"{link.name} answered as '{self.identity}'; this driver is for {', '.join(d.name for d in DIALECTS)}. "
+                f"{link.name} answered as '{self.identity}'; this driver is for {', '.join(d.name for d in SUPPLY_DIALECTS)}. "
                 "Correct the driver or the resource in the bench file"
             )
-        self._words = fits[0]
+        self._dialect = fits[0]
         self._scpi.instrument = self.name = f"DC supply {self.identity.model}"
 
     def reopen(self) -> None:
@@ -137,73 +137,77 @@ class SupplyWire:
         if seen != self.identity:
             raise LinkError(f"{self.link.name} now answers as '{seen}', not '{self.identity}'")
 
-    def volts_words(self, volts: float) -> str:
+    def voltage_command(self, volts: float) -> str:
         """What sets the level, without a query."""
-        return self._words.volts.format(ch=self._channel, v=volts)
+        return self._dialect.set_voltage.format(ch=self._channel, v=volts)
 
-    def set_volts(self, volts: float) -> None:
-        self._tell(self.volts_words(volts))
+    def set_voltage(self, volts: float) -> None:
+        self._write_checked(self.voltage_command(volts))
 
-    def set_current(self, ampere: float) -> None:
-        self._tell(self._words.current.format(ch=self._channel, v=ampere))
+    def set_current_limit(self, ampere: float) -> None:
+        self._write_checked(self._dialect.set_current.format(ch=self._channel, v=ampere))
 
-    def switch_on(self) -> None:
+    def enable_output(self) -> None:
         """There is no switching off: that is 0 V."""
-        self._tell(self._words.on.format(ch=self._channel))
+        self._write_checked(self._dialect.enable_output.format(ch=self._channel))
 
-    def forget_errors(self) -> None:
+    def clear_error_queue(self) -> None:
         """What others left in the error queue is no answer to us."""
-        self._tell("*CLS")
+        self._write_checked("*CLS")
 
     def measured_v(self) -> float:
-        return self._number(self._words.measure)
+        return self._query_float(self._dialect.measure_voltage)
 
-    def current_a(self) -> float:
+    def current_limit_a(self) -> float:
         """The current limit that is set."""
-        return self._number(self._words.current_is)
+        return self._query_float(self._dialect.query_current)
 
-    def is_on(self) -> bool:
-        if not self._words.status_word:
-            return self._says_yes(self._words.is_on)
-        answer = self._ask(self._words.is_on)
+    def is_output_on(self) -> bool:
+        if not self._dialect.output_in_status_word:
+            return self._query_bool(self._dialect.query_output)
+        answer = self._query(self._dialect.query_output)
         try:
             return bool(int(answer, 16) >> (3 + self._channel) & 1)
         except ValueError:
             raise LinkError(f"{self.name}: '{answer[:60]}' is no status word; check the cable") from None
 
-    def could_trip(self, least_v: float) -> str:
-        """What is wrong with the over-voltage protection, in a sentence; empty where it allows `least_v`."""
-        words = self._words
-        if words.tripped and self._says_yes(words.tripped):
+    def reason_ovp_may_trip(self, min_level_v: float) -> str:
+        """What is wrong with the over-voltage protection, in a sentence; empty where it allows `min_level_v`."""
+        words = self._dialect
+        if words.query_ovp_tripped and self._query_bool(words.query_ovp_tripped):
             return "its over-voltage protection has tripped; clear it at the front panel"
-        if words.ovp and self._says_yes(words.ovp) and (ovp_v := self._number(words.ovp_v)) < least_v:
+        if (
+            words.query_ovp_enabled
+            and self._query_bool(words.query_ovp_enabled)
+            and (ovp_v := self._query_float(words.query_ovp_level)) < min_level_v
+        ):
             return (
                 f"its over-voltage protection at {ovp_v:g} V could trip within the amplifier's range. A trip is 0 V, -500 V on "
-                f"the specimen: set it to at least {least_v:g} V or off"
+                f"the specimen: set it to at least {min_level_v:g} V or off"
             )
         return ""
 
-    def _ask(self, query: str) -> str:
+    def _query(self, query: str) -> str:
         with self._lock:
-            return self._scpi.ask(query.format(ch=self._channel))
+            return self._scpi.query(query.format(ch=self._channel))
 
-    def _says_yes(self, query: str) -> bool:
-        answer = self._ask(query).upper()
-        if answer not in (*YES, *NO):
+    def _query_bool(self, query: str) -> bool:
+        answer = self._query(query).upper()
+        if answer not in (*TRUE_REPLIES, *FALSE_REPLIES):
             raise LinkError(f"{self.name}: '{answer[:60]}', which is no yes or no; check the cable")
-        return answer in YES
+        return answer in TRUE_REPLIES
 
-    def _number(self, query: str) -> float:
+    def _query_float(self, query: str) -> float:
         with self._lock:
-            return self._scpi.ask_number(query.format(ch=self._channel))
+            return self._scpi.query_float(query.format(ch=self._channel))
 
-    def _tell(self, command: str) -> None:
+    def _write_checked(self, command: str) -> None:
         with self._lock:
-            if self._words.compound:
-                self._scpi.tell(command)
+            if self._dialect.accepts_compound_messages:
+                self._scpi.write_checked(command)
                 return
             self.link.write(command)
-            answer = self._scpi.ask("SYST:ERR?")
+            answer = self._scpi.query("SYST:ERR?")
         code = re.match(r"\s*[+-]?\d+", answer)
         if code is None:
             raise LinkError(f"{self.name}: '{command}' was answered by '{answer[:60]}', which is no error report")

@@ -9,7 +9,7 @@ from drivers.transport.scpi import Link
 T = TypeVar("T")
 
 
-class Descent:
+class RampDown:
     """Sends the steps of one way and keeps what went wrong on it, to tell it when the way is over.
 
     A step is confirmed by the box as long as its answers can be read. From the first unreadable one on nothing more is
@@ -20,54 +20,54 @@ class Descent:
         stubborn: whether to go on; a way that does not lead to rest ends at its first error instead.
     """
 
-    def __init__(self, link: Link, *, stubborn: bool = True) -> None:
-        self._link, self._stubborn = link, stubborn
-        self._troubles: list[InstrumentError] = []
-        self.deaf = False
+    def __init__(self, link: Link, *, best_effort: bool = True) -> None:
+        self._link, self._best_effort = link, best_effort
+        self._errors: list[InstrumentError] = []
+        self.blind = False
 
-    def ask(self, action: Callable[[], T]) -> T | None:
+    def query(self, action: Callable[[], T]) -> T | None:
         """What the action returns; None where it failed, or where nothing is asked any more."""
-        if self.deaf:
+        if self.blind:
             return None
         try:
             return action()
         except InstrumentError as error:
-            self._met(error)
+            self._record_error(error)
             return None
 
-    def step(self, words: str, confirmed: Callable[[], object]) -> None:
+    def step(self, command: str, send_confirmed: Callable[[], object]) -> None:
         """One step: `confirmed` sends and confirms it, `words` are what is sent where nothing can be confirmed.
 
         Raises:
             LinkError: the wire is gone, nothing can be sent at all.
         """
-        if not self.deaf:
+        if not self.blind:
             try:
-                confirmed()
+                send_confirmed()
             except InstrumentError as error:
-                self._met(error)
-        if self.deaf:
-            self._link.write(words)
+                self._record_error(error)
+        if self.blind:
+            self._link.write(command)
 
-    def end(self) -> None:
+    def raise_first_error(self) -> None:
         """Tell what went wrong.
 
         Raises:
             InstrumentError: something did; LinkError where answers could not be read.
         """
-        if not self._troubles:
+        if not self._errors:
             return
-        first = self._troubles[0]
+        first = self._errors[0]
         how = (
             "its answers could not be read, and the way to rest was sent blind"
-            if self.deaf
+            if self.blind
             else "it was sent all the same"
         )
-        more = f"; {len(self._troubles) - 1} more such errors" if len(self._troubles) > 1 else ""
+        more = f"; {len(self._errors) - 1} more such errors" if len(self._errors) > 1 else ""
         raise type(first)(f"{first} ({how}{more})") from first
 
-    def _met(self, error: InstrumentError) -> None:
-        if not self._stubborn:
+    def _record_error(self, error: InstrumentError) -> None:
+        if not self._best_effort:
             raise error
-        self._troubles.append(error)
-        self.deaf = self.deaf or isinstance(error, LinkError)
+        self._errors.append(error)
+        self.blind = self.blind or isinstance(error, LinkError)

@@ -29,14 +29,14 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
-class Scpi:
+class ScpiSession:
     """One SCPI conversation. `instrument` names it in errors."""
 
     def __init__(self, link: Link, instrument: str) -> None:
         self.link = link
         self.instrument = instrument
 
-    def ask(self, query: str) -> str:
+    def query(self, query: str) -> str:
         """The answer to a query.
 
         Raises:
@@ -51,13 +51,13 @@ class Scpi:
             shown = query.partition(",#")[0]  # a waveform's bytes are no reading
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
-    def ask_number(self, query: str) -> float:
+    def query_float(self, query: str) -> float:
         """A query answered by one number.
 
         Raises:
             InstrumentError: the answer is not a number (a garbled line).
         """
-        answer = self.ask(query)
+        answer = self.query(query)
         try:
             return float(answer)
         except ValueError:
@@ -67,13 +67,13 @@ class Scpi:
                 f"check the cable at {self.link.name}"
             ) from None
 
-    def tell(self, command: str) -> None:
+    def write_checked(self, command: str) -> None:
         """Send a setting and learn at once whether the instrument took it.
 
         Raises:
             InstrumentError: the instrument refused it; the sentence carries its own words.
         """
-        answer = self.ask(f"{command};:SYST:ERR?")
+        answer = self.query(f"{command};:SYST:ERR?")
         shown = command.partition(",#")[0]
         code, _, words = answer.partition(",")
         try:
@@ -90,7 +90,7 @@ class Scpi:
 
     def identify(self) -> Identity:
         """Who answers, by `*IDN?`."""
-        parts = [part.strip() for part in self.ask("*IDN?").split(",")]
+        parts = [part.strip() for part in self.query("*IDN?").split(",")]
         if len(parts) < 2:
             raise LinkError(
                 f"{self.instrument}: '*IDN?' was answered by '{','.join(parts)[:60]}'; is this the instrument?"

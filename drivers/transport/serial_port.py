@@ -16,7 +16,7 @@ except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[misc, assignment]
 
 
-class SerialLine:
+class SerialPort:
     """One open port.
 
     Args:
@@ -31,39 +31,39 @@ class SerialLine:
     def __init__(self, port: str, baud: int, timeout_s: float = 1.0) -> None:
         self.name = port
         self.timeout_s = timeout_s
-        with self._words():
+        with self._translate_errors():
             self._port = serial.serial_for_url(port, baudrate=baud, timeout=timeout_s, write_timeout=timeout_s)
 
-    def send(self, data: bytes) -> None:
-        with self._words():
+    def write(self, data: bytes) -> None:
+        with self._translate_errors():
             self._port.write(data)
 
-    def ask(self, command: bytes, end: bytes) -> str:
+    def query(self, command: bytes, terminator: bytes) -> str:
         """The text that answers a command, without its end. What was on its way before is forgotten.
 
         Raises:
             LinkError: silence, a half answer, or bytes that are no text.
         """
-        with self._words():
+        with self._translate_errors():
             self._port.reset_input_buffer()
             self._port.write(command)
-            answer = bytes(self._port.read_until(end))
-        if not answer.endswith(end):
+            answer = bytes(self._port.read_until(terminator))
+        if not answer.endswith(terminator):
             half = f" (it began '{answer[:20]!r}' and did not end)" if answer else ""
             raise LinkError(f"{self.name} was silent for {self.timeout_s:g} s{half}; check power, cable and baud rate")
         try:
-            return answer[: -len(end)].decode("ascii").strip()
+            return answer[: -len(terminator)].decode("ascii").strip()
         except UnicodeDecodeError:
             raise LinkError(f"{self.name} sent bytes that are no text; check the baud rate") from None
 
-    def take(self, count: int) -> bytes:
+    def read(self, count: int) -> bytes:
         """The next bytes, fewer where the time is up."""
-        with self._words():
+        with self._translate_errors():
             return bytes(self._port.read(count))
 
-    def forget(self) -> None:
+    def discard_input(self) -> None:
         """Drop what has come in."""
-        with self._words():
+        with self._translate_errors():
             self._port.reset_input_buffer()
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class SerialLine:
             self._port.close()
 
     @contextlib.contextmanager
-    def _words(self) -> Iterator[None]:
+    def _translate_errors(self) -> Iterator[None]:
         try:
             yield
         except (serial.SerialException, TerminalError, OSError, ValueError) as error:
@@ -79,7 +79,7 @@ class SerialLine:
             raise LinkError(f"{self.name} cannot be reached ({reason}); check its cable and the port's name") from error
 
 
-def ports() -> list[tuple[str, str]]:
+def list_serial_ports() -> list[tuple[str, str]]:
     """Names and descriptions of the serial ports of this computer."""
     from serial.tools import list_ports
 

@@ -19,13 +19,13 @@ from pyvisa.errors import VisaIOError
 
 from drivers.errors import LinkError
 
-TROUBLES = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
+VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
 """What pyvisa and pyvisa-py raise where a wire fails; the last three are its HiSLIP's."""
 
-BITS = 11
+BITS_PER_BYTE = 11
 """Of a byte on a serial line: start, eight, parity, stop."""
 
-LONGEST_NOISE_S = 5.0
+MAX_DRAIN_S = 5.0
 """A serial line that is not quiet by then will not be: something else is connected, or the baud rate is wrong."""
 
 
@@ -51,7 +51,7 @@ class VisaLink:
         self.reopen()
 
     @contextlib.contextmanager
-    def _words(self) -> Iterator[None]:
+    def _translate_errors(self) -> Iterator[None]:
         try:
             yield
         except VisaIOError as error:
@@ -69,19 +69,19 @@ class VisaLink:
             raise LinkError(f"{self.name} cannot be reached ({reason}); check the cable and the address") from error
 
     def write(self, message: str) -> None:
-        with self._words():
+        with self._translate_errors():
             session = self._open_session()
-            if self._serial:  # a waveform takes its time at so many bits a second
-                session.timeout = 1000 * (self.timeout_s + BITS * len(message) / self._baud)
+            if self._is_serial:  # a waveform takes its time at so many bits a second
+                session.timeout = 1000 * (self.timeout_s + BITS_PER_BYTE * len(message) / self._baud)
             try:
                 # Latin-1 carries every byte of a waveform's binary block as it is.
                 session.write(message, encoding="latin-1")
             finally:
-                if self._serial:
+                if self._is_serial:
                     session.timeout = 1000 * self.timeout_s
 
     def read(self) -> str:
-        with self._words():
+        with self._translate_errors():
             answer: str = self._open_session().read()
             return answer
 
@@ -90,19 +90,19 @@ class VisaLink:
         # readable for ever, and clear() never returns. A new connection forgets a late answer just as well.
         if self.name.upper().endswith("::SOCKET"):
             self.reopen()
-        elif self._serial:
+        elif self._is_serial:
             self._read_until_quiet()
         else:
             try:
-                with self._words():
+                with self._translate_errors():
                     self._open_session().clear()
             except LinkError:  # pyvisa-py's HiSLIP stumbles over a late answer that is in the line already
                 self.reopen()
 
     def _read_until_quiet(self) -> None:
         """What comes within the time that an answer may take is none of ours any more."""
-        session, until_s = self._open_session(), time.monotonic() + LONGEST_NOISE_S
-        with self._words():
+        session, until_s = self._open_session(), time.monotonic() + MAX_DRAIN_S
+        with self._translate_errors():
             try:
                 while time.monotonic() < until_s:
                     session.read_bytes(1)
@@ -111,21 +111,21 @@ class VisaLink:
                     raise
 
     @property
-    def _serial(self) -> bool:
+    def _is_serial(self) -> bool:
         return self.name.upper().startswith("ASRL")
 
     def reopen(self) -> None:
         self._close_session()
-        with self._words():
+        with self._translate_errors():
             self._session = self._manager.open_resource(
                 self.name, read_termination="\n", write_termination="\n", timeout=self.timeout_s * 1000
             )
-            if self._serial:
+            if self._is_serial:
                 self._session.baud_rate = self._baud
                 self._session.flush(BufferOperation.discard_read_buffer)
-            self._send_at_once()
+            self._disable_nagle()
 
-    def _send_at_once(self) -> None:
+    def _disable_nagle(self) -> None:
         """Two messages before an answer wait 44 ms for each other on a socket; pyvisa-py has no setting for that."""
         with contextlib.suppress(AttributeError, KeyError, OSError, TypeError):
             library: Any = self._manager.visalib
@@ -145,11 +145,11 @@ class VisaLink:
     def _close_session(self) -> None:
         session, self._session = self._session, None
         if session is not None:
-            with contextlib.suppress(*TROUBLES):
+            with contextlib.suppress(*VISA_ERRORS):
                 session.close()
 
 
-def resources(backend: str = "@py") -> tuple[list[str], list[str]]:
+def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
     """Resource strings of what VISA finds by itself, and sentences on what could not be looked for."""
     manager = pyvisa.ResourceManager(backend)
     try:

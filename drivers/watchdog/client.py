@@ -14,107 +14,111 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from drivers.bench.watchdog_interface import BEAT_S
+from drivers.bench.watchdog_interface import HEARTBEAT_PERIOD_S
 from drivers.errors import BenchError
-from drivers.watchdog.config import Charge
-from drivers.watchdog.subprocesses import end
+from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.subprocesses import terminate
 
-START_S = 15.0
-DEAF_S = 3.0
+START_TIMEOUT_S = 15.0
+WATCHDOG_SILENCE_S = 3.0
 """A watchdog that has said nothing for so long while the bench is live does not watch any more."""
 
-WIRE_MARGIN_S = 1.0
-RESCUE_S = 12.0
-TAKEOVER_S = 40.0
+REPLY_MARGIN_S = 1.0
+REST_REQUEST_TIMEOUT_S = 12.0
+TAKEOVER_TIMEOUT_S = 40.0
 
 
-class WatchdogProcess:
+class WatchdogClient:
     """A `drivers.bench.watchdog_interface.Watchdog` in a process of its own. It starts at once and is waited for when the bench is armed."""
 
-    words = ""
+    inactive_reason = ""
 
-    def __init__(self, charge: Charge) -> None:
-        self._charge = charge
-        self._folder: Path | None = None
+    def __init__(self, config: WatchdogConfig) -> None:
+        self._config = config
+        self._log_folder: Path | None = None
         self._changed = threading.Condition()
-        self._writing = threading.Lock()
-        self._promise_s = charge.silence_s
+        self._write_lock = threading.Lock()
+        self._allowed_silence_s = config.silence_s
         self._live = threading.Event()
-        self._takeovers = self._seen = 0
+        self._takeovers = self._takeovers_at_allow = 0
         self._start()
 
     @property
     def pid(self) -> int:
         return self._child.pid
 
-    def log_to(self, folder: Path) -> None:
-        self._folder = folder.resolve()
-        self._send(f"log {self._folder}")
+    def set_log_folder(self, folder: Path) -> None:
+        self._log_folder = folder.resolve()
+        self._send(f"log {self._log_folder}")
 
     def arm(self) -> None:
-        if not self._heard_of():
+        if not self._wait_until_ready():
             self.close()
             self._start()  # one that ended since the last run is replaced; one that ends again is told
-            if not self._heard_of():
+            if not self._wait_until_ready():
                 raise BenchError(
                     f"the watchdog does not watch{': ' + self._failed if self._failed else ''}. The bench does not go live "
                     "without it: mend that, or write 'enabled = false' under [watchdog] in the bench file"
                 )
-        self._acted, self._seen = "", self._takeovers
-        self._last = self._beaten = time.monotonic()
+        self._takeover_reason, self._takeovers_at_allow = "", self._takeovers
+        self._last_line_s = self._last_heartbeat_s = time.monotonic()
         self._send("live")
         self._live.set()
 
-    def beat(self) -> None:
+    def send_heartbeat(self) -> None:
         if not self._live.is_set():
             return
-        if time.monotonic() - self._beaten > self._charge.silence_s:
+        if time.monotonic() - self._last_heartbeat_s > self._config.silence_s:
             # We were held up, perhaps stopped: what it did meanwhile is still on its way to us.
             with self._changed:
-                self._changed.wait_for(lambda: bool(self._acted or self._ended), 2 * BEAT_S)
-        self._beaten = time.monotonic()
-        self._send(f"beat {self._promise_s:.3f}")
+                self._changed.wait_for(lambda: bool(self._takeover_reason or self._ended), 2 * HEARTBEAT_PERIOD_S)
+        self._last_heartbeat_s = time.monotonic()
+        self._send(f"beat {self._allowed_silence_s:.3f}")
 
-    def check(self) -> None:
+    def raise_for_status(self) -> None:
         if not self._live.is_set():
             return
-        if self._acted:
-            raise BenchError(f"the watchdog took the source over: {self._acted}")
-        if self._ended or time.monotonic() - self._last > DEAF_S:
-            how = f"has ended (code {self._child.poll()})" if self._ended else f"has said nothing for {DEAF_S:g} s"
+        if self._takeover_reason:
+            raise BenchError(f"the watchdog took the source over: {self._takeover_reason}")
+        if self._ended or time.monotonic() - self._last_line_s > WATCHDOG_SILENCE_S:
+            how = (
+                f"has ended (code {self._child.poll()})"
+                if self._ended
+                else f"has said nothing for {WATCHDOG_SILENCE_S:g} s"
+            )
             raise BenchError(
                 f"the watchdog {how}, and the bench does not stay live without it. Look for what ended it (too little "
                 "memory, a task manager), then run again"
             )
 
     @contextlib.contextmanager
-    def allow(self, seconds: float | None = None) -> Iterator[None]:
-        before, takeovers = self._promise_s, self._seen
-        self._promise_s = max(before, self._charge.timeout_s + WIRE_MARGIN_S if seconds is None else seconds)
-        self.beat()
-        if self._busy:
+    def allow_silence(self, seconds: float | None = None) -> Iterator[None]:
+        before, takeovers = self._allowed_silence_s, self._takeovers_at_allow
+        self._allowed_silence_s = max(before, self._config.timeout_s + REPLY_MARGIN_S if seconds is None else seconds)
+        self.send_heartbeat()
+        if self._taking_over:
             with self._changed:
-                self._changed.wait_for(lambda: self._ended or not self._busy, TAKEOVER_S)
-        self._seen = self._takeovers
+                self._changed.wait_for(lambda: self._ended or not self._taking_over, TAKEOVER_TIMEOUT_S)
+        self._takeovers_at_allow = self._takeovers
         try:
             yield
         finally:
-            self._promise_s, self._seen = before, takeovers
-            self.beat()
+            self._allowed_silence_s, self._takeovers_at_allow = before, takeovers
+            self.send_heartbeat()
 
-    def interrupt(self) -> None:
-        if self._live.is_set() and self._takeovers != self._seen:
-            raise BenchError(f"the watchdog took the source over: {self._acted}")
+    def raise_if_taken_over(self) -> None:
+        if self._live.is_set() and self._takeovers != self._takeovers_at_allow:
+            raise BenchError(f"the watchdog took the source over: {self._takeover_reason}")
 
-    def rescue(self, why: str) -> str:
-        self._told = ""
-        self._send(f"help {_line(why)}")
+    def request_rest(self, reason: str) -> str:
+        self._takeover_outcome = ""
+        self._send(f"help {_single_line(reason)}")
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._told or self._ended), RESCUE_S)
-        return self._told or "the watchdog did not answer"
+            self._changed.wait_for(lambda: bool(self._takeover_outcome or self._ended), REST_REQUEST_TIMEOUT_S)
+        return self._takeover_outcome or "the watchdog did not answer"
 
-    def note(self, words: str) -> None:
-        self._send(f"note {_line(words)}")
+    def log(self, message: str) -> None:
+        self._send(f"note {_single_line(message)}")
 
     def disarm(self) -> None:
         self._live.clear()
@@ -124,8 +128,8 @@ class WatchdogProcess:
         self._live.clear()
         self._send("bye")
         self._closing.set()
-        end(self._child)
-        for thread in (self._listener, self._pulse):
+        terminate(self._child)
+        for thread in (self._listener_thread, self._pulse_thread):
             thread.join()
         if self._child.stdout is not None:
             self._child.stdout.close()
@@ -147,49 +151,49 @@ class WatchdogProcess:
             start_new_session=True,
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
-        self._ready = self._failed = self._acted = self._told = ""
-        self._busy = self._ended = False
-        self._last = self._beaten = time.monotonic()
+        self._ready = self._failed = self._takeover_reason = self._takeover_outcome = ""
+        self._taking_over = self._ended = False
+        self._last_line_s = self._last_heartbeat_s = time.monotonic()
         self._closing = threading.Event()
-        self._send(self._charge.as_line())
-        if self._folder is not None:
-            self._send(f"log {self._folder}")
-        self._listener = threading.Thread(target=self._listen, name="watchdog's words", daemon=True)
-        self._pulse = threading.Thread(target=self._beat_of_the_interpreter, name="watchdog's pulse", daemon=True)
-        self._listener.start()
-        self._pulse.start()
+        self._send(self._config.as_line())
+        if self._log_folder is not None:
+            self._send(f"log {self._log_folder}")
+        self._listener_thread = threading.Thread(target=self._listen, name="watchdog's words", daemon=True)
+        self._pulse_thread = threading.Thread(target=self._send_pulses, name="watchdog's pulse", daemon=True)
+        self._listener_thread.start()
+        self._pulse_thread.start()
 
-    def _heard_of(self) -> bool:
+    def _wait_until_ready(self) -> bool:
         """Whether it watches; waits for one that is still starting."""
         with self._changed:
-            self._changed.wait_for(lambda: bool(self._ready or self._failed or self._ended), START_S)
+            self._changed.wait_for(lambda: bool(self._ready or self._failed or self._ended), START_TIMEOUT_S)
         return bool(self._ready) and not self._ended
 
     def _listen(self) -> None:
         if self._child.stdout is not None:
             for line in self._child.stdout:
-                self._hear(*line.rstrip("\n").partition(" ")[::2])
+                self._handle_line(*line.rstrip("\n").partition(" ")[::2])
         with self._changed:
-            self._ended, self._busy = True, False
+            self._ended, self._taking_over = True, False
             self._changed.notify_all()
 
-    def _hear(self, word: str, words: str) -> None:
+    def _handle_line(self, keyword: str, text: str) -> None:
         with self._changed:
-            self._last = time.monotonic()
-            match word:
+            self._last_line_s = time.monotonic()
+            match keyword:
                 case "ready":
-                    self._ready = words
+                    self._ready = text
                 case "failed":
-                    self._failed = words
+                    self._failed = text
                 case "acting":
-                    self._busy, self._acted = True, words
+                    self._taking_over, self._takeover_reason = True, text
                     self._takeovers += 1
                 case "done" | "could-not":
-                    self._busy, self._told = False, words
+                    self._taking_over, self._takeover_outcome = False, text
             self._changed.notify_all()
 
-    def _beat_of_the_interpreter(self) -> None:
-        while not self._closing.wait(BEAT_S):
+    def _send_pulses(self) -> None:
+        while not self._closing.wait(HEARTBEAT_PERIOD_S):
             if self._live.is_set():
                 self._send("pulse")
 
@@ -197,10 +201,10 @@ class WatchdogProcess:
         """Tell it something. That it has ended is noticed by `check`, and a hung one before its pipe is full."""
         stdin = self._child.stdin
         if stdin is not None and not stdin.closed:
-            with self._writing, contextlib.suppress(OSError, ValueError):
+            with self._write_lock, contextlib.suppress(OSError, ValueError):
                 stdin.write(line + "\n")
                 stdin.flush()
 
 
-def _line(words: str) -> str:
-    return " ".join(words.split())
+def _single_line(text: str) -> str:
+    return " ".join(text.split())

@@ -9,7 +9,7 @@ from model.amplifier_map import AmplifierMap
 
 
 @dataclass(frozen=True, slots=True)
-class Charge:
+class WatchdogConfig:
     """What the watchdog must know to do its work without the program.
 
     Args:
@@ -40,6 +40,6 @@ class Charge:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_line(cls, line: str) -> "Charge":
+    def from_line(cls, line: str) -> "WatchdogConfig":
         record = json.loads(line)
         return cls(**{**record, "map": AmplifierMap(**record["map"]), "limits": DriveLimits(**record["limits"])})

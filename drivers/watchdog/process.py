@@ -21,151 +21,153 @@ from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Source
-from drivers.watchdog.config import Charge
-from drivers.watchdog.log import write
+from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.log import append_line
 
-TICK_S = 0.02
-SAY_S = 0.5
-AGAIN_S = 0.25
-HELP_S = 2.0
+POLL_PERIOD_S = 0.02
+TICK_PERIOD_S = 0.5
+RETRY_INTERVAL_S = 0.25
+REQUESTED_REST_TIMEOUT_S = 2.0
 """How long it tries when the program asked: the program waits, and measures afterwards."""
 
-SWIFT_V_PER_S = 10.0
+MIN_RAMP_V_PER_S = 10.0
 """Slope of its way to rest where the bench file's is slower: 2.5 V in a quarter of a second, still in the guard's steps.
 
 A sine of 5 V peak to peak is steeper than that from 1 Hz on.
 """
 
-BY_HAND = "Switch the high voltage OFF at the amplifier itself before anybody touches the specimen"
+SWITCH_OFF_INSTRUCTION = "Switch the high voltage OFF at the amplifier itself before anybody touches the specimen"
 
 
-class Hound:
+class WatchdogLoop:
     """One program, one source, and when each was last heard."""
 
-    def __init__(self, charge: Charge) -> None:
-        self._charge = charge
-        self._clock = WallClock(charge.speed)
+    def __init__(self, config: WatchdogConfig) -> None:
+        self._config = config
+        self._clock = WallClock(config.speed)
         self._source: Source | None = None
         self._amplifier: HvAmplifier | None = None
-        self._folder: Path | None = None
-        self._live = self._acted = False
-        self._beat_s = self._pulse_s = self._said_s = time.monotonic()
-        self._promise_s = charge.silence_s
+        self._log_folder: Path | None = None
+        self._live = self._took_over = False
+        self._last_heartbeat_s = self._last_pulse_s = self._last_tick_s = time.monotonic()
+        self._allowed_silence_s = config.silence_s
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        threading.Thread(target=self._hear, daemon=True).start()
+        threading.Thread(target=self._read_lines, daemon=True).start()
 
-    def watch(self) -> None:
+    def run(self) -> None:
         """Until the program has ended."""
         try:
-            if self._charge.own_connection:
-                self._open()
+            if self._config.own_connection:
+                self._open_source()
         except BenchError as error:
-            say(f"failed {error}")
+            send_line(f"failed {error}")
             return
-        say(f"ready {self._source.identity if self._source else 'it opens the wire when it must'}")
+        send_line(f"ready {self._source.identity if self._source else 'it opens the wire when it must'}")
         woke = time.monotonic()
         while True:
             try:
-                line = self._lines.get(timeout=TICK_S)
+                line = self._lines.get(timeout=POLL_PERIOD_S)
             except queue.Empty:
                 line = ""
             now = time.monotonic()
-            if (late := now - woke - 5 * TICK_S) > 0:
+            if (late := now - woke - 5 * POLL_PERIOD_S) > 0:
                 # Time in which this process did not run itself is no silence of the other.
-                self._beat_s, self._pulse_s = self._beat_s + late, self._pulse_s + late
+                self._last_heartbeat_s, self._last_pulse_s = self._last_heartbeat_s + late, self._last_pulse_s + late
             if line is None:
-                self._program_ended()
+                self._on_program_exit()
                 return
             if line == "bye":
                 return
             if line:
-                self._obey(line, now)
-            elif self._live and (silent := self._silence(now)):
+                self._handle_line(line, now)
+            elif self._live and (silent := self._silence_reason(now)):
                 self._live = False
-                if not self._charge.own_connection:
-                    self._end_program()
-                self._rest(silent, self._charge.patience_s)
-            if self._live and now - self._said_s > SAY_S:
-                self._said_s = now
-                say("tick")
+                if not self._config.own_connection:
+                    self._kill_program()
+                self._bring_to_rest(silent, self._config.patience_s)
+            if self._live and now - self._last_tick_s > TICK_PERIOD_S:
+                self._last_tick_s = now
+                send_line("tick")
             woke = time.monotonic()
 
-    def _program_ended(self) -> None:
-        if self._live or self._acted:
-            self._rest("the program ended without a word while the bench was live", self._charge.patience_s)
+    def _on_program_exit(self) -> None:
+        if self._live or self._took_over:
+            self._bring_to_rest("the program ended without a word while the bench was live", self._config.patience_s)
         else:
             self._log("the program ended without a word; the source was at rest, nothing was to be done")
 
-    def _obey(self, line: str, now: float) -> None:
+    def _handle_line(self, line: str, now: float) -> None:
         word, _, words = line.partition(" ")
         match word:
             case "beat":
-                self._beat_s, self._promise_s = now, float(words)
+                self._last_heartbeat_s, self._allowed_silence_s = now, float(words)
             case "pulse":
-                self._pulse_s = now
+                self._last_pulse_s = now
             case "live":
-                self._live, self._acted = True, False
-                self._beat_s, self._pulse_s, self._promise_s = now, now, self._charge.silence_s
+                self._live, self._took_over = True, False
+                self._last_heartbeat_s, self._last_pulse_s, self._allowed_silence_s = now, now, self._config.silence_s
             case "rest":
-                self._live = self._acted = False
+                self._live = self._took_over = False
             case "log":
-                self._folder = Path(words)
+                self._log_folder = Path(words)
             case "note":
-                self._log(words, aloud=False)
-            case "help" if self._charge.own_connection:
-                self._rest(f"the program could not, and asked for it: {words}", HELP_S, aloud=False)
+                self._log(words, to_stderr=False)
+            case "help" if self._config.own_connection:
+                self._bring_to_rest(
+                    f"the program could not, and asked for it: {words}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
+                )
             case "help":
-                say("could-not the watchdog has no connection of its own while the program lives")
+                send_line("could-not the watchdog has no connection of its own while the program lives")
 
-    def _silence(self, now: float) -> str:
-        if now - self._pulse_s > self._charge.silence_s:
-            return f"the program was frozen: it said nothing for {now - self._pulse_s:.2f} s"
-        if now - self._beat_s > self._promise_s:
-            return f"the thread that reads the card said nothing for {now - self._beat_s:.2f} s"
+    def _silence_reason(self, now: float) -> str:
+        if now - self._last_pulse_s > self._config.silence_s:
+            return f"the program was frozen: it said nothing for {now - self._last_pulse_s:.2f} s"
+        if now - self._last_heartbeat_s > self._allowed_silence_s:
+            return f"the thread that reads the card said nothing for {now - self._last_heartbeat_s:.2f} s"
         return ""
 
-    def _rest(self, why: str, patience_s: float, aloud: bool = True) -> None:
+    def _bring_to_rest(self, reason: str, timeout_s: float, to_stderr: bool = True) -> None:
         """Bring the source to rest, trying for `patience_s`; say and log what came of it."""
-        say(f"acting {why}")
-        self._acted = True
+        send_line(f"acting {reason}")
+        self._took_over = True
         begin = time.monotonic()
         first = ""
         while True:
             try:
-                self._once(again=bool(first))
+                self._try_to_rest(reconnect=bool(first))
             except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, it is tried again
                 first = first or f"{error}"
-                self._drop()
-                if time.monotonic() - begin > patience_s:
+                self._close_source()
+                if time.monotonic() - begin > timeout_s:
                     took = time.monotonic() - begin
-                    outcome = f"The source could NOT be brought to rest within {took:.0f} s: {first}. {BY_HAND}"
-                    self._log(f"{why}. {outcome}", aloud)
-                    say(f"could-not {outcome}")
+                    outcome = f"The source could NOT be brought to rest within {took:.0f} s: {first}. {SWITCH_OFF_INSTRUCTION}"
+                    self._log(f"{reason}. {outcome}", to_stderr)
+                    send_line(f"could-not {outcome}")
                     return
-                time.sleep(AGAIN_S)
+                time.sleep(RETRY_INTERVAL_S)
             else:
                 break
-        rest_v, took = self._charge.map.rest_v, time.monotonic() - begin
+        rest_v, took = self._config.map.rest_v, time.monotonic() - begin
         outcome = (
             f"The source was brought to rest in {took:.2f} s and says that it idles at {rest_v:g} V "
             "(nobody has measured it)"
         )
-        self._log(f"{why}. {outcome}", aloud)
-        say(f"done {outcome}")
+        self._log(f"{reason}. {outcome}", to_stderr)
+        send_line(f"done {outcome}")
 
-    def _once(self, again: bool) -> None:
+    def _try_to_rest(self, reconnect: bool) -> None:
         if self._amplifier is None or self._source is None:
-            self._open()
+            self._open_source()
         assert self._amplifier is not None
         assert self._source is not None
-        if again:
+        if reconnect:
             self._source.reconnect()
         self._amplifier.force_rest()
-        if not self._amplifier.source_at_rest():
+        if not self._amplifier.is_source_at_rest():
             raise InstrumentError(f"{self._source.identity} does not say that it is at rest")
 
-    def _open(self) -> None:
-        charge = self._charge
+    def _open_source(self) -> None:
+        charge = self._config
         module, _, name = charge.source.partition(":")
         driver = getattr(importlib.import_module(module), name)
         source: Source
@@ -180,45 +182,45 @@ class Hound:
             except BaseException:
                 link.close()
                 raise
-        swift = replace(charge.limits, ramp_v_per_s=max(charge.limits.ramp_v_per_s, SWIFT_V_PER_S))
+        swift = replace(charge.limits, ramp_v_per_s=max(charge.limits.ramp_v_per_s, MIN_RAMP_V_PER_S))
         self._source, self._amplifier = source, HvAmplifier(source, charge.map, swift, self._clock)
 
-    def _drop(self) -> None:
+    def _close_source(self) -> None:
         """Let go of a wire that belongs to nobody else, so that the next attempt opens it anew."""
-        if not self._charge.own_connection and self._source is not None:
+        if not self._config.own_connection and self._source is not None:
             self._source.close()
             self._source = self._amplifier = None
 
-    def _end_program(self) -> None:
+    def _kill_program(self) -> None:
         """The wire is the program's as long as it lives, and it hangs: end it, and wait until it has gone."""
         with contextlib.suppress(OSError):
             os.kill(os.getppid(), getattr(signal, "SIGKILL", signal.SIGTERM))
         deadline = time.monotonic() + 1.0
         while time.monotonic() < deadline:
             with contextlib.suppress(queue.Empty):
-                if self._lines.get(timeout=TICK_S) is None:
+                if self._lines.get(timeout=POLL_PERIOD_S) is None:
                     break
         self._lines.put("bye")
 
-    def _hear(self) -> None:
+    def _read_lines(self) -> None:
         for line in sys.stdin:
             self._lines.put(line.rstrip("\n"))
         self._lines.put(None)
 
-    def _log(self, words: str, aloud: bool = True) -> None:
+    def _log(self, message: str, to_stderr: bool = True) -> None:
         """Into the log; also onto the terminal where no living program says it."""
         with contextlib.suppress(OSError, ValueError):
-            if aloud:
-                sys.stderr.write(f"tactor-bench watchdog: {words}\n")
+            if to_stderr:
+                sys.stderr.write(f"tactor-bench watchdog: {message}\n")
                 sys.stderr.flush()
-        if self._folder is not None:
-            write(self._folder, words)
+        if self._log_folder is not None:
+            append_line(self._log_folder, message)
 
 
-def say(words: str) -> None:
+def send_line(line: str) -> None:
     """One line for the program, if it still listens."""
     with contextlib.suppress(OSError, ValueError):
-        sys.stdout.write(" ".join(words.split()) + "\n")
+        sys.stdout.write(" ".join(line.split()) + "\n")
         sys.stdout.flush()
 
 
@@ -229,7 +231,7 @@ def main() -> NoReturn:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     charge = sys.stdin.readline()
     if charge:
-        Hound(Charge.from_line(charge)).watch()
+        WatchdogLoop(WatchdogConfig.from_line(charge)).run()
     os._exit(0)  # a thread still stands in a read of standard input; there is nothing to tear down
 
 

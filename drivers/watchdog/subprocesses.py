@@ -3,17 +3,17 @@
 import contextlib
 import subprocess
 
-PATIENCE_S = 5.0
+EXIT_TIMEOUT_S = 5.0
 """How long it may take to end by itself."""
 
 
-def end(child: "subprocess.Popen[str]") -> None:
+def terminate(child: "subprocess.Popen[str]") -> None:
     """Close its standard input, which tells it to end; one that does not is killed. Returns when it is gone."""
     if child.stdin is not None:
         with contextlib.suppress(OSError):
             child.stdin.close()
     try:
-        child.wait(PATIENCE_S)
+        child.wait(EXIT_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()

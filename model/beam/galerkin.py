@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.beam.shape_functions import check_n, shapes, wavenumbers
+from model.beam.shape_functions import check_shape_count, shape_functions, wavenumbers
 from model.parameters import Beam
 
 Array = NDArray[np.float64]
@@ -49,12 +49,12 @@ def gram(l1: float | Array, l2: float | Array, n: int) -> Gram:
     if isinstance(l1, float) and isinstance(l2, float):
         return _one_gram(l1, l2, n)
     l1, l2 = np.broadcast_arrays(np.asarray(l1, float), np.asarray(l2, float))
-    return _integrate(l1, l2, check_n(n))
+    return _integrate(l1, l2, check_shape_count(n))
 
 
 @lru_cache(maxsize=256, typed=True)
 def _one_gram(l1: float, l2: float, n: int) -> Gram:
-    g = _integrate(np.asarray(l1), np.asarray(l2), check_n(n))
+    g = _integrate(np.asarray(l1), np.asarray(l2), check_shape_count(n))
     for a in g:
         a.setflags(write=False)
     return g
@@ -74,7 +74,7 @@ def _integrate(l1: Array, l2: Array, n: int) -> Gram:
     w = length[..., None] * weight
 
     def at_nodes(derivative: int) -> Array:
-        N = shapes(xi, l1[..., None, None], l2[..., None, None], n, derivative)
+        N = shape_functions(xi, l1[..., None, None], l2[..., None, None], n, derivative)
         return np.moveaxis(N, 0, -2)  # (..., 3, n, nodes)
 
     basis = _basis(np.moveaxis(at_nodes(0), -3, -2), np.moveaxis(at_nodes(2), -3, -2), w, n)
@@ -83,10 +83,13 @@ def _integrate(l1: Array, l2: Array, n: int) -> Gram:
         N = basis[..., None, :, :] @ at_nodes(derivative)
         return np.asarray((N * w[..., None, :]) @ np.swapaxes(N, -1, -2))
 
-    slope = np.moveaxis(shapes(l1, l1, l2, n, 1), 0, -1)
-    centre = np.moveaxis(shapes(np.ones_like(l1), l1, l2, n), 0, -1)
+    slope = np.moveaxis(shape_functions(l1, l1, l2, n, 1), 0, -1)
+    centre = np.moveaxis(shape_functions(np.ones_like(l1), l1, l2, n), 0, -1)
     return Gram(
-        np.concatenate((products(0), products(2)), axis=-3), _change(basis, slope), _change(basis, centre), basis
+        np.concatenate((products(0), products(2)), axis=-3),
+        _change_basis(basis, slope),
+        _change_basis(basis, centre),
+        basis,
     )
 
 
@@ -107,7 +110,7 @@ def _basis(N: Array, N2: Array, w: Array, n: int) -> Array:
     return basis
 
 
-def _change(basis: Array, N: Array) -> Array:
+def _change_basis(basis: Array, N: Array) -> Array:
     return np.asarray((basis @ N[..., None])[..., 0])
 
 
@@ -122,7 +125,7 @@ def matrices(beam: Beam, k_s: ArrayLike = 0.0, c_s: ArrayLike = 0.0, n: int = 7)
     L, L1, L2, rho1, rho2, eta, c0, k1, k2, mu = beam
     g = gram(L1 / L, L2 / L, n)
     L3 = L * L * L
-    M, C, K = _sums(
+    M, C, K = _weighted_sums(
         g.parts,
         (L * rho1, L * rho2, L * (rho2 + eta), 0.0, 0.0, 0.0),
         (L * c0, L * c0, L * (c0 + c_s), 0.0, 0.0, 0.0),
@@ -135,7 +138,7 @@ def matrices(beam: Beam, k_s: ArrayLike = 0.0, c_s: ArrayLike = 0.0, n: int = 7)
     return Matrices(M, C, K, B, B_F)
 
 
-def _sums(parts: Array, *rows: tuple[Any, ...]) -> Iterator[Array]:
+def _weighted_sums(parts: Array, *rows: tuple[Any, ...]) -> Iterator[Array]:
     """One matrix per row of factors: the sum over the six parts of factor times part."""
     flat = [factor for row in rows for factor in row]
     try:

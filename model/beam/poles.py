@@ -17,12 +17,12 @@ from scipy.linalg.lapack import dgeev, dpotrf, dtrtri
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-DOUBLE = 1e-4
+DOUBLE_POLE_TOLERANCE = 1e-4
 """Where left and right vector are this close to orthogonal, two poles all but meet and their residues cancel to fewer than
 eight digits. The damping is then changed in its eighth digit, which parts them and is all the error there is."""
 
 
-class Modal(NamedTuple):
+class ModalForm(NamedTuple):
     """w(t) = sum_k residues_k z_k(t) with z_k' = poles_k z_k + u(t); conjugate (or two real) poles are n apart."""
 
     poles: Complex
@@ -31,7 +31,7 @@ class Modal(NamedTuple):
     """(..., 2n), or (..., X, 2n) for X outputs; output times rad/s per unit of drive."""
 
 
-def modal_form(M: Array, C: Array, K: Array, B: Array, c: Array) -> Modal:
+def modal_form(M: Array, C: Array, K: Array, B: Array, c: Array) -> ModalForm:
     """Poles of M q'' + C q' + K q = B u and residues of the output c q.
 
     Shapes: M, C, K (..., n, n), symmetric, M and K positive definite; B (..., n); c (..., n) or (..., X, n), in which
@@ -46,19 +46,19 @@ def modal_form(M: Array, C: Array, K: Array, B: Array, c: Array) -> Modal:
     A[..., n:, n:] = -(W @ C @ Wt)
     one = c.ndim == B.ndim
     rows = np.concatenate((B[..., None, :], c[..., None, :] if one else c), axis=-2) @ Wt
-    s, v, norm = _eig(A)
-    if np.abs(norm).min() < DOUBLE:
-        double = np.abs(norm).min(-1) < DOUBLE
-        A[..., n:, n:] *= np.where(double, 1 + 4 * DOUBLE**2, 1)[..., None, None]
-        s, v, norm = _eig(A)
+    s, v, norm = _eigenpairs(A)
+    if np.abs(norm).min() < DOUBLE_POLE_TOLERANCE:
+        double = np.abs(norm).min(-1) < DOUBLE_POLE_TOLERANCE
+        A[..., n:, n:] *= np.where(double, 1 + 4 * DOUBLE_POLE_TOLERANCE**2, 1)[..., None, None]
+        s, v, norm = _eigenpairs(A)
     g = rows @ v
     r = g[..., 1:, :] * (g[..., :1, :] / (s * norm)[..., None, :])
     if s.shape[-1] == n:
         s, r = np.concatenate((s, s.conj()), axis=-1), np.concatenate((r, r.conj()), axis=-1)
-    return Modal(s, r[..., 0, :] if one else r)
+    return ModalForm(s, r[..., 0, :] if one else r)
 
 
-def receptance(modal: Modal, omega: Array) -> Complex:
+def receptance(modal: ModalForm, omega: Array) -> Complex:
     """sum_k r_k / (i omega - s_k), shape (*residues.shape[:-1], F) for omega (F,), rad/s.
 
     Poles that are n apart are joined to real second-order sections (gamma + alpha s) / (s^2 + e s + d).
@@ -101,34 +101,34 @@ def _factors(M: Array, K: Array) -> tuple[Array, Array]:
     return dtrtri(L_M, lower=1)[0], L_K
 
 
-def _eig(A: Array) -> tuple[Complex, Complex, Complex]:
+def _eigenpairs(A: Array) -> tuple[Complex, Complex, Complex]:
     """Eigenvalues, the halves v of their unit vectors (y, v), and the product v v - y y of left and right vector.
 
     Conjugates, or two real eigenvalues, are n apart. For one matrix without real ones only the first n are given.
     """
     n = A.shape[-1] // 2
-    s, z = _upper(A) if A.ndim == 2 else _all(A)
+    s, z = _upper_eigenpairs(A) if A.ndim == 2 else _all_eigenpairs(A)
     y, v = z[..., :n, :], z[..., n:, :]
     return s, v, ((v - y) * (v + y)).sum(-2)
 
 
-def _upper(A: Array) -> tuple[Complex, Complex]:
+def _upper_eigenpairs(A: Array) -> tuple[Complex, Complex]:
     wr, wi, _, vr, info = dgeev(A, compute_vl=0)
     if info:
         raise np.linalg.LinAlgError("the eigenvalues of the damped beam did not converge")
     if not wi.all():
-        return _all(A)
+        return _all_eigenpairs(A)
     s, z = np.empty(wr.size // 2, complex), np.empty((wr.size, wr.size // 2), complex)
     s.real, s.imag, z.real, z.imag = wr[::2], wi[::2], vr[:, ::2], vr[:, 1::2]
     return s, z
 
 
-def _all(A: Array) -> tuple[Complex, Complex]:
+def _all_eigenpairs(A: Array) -> tuple[Complex, Complex]:
     s, z = np.linalg.eig(A)
-    return _real_last(s.astype(complex), z.astype(complex))
+    return _sort_real_last(s.astype(complex), z.astype(complex))
 
 
-def _real_last(s: Complex, z: Complex) -> tuple[Complex, Complex]:
+def _sort_real_last(s: Complex, z: Complex) -> tuple[Complex, Complex]:
     """Real eigenvalues, an even number of them, move to the end; then first and second of each pair are parted."""
     order = np.argsort(s.imag == 0, axis=-1, kind="stable")  # LAPACK has conjugates as neighbours
     order = np.concatenate((order[..., ::2], order[..., 1::2]), axis=-1)

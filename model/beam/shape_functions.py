@@ -18,7 +18,7 @@ N_MAX = 300
 """Further shapes gain nothing: the error is below 1e-7 there, and the rounding of the supplementary shapes begins to show."""
 
 
-def check_n(n: int) -> int:
+def check_shape_count(n: int) -> int:
     """`n` itself; raises ParameterError unless it is a whole number in 3..N_MAX."""
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 3 <= n <= N_MAX:
         raise ParameterError(
@@ -39,7 +39,7 @@ def wavenumbers(count: int) -> Array:
     return roots
 
 
-def modes(xi: ArrayLike, count: int, derivative: int = 0) -> Array:
+def symmetric_modes(xi: ArrayLike, count: int, derivative: int = 0) -> Array:
     """phi_j of Eq. (15) or a derivative to xi (0..3), shape (count, *xi.shape)."""
     y = 1 - np.asarray(xi, float)
     b = wavenumbers(count).reshape(-1, *(1,) * y.ndim)
@@ -76,7 +76,7 @@ def load_shape(xi: ArrayLike, l2: ArrayLike, derivative: int = 0) -> Array:
     return np.asarray(np.where(x < l2, left, right) / (1 - 2 * l2**3 + l2**4))
 
 
-def shapes(xi: ArrayLike, l1: ArrayLike, l2: ArrayLike, n: int, derivative: int = 0) -> Array:
+def shape_functions(xi: ArrayLike, l1: ArrayLike, l2: ArrayLike, n: int, derivative: int = 0) -> Array:
     """N = [phi_1 ... phi_{n-2}, phi~_1, phi~_2] or its derivative to xi, shape (n, *xi.shape).
 
     `l1` and `l2` broadcast against `xi`. At xi = l1 the second derivative is the one from the right.
@@ -86,4 +86,4 @@ def shapes(xi: ArrayLike, l1: ArrayLike, l2: ArrayLike, n: int, derivative: int 
     """
     x = np.asarray(xi, float)
     parts = (moment_shape(x, l1, derivative)[None], load_shape(x, l2, derivative)[None])
-    return np.concatenate((modes(x, check_n(n) - 2, derivative), *parts))
+    return np.concatenate((symmetric_modes(x, check_shape_count(n) - 2, derivative), *parts))

@@ -8,16 +8,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from model.parameter_spec import ParameterError, quantities
+from model.parameter_spec import ParameterError, parameter_specs
 from model.parameters import Membrane, Tactor
-from model.specimen import variables
-from model.studies.uncertainty import Estimates
+from model.specimen import variable_specs
+from model.studies.uncertainty import EstimateSet
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class EstimatedQuantity:
     """An identified parameter: value and standard error in `unit`, and the labels of the runs it comes from."""
 
     name: str
@@ -28,14 +28,14 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     """One parameter in two calibrations; None where one of them does not have it."""
 
     name: str
     unit: str
     before: float | None
     after: float | None
-    standard_errors: float | None
+    sigmas: float | None
     """The difference in units of its own standard error, both calibrations taken as independent."""
 
 
@@ -49,7 +49,7 @@ class Calibration:
 
     specimen: str
     version: int
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[EstimatedQuantity, ...]
     covariance: tuple[tuple[float, ...], ...]
     """(P, P), rows and columns as the estimates, in their units."""
     method: str
@@ -80,16 +80,16 @@ class Calibration:
 
     def tactor(self) -> Tactor:
         """The tactor with these estimates."""
-        return Tactor(**{q.name: self._value(q.name) for q in quantities(Tactor)})
+        return Tactor(**{q.name: self._value(q.name) for q in parameter_specs(Tactor)})
 
     def membrane(self) -> Membrane:
         """The membrane with these estimates."""
-        return Membrane(**{q.name: self._value(q.name) for q in quantities(Membrane)})
+        return Membrane(**{q.name: self._value(q.name) for q in parameter_specs(Membrane)})
 
-    def for_bands(self) -> Estimates:
-        """Those estimates that are variables of the model, for `model.studies.uncertainty.linear_band`."""
-        keep = [i for i, e in enumerate(self.estimates) if e.name in variables()]
-        return Estimates(
+    def estimate_set(self) -> EstimateSet:
+        """Those estimates that are variables of the model, for `model.studies.uncertainties.linear_band`."""
+        keep = [i for i, e in enumerate(self.estimates) if e.name in variable_specs()]
+        return EstimateSet(
             tuple(self.estimates[i].name for i in keep),
             tuple(self.estimates[i].value for i in keep),
             np.asarray(self.covariance, float)[np.ix_(keep, keep)],
@@ -114,7 +114,7 @@ class Calibration:
                 f"this is no calibration record: missing {lost or 'nothing'}; unknown {strange or 'nothing'}"
             )
         try:
-            estimates = tuple(Estimate(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
+            estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])
             covariance = tuple(tuple(float(x) for x in row) for row in record["covariance"])
             rest = {k: v for k, v in record.items() if k in known - {"estimates", "covariance", "runs"}}
             return cls(estimates=estimates, covariance=covariance, runs=tuple(record["runs"]), **rest)
@@ -129,7 +129,7 @@ class Calibration:
         return float(value)
 
 
-def changes(before: Calibration, after: Calibration) -> tuple[Change, ...]:
+def compare_calibrations(before: Calibration, after: Calibration) -> tuple[ParameterChange, ...]:
     """What differs between two calibrations, parameter by parameter, in the order of the newer one."""
     old, new = ({e.name: e for e in c.estimates} for c in (before, after))
     out = []
@@ -140,5 +140,5 @@ def changes(before: Calibration, after: Calibration) -> tuple[Change, ...]:
             spread = sqrt(a.standard_error**2 + b.standard_error**2)
             size = (b.value - a.value) / spread if spread > 0 else None
         unit = (b or a).unit  # type: ignore[union-attr]
-        out.append(Change(name, unit, a.value if a else None, b.value if b else None, size))
+        out.append(ParameterChange(name, unit, a.value if a else None, b.value if b else None, size))
     return tuple(out)

@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.identification import parameters as known
-from model.identification.fit_result import UNKNOWN, JointFit
-from model.identification.forward_model import with_values
+from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
+from model.identification.forward_model import with_predictions
 from model.identification.observations import (
-    Campaign,
-    CommonError,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
     Observation,
-    StaticLoading,
-    VoltageSteps,
+    ObservationSet,
+    SharedError,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
 )
-from model.identification.residuals import Problem
+from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import ParameterError
 
 Array = NDArray[np.float64]
@@ -39,26 +39,28 @@ class Proposal:
 
     candidate: Candidate
     parameter: str
-    before: float
-    after: float
+    error_before: float
+    error_after: float
 
     @property
-    def per_minute(self) -> float:
+    def improvement_per_minute(self) -> float:
         """Share of the standard error lost per minute (of its logarithm, so that proposals add up)."""
-        return float(np.log(self.before / self.after) / self.candidate.minutes)
+        return float(np.log(self.error_before / self.error_after) / self.candidate.minutes)
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """One line with the numbers."""
-        was = "not identified" if self.before > 1 else f"±{100 * self.before:.2g} %"
-        will = "still not identified" if self.after > 1 else f"±{100 * self.after:.2g} %"
+        was = "not identified" if self.error_before > 1 else f"±{100 * self.error_before:.2g} %"
+        will = "still not identified" if self.error_after > 1 else f"±{100 * self.error_after:.2g} %"
         return (
             f"{self.candidate.run.label} ({self.candidate.minutes:.3g} min): {self.parameter} from {was} to {will}, "
-            f"{100 * (1 - np.exp(-self.per_minute)):.2g} % less a minute"
+            f"{100 * (1 - np.exp(-self.improvement_per_minute)):.2g} % less a minute"
         )
 
 
-def next_best(fit: JointFit, candidates: Sequence[Candidate], parameter: str | None = None) -> tuple[Proposal, ...]:
+def rank_candidates(
+    fit: JointFit, candidates: Sequence[Candidate], parameter: str | None = None
+) -> tuple[Proposal, ...]:
     """All candidates, the best first, judged by what they do to `parameter`, by default the one known worst.
 
     The information of a run is computed at the fit's parameters; errors it shares with runs that were done stay shared.
@@ -71,32 +73,37 @@ def next_best(fit: JointFit, candidates: Sequence[Candidate], parameter: str | N
     for c in candidates:
         if not c.minutes > 0:
             raise ParameterError(f"{c.run.label} takes {c.minutes:g} minutes: give the time it really takes")
-    own = fit.parameters
-    J = fit.jacobian * fit.scale
-    now = _errors(J.T @ J)[: len(own)]
+    own = fit.free_parameters
+    J = fit.jacobian * fit.parameter_scale
+    now = _standard_errors(J.T @ J)[: len(own)]
     if parameter is None:
         parameter = own[int(now.argmax())]
     if parameter not in own:
         raise ParameterError(f"{parameter} was not free in this fit: choose from {', '.join(own)}")
     at = own.index(parameter)
-    proposals = [Proposal(c, parameter, float(now[at]), float(_errors(_with(fit, c))[at])) for c in candidates]
-    return tuple(sorted(proposals, key=lambda p: -p.per_minute))
+    proposals = [
+        Proposal(c, parameter, float(now[at]), float(_standard_errors(_information_with(fit, c))[at]))
+        for c in candidates
+    ]
+    return tuple(sorted(proposals, key=lambda p: -p.improvement_per_minute))
 
 
-def _with(fit: JointFit, candidate: Candidate) -> Array:
+def _information_with(fit: JointFit, candidate: Candidate) -> Array:
     """Scaled information of the fit and the candidate together; new shared errors come last."""
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    setting = replace(fit.setting, free=fit.parameters, known={}, start={n: values[n] for n in fit.parameters})
-    problem = Problem(Campaign((candidate.run,)), setting)
+    setting = replace(
+        fit.options, free=fit.free_parameters, priors={}, start={n: values[n] for n in fit.free_parameters}
+    )
+    problem = LeastSquaresProblem(ObservationSet((candidate.run,)), setting)
     theta = np.array([values.get(n, 0.0) for n in problem.names])
     _, J = problem.evaluate(theta)
-    J = J[: J.shape[0] - len(problem.campaign.common)]  # the priors of shared errors are the last rows
+    J = J[: J.shape[0] - len(problem.observations.shared_errors)]  # the priors of shared errors are the last rows
     new = [n for n in problem.names if n not in fit.names]
     names = (*fit.names, *new)
-    scale = np.array([*fit.scale, *(10 * problem.campaign.common[n].standard_error for n in new)])
+    scale = np.array([*fit.parameter_scale, *(10 * problem.observations.shared_errors[n].standard_error for n in new)])
     F = np.zeros((len(names), len(names)))
     P = len(fit.names)
-    F[:P, :P] = (fit.jacobian * fit.scale).T @ (fit.jacobian * fit.scale)
+    F[:P, :P] = (fit.jacobian * fit.parameter_scale).T @ (fit.jacobian * fit.parameter_scale)
     F[np.arange(P, len(names)), np.arange(P, len(names))] = 100.0  # ten standard errors are one hundred percent
     place = [names.index(n) for n in problem.names]
     J = J * scale[place]
@@ -104,35 +111,35 @@ def _with(fit: JointFit, candidate: Candidate) -> Array:
     return F
 
 
-def _errors(F: Array) -> Array:
-    return np.sqrt(np.diag(np.linalg.inv(F + np.eye(F.shape[0]) / UNKNOWN**2)))
+def _standard_errors(F: Array) -> Array:
+    return np.sqrt(np.diag(np.linalg.inv(F + np.eye(F.shape[0]) / UNKNOWN_RELATIVE_ERROR**2)))
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedPrecision:
     """What a bench can be expected to do: standard errors of one value, and minutes.
 
     Attributes:
-        relative, floor_m: of a deflection: share of its value, and metres.
+        relative_error, floor_m: of a deflection: share of its value, and metres.
         resonance_hz: of one resonance frequency.
-        minutes_a_load, minutes_a_mass, minutes_a_level, minutes_a_frequency: one value of each kind.
-        minutes_to_mount: a membrane at one elongation, or a cylinder with another mass.
-        common: shared errors of the instruments; each kind of run takes those that act on it.
+        minutes_per_load, minutes_per_mass, minutes_per_level, minutes_per_frequency: one value of each kind.
+        mounting_minutes: a membrane at one elongation, or a cylinder with another mass.
+        shared_errors: shared errors of the instruments; each kind of run takes those that act on it.
     """
 
-    relative: float = 0.003
+    relative_error: float = 0.003
     floor_m: float = 2e-7
     resonance_hz: float = 0.3
-    minutes_a_load: float = 0.5
-    minutes_a_mass: float = 7.0
-    minutes_a_level: float = 0.25
-    minutes_a_frequency: float = 0.05
-    minutes_to_mount: float = 5.0
-    common: tuple[CommonError, ...] = ()
+    minutes_per_load: float = 0.5
+    minutes_per_mass: float = 7.0
+    minutes_per_level: float = 0.25
+    minutes_per_frequency: float = 0.05
+    mounting_minutes: float = 5.0
+    shared_errors: tuple[SharedError, ...] = ()
 
 
-def candidates(
-    fit: JointFit, expected: Expected, elongations_m: Sequence[float] = (0.0, 1.27e-3, 6.35e-3)
+def default_candidates(
+    fit: JointFit, expected: ExpectedPrecision, elongations_m: Sequence[float] = (0.0, 1.27e-3, 6.35e-3)
 ) -> tuple[Candidate, ...]:
     """The paper's runs with their default settings, and short ones of the same kind, as candidates.
 
@@ -143,13 +150,13 @@ def candidates(
     levels, f = np.arange(0.5, 5.01, 0.5), np.array([25, 50, 75, 100, 125, *range(150, 201, 5), 225, 250], float)
     peak = np.array([100.0, 140, 150, 160, 180])
 
-    def shared(*acts: str) -> tuple[CommonError, ...]:
-        return tuple(c for c in e.common if c.acts_on in acts)
+    def shared(*acts: str) -> tuple[SharedError, ...]:
+        return tuple(c for c in e.shared_errors if c.acts_on in acts)
 
     def dwell(label: str, f: Array, elongation: float | None = None) -> Observation:
         on = shared("displacement", "volts", "delay")
-        return FrequencyResponse(
-            label, f, np.ones(f.size, complex), np.ones(f.size), elongation_m=elongation, common=on
+        return FrequencyResponseObservation(
+            label, f, np.ones(f.size, complex), np.ones(f.size), elongation_m=elongation, shared_errors=on
         )
 
     def rows(x: Array) -> tuple[Array, Array]:
@@ -157,37 +164,41 @@ def candidates(
 
     on, heavy = shared("displacement", "load"), shared("mass")
     plan: list[tuple[Observation, float]] = [
-        (StaticLoading("static loading", loads, *rows(loads), common=on), e.minutes_a_load * 5),
-        (StaticLoading("static loading, 500 g five times", loads[[4] * 5], *rows(loads), common=on), e.minutes_a_load * 5),
-        (MassResonance("mass resonance, nine masses", masses, *rows(masses), common=heavy), e.minutes_a_mass * 9),
-        (MassResonance("mass resonance, lightest and heaviest", masses[[0, 8]], *rows(masses[:2]), common=heavy), e.minutes_a_mass * 2),
-        (VoltageSteps("voltage steps", levels, *rows(levels), common=shared("displacement", "volts")), e.minutes_a_level * 10),
-        (dwell("sine dwell, free, 18 frequencies", f), e.minutes_a_frequency * f.size),
-        (dwell("sine dwell, free, 5 frequencies about the peak", peak), e.minutes_a_frequency * peak.size),
+        (StaticLoadingObservation("static loading", loads, *rows(loads), shared_errors=on), e.minutes_per_load * 5),
+        (StaticLoadingObservation("static loading, 500 g five times", loads[[4] * 5], *rows(loads), shared_errors=on), e.minutes_per_load * 5),
+        (MassResonanceObservation("mass resonance, nine masses", masses, *rows(masses), shared_errors=heavy), e.minutes_per_mass * 9),
+        (MassResonanceObservation("mass resonance, lightest and heaviest", masses[[0, 8]], *rows(masses[:2]), shared_errors=heavy), e.minutes_per_mass * 2),
+        (VoltageStepsObservation("voltage steps", levels, *rows(levels), shared_errors=shared("displacement", "volts")), e.minutes_per_level * 10),
+        (dwell("sine dwell, free, 18 frequencies", f), e.minutes_per_frequency * f.size),
+        (dwell("sine dwell, free, 5 frequencies about the peak", peak), e.minutes_per_frequency * peak.size),
     ]  # fmt: skip
     for x in elongations_m:
         run = dwell(f"sine dwell, membrane at {1e3 * x:.3g} mm", f, x)
-        plan.append((run, e.minutes_a_frequency * f.size + e.minutes_to_mount))
-    plan.append((MembraneSag("membrane sag", *rows(np.ones(5))), e.minutes_to_mount))
+        plan.append((run, e.minutes_per_frequency * f.size + e.mounting_minutes))
+    plan.append((MembraneSagObservation("membrane sag", *rows(np.ones(5))), e.mounting_minutes))
     values = {n: v for n, v in fit.values.items() if v is not None}
-    fixed = {n: v for n, v in values.items() if n not in fit.parameters and n not in fit.campaign.common}
-    own = {n: v for n, v in fixed.items() if n in known.OWN or known.elongation_of(n) is not None}
+    fixed = {
+        n: v for n, v in values.items() if n not in fit.free_parameters and n not in fit.observations.shared_errors
+    }
+    own = {n: v for n, v in fixed.items() if n in known.SPECIMEN_PARAMETERS or known.parse_elongation(n) is not None}
     setting = replace(
-        fit.setting, free=fit.parameters, known={}, fixed={**own, **fit.setting.fixed}, tied=fit.setting.tied
+        fit.options, free=fit.free_parameters, priors={}, fixed={**own, **fit.options.fixed}, tied=fit.options.tied
     )
-    campaign = Campaign(tuple(run for run, _ in plan))
-    problem = Problem(campaign, setting)
+    campaign = ObservationSet(tuple(run for run, _ in plan))
+    problem = LeastSquaresProblem(campaign, setting)
     theta = np.array([values.get(n, 0.0) for n in problem.names])
-    predicted = with_values(campaign, problem.forward, theta)
+    predicted = with_predictions(campaign, problem.forward_model, theta)
     return tuple(
         Candidate(_with_errors(run, e), minutes) for run, (_, minutes) in zip(predicted.runs, plan, strict=True)
     )
 
 
-def _with_errors(run: Observation, e: Expected) -> Observation:
+def _with_errors(run: Observation, expected: ExpectedPrecision) -> Observation:
     match run:
-        case MassResonance():
-            return replace(run, errors_hz=np.full(run.mass_kg.size, e.resonance_hz))
-        case FrequencyResponse():
-            return replace(run, errors_m=e.relative * np.abs(np.asarray(run.fundamental_m)) + e.floor_m)
-    return replace(run, errors_m=e.relative * np.abs(run.deflection_m) + e.floor_m)
+        case MassResonanceObservation():
+            return replace(run, errors_hz=np.full(run.mass_kg.size, expected.resonance_hz))
+        case FrequencyResponseObservation():
+            return replace(
+                run, errors_m=expected.relative_error * np.abs(np.asarray(run.fundamental_m)) + expected.floor_m
+            )
+    return replace(run, errors_m=expected.relative_error * np.abs(run.deflection_m) + expected.floor_m)

@@ -8,11 +8,11 @@ import numpy as np
 
 from model.amplifier_map import AmplifierMap
 from model.identification import parameters as known
-from model.identification.observations import Campaign
+from model.identification.observations import ObservationSet
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 
-LEAST_SHAPES, MOST_SHAPES = 3, 60
+MIN_SHAPES, MAX_SHAPES = 3, 60
 
 Loss = Literal["linear", "soft_l1", "cauchy"]
 
@@ -26,7 +26,7 @@ class FitCancelled(Exception):
 
 
 @dataclass(frozen=True)
-class Setting:
+class FitOptions:
     """Everything but the data.
 
     Attributes:
@@ -34,9 +34,9 @@ class Setting:
         free: names of the free parameters (`model.identification.parameters`); None: what the runs are there for.
         fixed: further fixed values by name, instead of those of tactor and membrane; also c_s(1.27 mm) and the like.
         tied: name -> (other, factor): the parameter is always that many times the other.
-        known: name -> (value, standard error): what is known of a free parameter beforehand, e.g. from a calliper.
+        priors: name -> (value, standard error): what is known of a free parameter beforehand, e.g. from a calliper.
         start: where to begin, by name; the present value if not named.
-        each: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
+        per_elongation: a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
         loss: of one residual in units of its error: "linear" is least squares; the others let go of outliers.
         amplifier, n: the amplifier's map, and the number of shape functions.
     """
@@ -47,9 +47,9 @@ class Setting:
     free: tuple[str, ...] | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
     tied: Mapping[str, tuple[str, float]] = field(default_factory=dict)
-    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
-    each: bool = False
+    per_elongation: bool = False
     loss: Loss = "linear"
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     n: int = 7
@@ -57,42 +57,42 @@ class Setting:
     def __post_init__(self) -> None:
         if self.loss not in ("linear", "soft_l1", "cauchy"):
             raise ParameterError(f"loss is {self.loss!r}: choose linear, soft_l1 or cauchy")
-        if not LEAST_SHAPES <= self.n <= MOST_SHAPES:
-            raise ParameterError(f"{self.n} shape functions: choose from {LEAST_SHAPES} to {MOST_SHAPES}")
+        if not MIN_SHAPES <= self.n <= MAX_SHAPES:
+            raise ParameterError(f"{self.n} shape functions: choose from {MIN_SHAPES} to {MAX_SHAPES}")
         for name, value in self.fixed.items():
-            known.quantity(name).check(value)
+            known.parameter_spec(name).check(value)
 
-    def base(self) -> dict[str, float | None]:
+    def base_values(self) -> dict[str, float | None]:
         """Every parameter that has a value without a fit."""
-        return known.defaults(self.tactor, self.membrane, self.contact_length) | dict(self.fixed)
+        return known.default_values(self.tactor, self.membrane, self.contact_length) | dict(self.fixed)
 
-    def names(self, campaign: Campaign) -> tuple[str, ...]:
+    def free_parameters(self, observations: ObservationSet) -> tuple[str, ...]:
         """The free parameters for this campaign, without the shared errors of instruments.
 
         Raises:
             ParameterError: a name is unknown, free and fixed at once, or tied to nothing.
         """
-        free = known.informed(campaign, self.each) if self.free is None else self.free
+        free = known.identifiable_parameters(observations, self.per_elongation) if self.free is None else self.free
         if self.free is None:
             free = tuple(name for name in free if name not in self.fixed and name not in self.tied)
-        free = known.checked(free, campaign)
+        free = known.validate_names(free, observations)
         for name in free:
             if name in self.fixed or name in self.tied:
                 raise ParameterError(f"{name} is free and {'fixed' if name in self.fixed else 'tied'} at once: choose")
-            if name in campaign.common:
+            if name in observations.shared_errors:
                 raise ParameterError(f"{name} is a shared error; it is always free, within its standard error")
         for name, (other, factor) in self.tied.items():
-            known.quantity(name, campaign)
-            known.quantity(other, campaign)
+            known.parameter_spec(name, observations)
+            known.parameter_spec(other, observations)
             if other in self.tied or not np.isfinite(factor):
                 raise ParameterError(f"{name} is tied to {factor:g} times {other}, which is tied itself or not finite")
-        for name, (value, error) in self.known.items():
+        for name, (value, error) in self.priors.items():
             if name not in free:
                 raise ParameterError(f"{name} is known beforehand but not free: free it, or fix it at {value:g}")
-            known.quantity(name).check(value)
+            known.parameter_spec(name).check(value)
             if not (np.isfinite(error) and error > 0):
                 raise ParameterError(f"{name} is known to +- {error:g}: the standard error must be positive")
         for name in self.start:
             if name in free:
-                known.quantity(name).check(self.start[name])
+                known.parameter_spec(name).check(self.start[name])
         return free

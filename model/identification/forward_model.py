@@ -21,22 +21,22 @@ from model.beam.galerkin import matrices
 from model.beam.poles import modal_form, receptance
 from model.identification import parameters as known
 from model.identification.observations import (
-    Acts,
-    Campaign,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
+    ErrorTarget,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
     Observation,
-    StaticLoading,
-    VoltageSteps,
-    replaced,
+    ObservationSet,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+    with_observed_values,
 )
-from model.identification.receptance import Dense, Factors
+from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import sag
-from model.parameter_spec import quantities
+from model.parameter_spec import parameter_specs
 from model.parameters import Beam, Membrane
-from model.response.drive_spectrum import series
-from model.response.frequency_response import orders_for, peak_to_peak
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import harmonic_orders, peak_to_peak
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import point_stiffness
 
@@ -44,26 +44,29 @@ Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
 
-def beam_of(v: Values, added_mass_kg: Any = None) -> Beam:
+def beam_from_values(v: Values, added_mass_kg: Any = None) -> Beam:
     """The beam with its own added mass, or another."""
     k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
     eta = (v["m_add"] if added_mass_kg is None else added_mass_kg) / (2 * (v["L"] - v["L2"]))
     return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])
 
 
-def skin_of(run: FrequencyResponse, v: Values) -> tuple[Any, Any]:
+def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tuple[Any, Any]:
     """k_s in N/m^2 and c_s in kg/(m s) under a run; 0 where the tactor was free."""
-    if run.elongation_m is None:
+    if observation.elongation_m is None:
         return 0.0, 0.0
-    delta = run.elongation_m / v["L_m"]
+    delta = observation.elongation_m / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
-    k_s, c_s = v.get(known.at("k_s", run.elongation_m)), v.get(known.at("c_s", run.elongation_m))
+    k_s, c_s = (
+        v.get(known.elongation_parameter("k_s", observation.elongation_m)),
+        v.get(known.elongation_parameter("c_s", observation.elongation_m)),
+    )
     if k_s is None:
         k_s = point_stiffness(v["L_m"], v["b_m"], v["h_m"], v["E_m"], delta) / length
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
 
 
-def factors_of(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
+def equation_factors(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
     """What multiplies the Gram parts of Eq. (14), (S, 6) each in M, C and K."""
     zero = np.zeros(sets)
     L, L3 = beam.L, beam.L**3
@@ -79,14 +82,14 @@ def factors_of(beam: Beam, skin: tuple[Any, Any], sets: int) -> Factors:
     )
 
 
-Ends = tuple[tuple[float, float], tuple[float, float]]
+GeometryPair = tuple[tuple[float, float], tuple[float, float]]
 """A geometry, L1 / L and L2 / L, to either side of one."""
 
-STEP = 1e-6
+RELATIVE_STEP = 1e-6
 """Of a parameter's scale, or of a ratio of lengths; a central difference takes it up and down."""
 
 
-class Around:
+class FiniteDifferences:
     """S = 2 P + 1 sets of all parameters: the point of the P free ones, then every step up, then every step down.
 
     Args:
@@ -95,61 +98,64 @@ class Around:
         join: every parameter by name from the free ones, (P, S).
     """
 
-    def __init__(self, theta: Array, scale: Array, join: Callable[[Array], Values]) -> None:
+    def __init__(self, theta: Array, scale: Array, all_values: Callable[[Array], Values]) -> None:
         P = theta.size
-        self.sets = 2 * P + 1
-        self._h = STEP * np.maximum(np.abs(theta), scale)
-        table = np.tile(theta, (self.sets, 1))
-        table[1 : P + 1] += np.diag(self._h)
-        table[P + 1 :] -= np.diag(self._h)
-        self.values = join(table.T)
+        self.set_count = 2 * P + 1
+        self._steps = RELATIVE_STEP * np.maximum(np.abs(theta), scale)
+        table = np.tile(theta, (self.set_count, 1))
+        table[1 : P + 1] += np.diag(self._steps)
+        table[P + 1 :] -= np.diag(self._steps)
+        self.values = all_values(table.T)
         """Every parameter by name: plain where it is fixed, else (S,)."""
 
-    def slopes(self, y: Any) -> Any:
+    def derivatives(self, y: Any) -> Any:
         """Slopes to the free parameters of what was computed for every set: (S, ...) -> (P, ...)."""
-        P = self._h.size
-        y = np.broadcast_to(y, (self.sets, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.sets, y)
-        return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._h).reshape(-1, *(1,) * (y.ndim - 1))
+        P = self._steps.size
+        y = np.broadcast_to(y, (self.set_count, *np.shape(y)[1:])) if np.ndim(y) else np.full(self.set_count, y)
+        return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._steps).reshape(-1, *(1,) * (y.ndim - 1))
 
-    def shared(self, run: Observation, acts_on: Acts) -> Array:
+    def shared_error(self, observation: Observation, acts_on: ErrorTarget) -> Array:
         """Sum of a run's common errors of one kind, (S,)."""
-        errors = (self.values[e.name] for e in run.common if e.acts_on == acts_on)
-        return np.asarray(sum(errors, start=np.zeros(self.sets)))
+        errors = (self.values[e.name] for e in observation.shared_errors if e.acts_on == acts_on)
+        return np.asarray(sum(errors, start=np.zeros(self.set_count)))
 
     def stack(self, factors: Sequence[Factors]) -> tuple[Factors, Factors]:
         """Values (R, 6) and slopes (P, R, 6) of entries of (S, 6) each, one a row."""
         tables = [np.stack([f[i] for f in factors], axis=1) for i in range(3)]
-        return Factors(*(t[0] for t in tables)), Factors(*(self.slopes(t) for t in tables))
+        return Factors(*(t[0] for t in tables)), Factors(*(self.derivatives(t) for t in tables))
 
     @property
     def geometry(self) -> tuple[float, float]:
         """L1 / L and L2 / L at the point."""
-        l1, l2 = self._ratios()
+        l1, l2 = self._length_ratios()
         return float(l1[0]), float(l2[0])
 
-    def moves(self) -> list[tuple[Ends, Any]]:
+    def geometry_derivatives(self) -> list[tuple[GeometryPair, Any]]:
         """Geometries to look at either side where L1 / L or L2 / L hangs on a free parameter, with its slopes (P,)."""
-        l1, l2 = self._ratios()
+        l1, l2 = self._length_ratios()
         a, b = self.geometry
-        ends: tuple[Ends, Ends] = (((a + STEP, b), (a - STEP, b)), ((a, b + STEP), (a, b - STEP)))
-        return [(each, self.slopes(ratio)) for ratio, each in zip((l1, l2), ends, strict=True) if np.ptp(ratio)]
+        ends: tuple[GeometryPair, GeometryPair] = (
+            ((a + RELATIVE_STEP, b), (a - RELATIVE_STEP, b)),
+            ((a, b + RELATIVE_STEP), (a, b - RELATIVE_STEP)),
+        )
+        return [(each, self.derivatives(ratio)) for ratio, each in zip((l1, l2), ends, strict=True) if np.ptp(ratio)]
 
-    def _ratios(self) -> tuple[Array, Array]:
+    def _length_ratios(self) -> tuple[Array, Array]:
         v = self.values
-        return np.broadcast_to(v["L1"] / v["L"], self.sets), np.broadcast_to(v["L2"] / v["L"], self.sets)
+        return np.broadcast_to(v["L1"] / v["L"], self.set_count), np.broadcast_to(v["L2"] / v["L"], self.set_count)
 
 
 Complex = NDArray[np.complex128]
 
 
-class Predicted(NamedTuple):
+class Prediction(NamedTuple):
     """One run's usable points: prediction (F,), real or complex, and its slopes (P, F)."""
 
     values: Any
-    slopes: Any
+    derivatives: Any
 
 
-class Forward:
+class ForwardModel:
     """Predictions for one campaign as functions of the parameters `names`.
 
     Args:
@@ -163,57 +169,57 @@ class Forward:
 
     def __init__(
         self,
-        campaign: Campaign,
+        observations: ObservationSet,
         names: Sequence[str],
         fixed: Mapping[str, float | None],
         tied: Mapping[str, tuple[str, float]],
         amplifier: AmplifierMap,
         n: int,
     ) -> None:
-        self.campaign, self.names, self.n = campaign, tuple(names), n
+        self.observations, self.names, self.n = observations, tuple(names), n
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
-        self._scale = np.array([known.scale(name, known.start_value(name, self._fixed)) for name in self.names])
-        self._responses = campaign.of(FrequencyResponse)
-        self._drives = {r.label: self._drive(r) for r in self._responses if r.fundamental_m is not None}
+        self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
+        self._responses = observations.of_type(FrequencyResponseObservation)
+        self._drives = {r.label: self._drive_volts(r) for r in self._responses if r.fundamental_m is not None}
 
     def values(self, theta: Array) -> dict[str, float | None]:
         """Every parameter by name at `theta`."""
-        return {k: None if v is None else float(v) for k, v in self._join(theta).items()}
+        return {k: None if v is None else float(v) for k, v in self._all_values(theta).items()}
 
-    def predict(self, theta: Array) -> list[Predicted]:
+    def predict(self, theta: Array) -> list[Prediction]:
         """One entry a run, in the campaign's order."""
-        at = Around(theta, self._scale, self._join)
+        at = FiniteDifferences(theta, self._scale, self._all_values)
         fundamentals = self._fundamentals(at)
-        return [fundamentals.get(run.label) or self._one(run, at) for run in self.campaign.runs]
+        return [fundamentals.get(run.label) or self._predict_run(run, at) for run in self.observations.runs]
 
-    def _join(self, columns: Array) -> Values:
+    def _all_values(self, columns: Array) -> Values:
         v = self._fixed | dict(zip(self.names, columns, strict=True))
         for name, (other, factor) in self._tied.items():
             v[name] = factor * v[other]
         return v
 
-    def _one(self, run: Observation, at: Around) -> Predicted:
-        gain = 1 + at.shared(run, "displacement")
-        v, beam, good = at.values, beam_of(at.values), run.use
+    def _predict_run(self, run: Observation, differences: FiniteDifferences) -> Prediction:
+        gain = 1 + differences.shared_error(run, "displacement")
+        v, beam, good = differences.values, beam_from_values(differences.values), run.usable
         match run:
-            case StaticLoading():
+            case StaticLoadingObservation():
                 sign = {"mfc": 1.0, "aluminium": -1.0, "both": 0.0}[run.side]
-                per_newton = load_compliance(beam) * gain * (1 + at.shared(run, "load"))
+                per_newton = load_compliance(beam) * gain * (1 + differences.shared_error(run, "load"))
                 y = np.multiply.outer(per_newton * (1 + sign * v["asymmetry"]), run.load_n[good])
-            case VoltageSteps():
-                per_volt = voltage_gain(beam) * gain * (1 + at.shared(run, "volts"))
+            case VoltageStepsObservation():
+                per_volt = voltage_gain(beam) * gain * (1 + differences.shared_error(run, "volts"))
                 y = np.multiply.outer(per_volt, self._amplifier.specimen_v(run.input_v[good]))
-            case MembraneSag():
-                return self._sag(run, at, gain)
-            case MassResonance():
-                return self._resonances(run, at)
-            case FrequencyResponse():
-                y = self._peak_to_peak(run, at, gain)
-        return Predicted(y[0], at.slopes(y))
+            case MembraneSagObservation():
+                return self._sag(run, differences, gain)
+            case MassResonanceObservation():
+                return self._resonances(run, differences)
+            case FrequencyResponseObservation():
+                y = self._peak_to_peak(run, differences, gain)
+        return Prediction(y[0], differences.derivatives(y))
 
-    def _sag(self, run: MembraneSag, at: Around, gain: Array) -> Predicted:
-        fields = [q.name for q in quantities(Membrane)]
-        table = np.array([np.broadcast_to(at.values[name], at.sets) for name in fields]).T
+    def _sag(self, run: MembraneSagObservation, differences: FiniteDifferences, gain: Array) -> Prediction:
+        fields = [q.name for q in parameter_specs(Membrane)]
+        table = np.array([np.broadcast_to(differences.values[name], differences.set_count) for name in fields]).T
         if run.geometry is not None:
             own = [getattr(run.geometry, name) for name in fields]
             table = np.where([name == "E_m" for name in fields], table, own)
@@ -223,86 +229,103 @@ class Forward:
         for row in different:
             L_m, b_m, h_m, E_m = np.abs(row[:4]).tolist()
             strip = Membrane(L_m, b_m, h_m, E_m, 0.0, 0.0)
-            centres.append(sag(strip, run.load(strip), run.delta).centre_m)
-        y = np.multiply.outer(np.array(centres)[where.ravel()] * gain, np.ones(int(run.use.sum())))
-        return Predicted(y[0], at.slopes(y))
+            centres.append(sag(strip, run.load_per_length(strip), run.delta).centre_m)
+        y = np.multiply.outer(np.array(centres)[where.ravel()] * gain, np.ones(int(run.usable.sum())))
+        return Prediction(y[0], differences.derivatives(y))
 
-    def _resonances(self, run: MassResonance, at: Around) -> Predicted:
-        mass = np.add.outer(np.asarray(run.mass_kg)[run.use], at.shared(run, "mass")).T  # (S, F)
-        stacked, slopes = at.stack([factors_of(beam_of(at.values, each), (0.0, 0.0), at.sets) for each in mass.T])
+    def _resonances(self, run: MassResonanceObservation, differences: FiniteDifferences) -> Prediction:
+        mass = np.add.outer(np.asarray(run.mass_kg)[run.usable], differences.shared_error(run, "mass")).T  # (S, F)
+        stacked, slopes = differences.stack(
+            [
+                equation_factors(beam_from_values(differences.values, each), (0.0, 0.0), differences.set_count)
+                for each in mass.T
+            ]
+        )
 
         def find(l1: float, l2: float) -> tuple[Array, Factors]:
-            dense = Dense(l1, l2, self.n)
+            dense = ReceptanceSolver(l1, l2, self.n)
             if run.meaning == "peak":
-                return dense.peak(stacked)
-            omega, t = dense.undamped(stacked)
+                return dense.resonance_peak(stacked)
+            omega, t = dense.undamped_resonance(stacked)
             per = t / (2 * omega[:, None])
             return omega, Factors(-(omega**2)[:, None] * per, 0 * per, per)
 
-        omega, s = find(*at.geometry)
+        omega, s = find(*differences.geometry)
         d = sum(np.einsum("rj,prj->pr", own, moved) for own, moved in zip(s, slopes, strict=True))
-        for ends, dl in at.moves():
+        for ends, dl in differences.geometry_derivatives():
             up, down = (find(*end)[0] for end in ends)
-            d = d + np.multiply.outer(dl, (up - down) / (2 * STEP))
-        return Predicted(omega / (2 * np.pi), d / (2 * np.pi))
+            d = d + np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
+        return Prediction(omega / (2 * np.pi), d / (2 * np.pi))
 
-    def _drive(self, run: FrequencyResponse) -> Complex:
+    def _drive_volts(self, run: FrequencyResponseObservation) -> Complex:
         """Fundamental of the volts on the specimen per point, against the sine at the input."""
-        pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]
+        pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
         different, where = np.unique(pairs, axis=0, return_inverse=True)
-        volts = [1j * series("sine", a, o, self._amplifier, 1)[1] for a, o in different]
+        volts = [1j * fourier_series("sine", a, o, self._amplifier, 1)[1] for a, o in different]
         return np.array(volts)[where.ravel()]
 
-    def _fundamentals(self, at: Around) -> dict[str, Predicted]:
+    def _fundamentals(self, differences: FiniteDifferences) -> dict[str, Prediction]:
         runs = [r for r in self._responses if r.fundamental_m is not None]
         if not runs:
             return {}
-        v = at.values
-        stacked, slopes = at.stack([factors_of(beam_of(v, r.added_mass_kg), skin_of(r, v), at.sets) for r in runs])
-        sizes = [int(r.use.sum()) for r in runs]
+        v = differences.values
+        stacked, slopes = differences.stack(
+            [
+                equation_factors(beam_from_values(v, r.added_mass_kg), skin_from_values(r, v), differences.set_count)
+                for r in runs
+            ]
+        )
+        sizes = [int(r.usable.sum()) for r in runs]
         of = np.repeat(np.arange(len(runs)), sizes)
-        omega = 2 * np.pi * np.concatenate([r.frequency_hz[r.use] for r in runs])
-        rows = stacked.rows(of)
-        H, t = Dense(*at.geometry, self.n).response(rows, omega)
+        omega = 2 * np.pi * np.concatenate([r.frequency_hz[r.usable] for r in runs])
+        rows = stacked.take_rows(of)
+        H, t = ReceptanceSolver(*differences.geometry, self.n).response(rows, omega)
         z = slopes.K[:, of] - omega[:, None] ** 2 * slopes.M[:, of] + 1j * omega[:, None] * slopes.C[:, of]
         dH = -np.einsum("rj,prj->pr", t, z)
-        for ends, dl in at.moves():
-            up, down = (Dense(*end, self.n).response(rows, omega)[0] for end in ends)
-            dH += np.multiply.outer(dl, (up - down) / (2 * STEP))
+        for ends, dl in differences.geometry_derivatives():
+            up, down = (ReceptanceSolver(*end, self.n).response(rows, omega)[0] for end in ends)
+            dH += np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
         out = {}
         for run, stop, size in zip(runs, np.cumsum(sizes), sizes, strict=True):
             here = slice(stop - size, stop)
-            moment = -v["mu"] / v["L"] * (1 + at.shared(run, "volts")) * (1 + at.shared(run, "displacement"))
-            late = at.shared(run, "delay")
+            moment = (
+                -v["mu"]
+                / v["L"]
+                * (1 + differences.shared_error(run, "volts"))
+                * (1 + differences.shared_error(run, "displacement"))
+            )
+            late = differences.shared_error(run, "delay")
             w = omega[here]
             A = self._drives[run.label] * np.exp(-1j * w * late[0])
             y = A * moment[0] * H[here]
-            dy = A * (np.multiply.outer(at.slopes(moment), H[here]) + moment[0] * dH[:, here])
-            dy = dy - 1j * np.multiply.outer(at.slopes(late), w) * y
-            out[run.label] = Predicted(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else _modulus(y, dy)
+            dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
+            dy = dy - 1j * np.multiply.outer(differences.derivatives(late), w) * y
+            out[run.label] = (
+                Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else _modulus_prediction(y, dy)
+            )
         return out
 
-    def _peak_to_peak(self, run: FrequencyResponse, at: Around, gain: Array) -> Array:
+    def _peak_to_peak(self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array) -> Array:
         """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, for whole sets at once."""
-        v = at.values
-        beam = Beam(*(np.broadcast_to(a, at.sets) for a in beam_of(v, run.added_mass_kg)))
-        m = matrices(beam, *skin_of(run, v), self.n)
+        v = differences.values
+        beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_from_values(v, run.added_mass_kg)))
+        m = matrices(beam, *skin_from_values(run, v), self.n)
         form = modal_form(m.M, m.C, m.K, m.B, 2 * m.B_F)
-        f = run.frequency_hz[run.use]
-        k = np.arange(orders_for(f) + 1)
-        H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(at.sets, f.size, k.size)
-        drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]
-        V = np.array([series("sine", a, o, self._amplifier, k.size - 1) for a, o in drives])
+        f = run.frequency_hz[run.usable]
+        k = np.arange(harmonic_orders(f) + 1)
+        H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(differences.set_count, f.size, k.size)
+        drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+        V = np.array([fourier_series("sine", a, o, self._amplifier, k.size - 1) for a, o in drives])
         width = np.stack([peak_to_peak(rows * V) for rows in H])
-        return np.asarray(width * (gain * (1 + at.shared(run, "volts")))[:, None])
+        return np.asarray(width * (gain * (1 + differences.shared_error(run, "volts")))[:, None])
 
 
-def _modulus(y: Complex, dy: Complex) -> Predicted:
+def _modulus_prediction(y: Complex, dy: Complex) -> Prediction:
     size = np.abs(y)
-    return Predicted(size, (y.conj() * dy).real / size)
+    return Prediction(size, (y.conj() * dy).real / size)
 
 
-def with_values(campaign: Campaign, forward: "Forward", theta: Array) -> Campaign:
+def with_predictions(observations: ObservationSet, forward: "ForwardModel", theta: Array) -> ObservationSet:
     """The same campaign with the model's own predictions in place of what was observed; a plan, or a check."""
-    pairs = zip(campaign.runs, forward.predict(theta), strict=True)
-    return Campaign(tuple(replaced(run, predicted.values) for run, predicted in pairs))
+    pairs = zip(observations.runs, forward.predict(theta), strict=True)
+    return ObservationSet(tuple(with_observed_values(run, predicted.values) for run, predicted in pairs))

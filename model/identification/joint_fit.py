@@ -14,95 +14,95 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.identification import parameters as known
-from model.identification.fit_options import FitCancelled, IdentificationError, Setting
+from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
-from model.identification.observations import Campaign
-from model.identification.residuals import Problem
+from model.identification.observations import ObservationSet
+from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import ParameterError
 
 Array = NDArray[np.float64]
 
-REACH = 12.0
+LOG_RANGE = 12.0
 """How far a logarithm may go to either side: five powers of ten."""
 
-INSIDE = 1e-9
+BOUND_MARGIN = 1e-9
 """A start on a limit is moved so far inside."""
 
 
-class Coordinates:
+class FitCoordinates:
     """x, (P,), in place of the parameters theta, (P,), for a descent that begins at `start`.
 
     Attributes:
         begin, low, high: where it begins, and between which limits it stays, (P,) each.
     """
 
-    def __init__(self, problem: Problem, start: Array) -> None:
-        self._log = problem.log & (start > 0)
-        scale = np.array([known.scale(n, x) for n, x in zip(problem.names, start, strict=True)])
-        self._scale = np.where(self._log, 1.0, scale)
+    def __init__(self, problem: LeastSquaresProblem, start: Array) -> None:
+        self._logarithmic = problem.logarithmic & (start > 0)
+        scale = np.array([known.typical_size(n, x) for n, x in zip(problem.names, start, strict=True)])
+        self._scale = np.where(self._logarithmic, 1.0, scale)
         for i, name in enumerate(problem.names):
-            if name in problem.campaign.common:
-                self._scale[i] = problem.campaign.common[name].standard_error
-        middle = np.log(np.where(self._log, start, 1.0))
-        self.low = np.where(self._log, middle - REACH, problem.low / self._scale)
-        self.high = np.where(self._log, middle + REACH, problem.high / self._scale)
-        self.begin = np.clip(
-            self.inward(start),
-            np.where(np.isfinite(self.low), self.low + INSIDE, self.low),
-            np.where(np.isfinite(self.high), self.high - INSIDE, self.high),
+            if name in problem.observations.shared_errors:
+                self._scale[i] = problem.observations.shared_errors[name].standard_error
+        middle = np.log(np.where(self._logarithmic, start, 1.0))
+        self.lower_bounds = np.where(self._logarithmic, middle - LOG_RANGE, problem.lower_bounds / self._scale)
+        self.upper_bounds = np.where(self._logarithmic, middle + LOG_RANGE, problem.upper_bounds / self._scale)
+        self.start = np.clip(
+            self.to_coordinates(start),
+            np.where(np.isfinite(self.lower_bounds), self.lower_bounds + BOUND_MARGIN, self.lower_bounds),
+            np.where(np.isfinite(self.upper_bounds), self.upper_bounds - BOUND_MARGIN, self.upper_bounds),
         )
 
-    def inward(self, theta: Array) -> Array:
+    def to_coordinates(self, theta: Array) -> Array:
         """Theta -> x."""
-        return np.where(self._log, np.log(np.where(self._log, theta, 1.0)), theta / self._scale)
+        return np.where(self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta / self._scale)
 
-    def outward(self, x: Array) -> Array:
+    def to_parameters(self, x: Array) -> Array:
         """X -> theta."""
-        return np.where(self._log, np.exp(np.where(self._log, x, 0.0)), x * self._scale)
+        return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, x, 0.0)), x * self._scale)
 
-    def steepness(self, theta: Array) -> Array:
+    def parameter_derivatives(self, theta: Array) -> Array:
         """D theta / d x, (P,)."""
-        return np.where(self._log, theta, self._scale)
+        return np.where(self._logarithmic, theta, self._scale)
 
 
-Progress = Callable[[int, float], None]
+FitProgress = Callable[[int, float], None]
 """Called with the number of evaluations and the present chi-square."""
-Cancelled = Callable[[], bool]
+CancelCheck = Callable[[], bool]
 """Asked at every evaluation, e.g. `threading.Event().is_set`."""
 
 
-class _Stop(Exception):
+class _TimeLimitReached(Exception):
     pass
 
 
 def joint_fit(
-    campaign: Campaign,
-    setting: Setting | None = None,
-    progress: Progress | None = None,
-    cancelled: Cancelled | None = None,
-    seconds: float = 20.0,
-    tries: int = 4,
+    observations: ObservationSet,
+    options: FitOptions | None = None,
+    progress: FitProgress | None = None,
+    cancelled: CancelCheck | None = None,
+    time_limit_s: float = 20.0,
+    max_starts: int = 4,
 ) -> JointFit:
     """Fit the free parameters to all runs at once.
 
-    A fit that leaves the misfit far from explained is begun again from other starts, `tries` in all, and the best is kept. After
+    A fit that leaves the misfit far from explained is begun again from other starts, `max_starts` in all, and the best is kept. After
     `seconds` the best so far is given, and `message` says so.
 
     Raises:
         ParameterError, IdentificationError: a sentence why this cannot be fitted.
         FitCancelled: `cancelled` said so.
     """
-    problem = Problem(campaign, setting or Setting())
+    problem = LeastSquaresProblem(observations, options or FitOptions())
     began = monotonic()
-    watch = _Watch(problem, progress, cancelled, began + seconds)
+    watch = _FitMonitor(problem, progress, cancelled, began + time_limit_s)
     best: JointFit | None = None
-    for start in _starts(problem)[:tries]:
+    for start in _starting_points(problem)[:max_starts]:
         if best is not None and monotonic() > watch.deadline:
             break
         fit = watch.fit(start)
         if fit is not None and (best is None or fit.cost < 0.999 * best.cost):
             best = fit
-        if best is not None and (best.converged and best.cost < 4 * max(best.freedom, 1)):
+        if best is not None and (best.converged and best.cost < 4 * max(best.degrees_of_freedom, 1)):
             break
     if best is None:
         raise IdentificationError(
@@ -110,24 +110,24 @@ def joint_fit(
             + ", ".join(f"{n} = {v:.3g}" for n, v in zip(problem.names, problem.start, strict=True))
             + "; begin somewhere else"
         )
-    return replace(best, evaluations=watch.evaluations, seconds=monotonic() - began)
+    return replace(best, evaluations=watch.evaluations, duration_s=monotonic() - began)
 
 
-def _starts(problem: Problem) -> list[Array]:
+def _starting_points(problem: LeastSquaresProblem) -> list[Array]:
     """The start asked for; the table's values; and those of the table moved both ways."""
-    base = problem.setting.base()
+    base = problem.options.base_values()
     table = np.array([known.start_value(n, base) for n in problem.names])
-    own = np.array([n not in problem.campaign.common for n in problem.names])
+    own = np.array([n not in problem.observations.shared_errors for n in problem.names])
     moves = ({"k2": 0.5, "m_add": 1.5, "c0": 0.5, "mu": 0.5}, {"k2": 2.0, "m_add": 0.7, "c0": 0.5, "mu": 2.0})
     moved = [np.where(own, table * [move.get(n, 1.0) for n in problem.names], table) for move in moves]
     return [problem.start, table, *moved]
 
 
-class _Watch:
+class _FitMonitor:
     """Runs fits and stops them: in time, on request, and with the best point it saw."""
 
     def __init__(
-        self, problem: Problem, progress: Progress | None, cancelled: Cancelled | None, deadline: float
+        self, problem: LeastSquaresProblem, progress: FitProgress | None, cancelled: CancelCheck | None, deadline: float
     ) -> None:
         self._problem, self._progress, self._cancelled = problem, progress, cancelled
         self.deadline, self.evaluations = deadline, 0
@@ -137,35 +137,37 @@ class _Watch:
         from scipy.optimize import least_squares
 
         p = self._problem
-        place = Coordinates(p, start)
-        descent = _Descent(p, place, self)
+        place = FitCoordinates(p, start)
+        descent = _ResidualFunction(p, place, self)
         try:
             with np.errstate(all="ignore"):
                 got = least_squares(
-                    descent.rows, place.begin, descent.slopes, (place.low, place.high), "trf", loss=p.setting.loss,
+                    descent.residuals, place.start, descent.jacobian, (place.lower_bounds, place.upper_bounds), "trf", loss=p.options.loss,
                     xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=200,
                 )  # fmt: skip
-        except _Stop:
+        except _TimeLimitReached:
             if descent.best is None:
                 return None
             theta, r, J = descent.best
             converged, message = False, "stopped because its time was over; the best so far"
         else:
-            theta = place.outward(got.x)
+            theta = place.to_parameters(got.x)
             r, J = p.evaluate(theta)
             converged = bool(got.success)
             message = "converged" if converged else "stopped after 200 evaluations without settling"
-        if p.setting.loss != "linear":
-            weight = np.sqrt(_weights(r, p.setting.loss))
+        if p.options.loss != "linear":
+            weight = np.sqrt(_sample_weights(r, p.options.loss))
             J = J * weight[:, None]
         at_limit = [
-            n for n, v, lo in zip(p.names, theta, p.low, strict=True) if lo == 0 and v < 1e-6 * known.scale(n, v)
+            n
+            for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)
+            if lo == 0 and v < 1e-6 * known.typical_size(n, v)
         ]
         if at_limit:
             message += f"; {', '.join(at_limit)} ended at the limit 0, where its standard error says little"
-        return JointFit(p.campaign, p.setting, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
+        return JointFit(p.observations, p.options, p.names, theta, r, J, converged, message, self.evaluations, 0.0)
 
-    def check(self) -> None:
+    def count_evaluation(self) -> None:
         """Count an evaluation that is about to begin.
 
         Raises:
@@ -176,52 +178,52 @@ class _Watch:
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
         if self.evaluations > 1 and monotonic() > self.deadline:  # the first is always done: an answer, if a poor one
-            raise _Stop
+            raise _TimeLimitReached
 
-    def tell(self, cost: float) -> None:
+    def report(self, cost: float) -> None:
         """The least sum of squares so far."""
         if self._progress is not None:
             self._progress(self.evaluations, cost)
 
 
-class _Descent:
+class _ResidualFunction:
     """What a solver asks on its way: every point is evaluated once for rows and slopes, and the best is kept."""
 
-    def __init__(self, problem: Problem, place: Coordinates, watch: _Watch) -> None:
-        self._problem, self._place, self._watch = problem, place, watch
-        self._x, self._at = b"", (np.empty(0), np.empty((0, 0)))
-        self._least = np.inf
+    def __init__(self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor) -> None:
+        self._problem, self._coordinates, self._monitor = problem, coordinates, monitor
+        self._cached_x, self._cached = b"", (np.empty(0), np.empty((0, 0)))
+        self._least_cost = np.inf
         self.best: tuple[Array, Array, Array] | None = None
         """theta, residuals and their slopes where the sum of squares was least."""
 
-    def rows(self, x: Array) -> Array:
+    def residuals(self, x: Array) -> Array:
         """Residuals, (rows,)."""
-        return self._evaluated(x)[0]
+        return self._evaluate(x)[0]
 
-    def slopes(self, x: Array) -> Array:
+    def jacobian(self, x: Array) -> Array:
         """Their slopes to x, (rows, P)."""
-        return self._evaluated(x)[1]
+        return self._evaluate(x)[1]
 
-    def _evaluated(self, x: Array) -> tuple[Array, Array]:
-        if x.tobytes() == self._x:
-            return self._at
-        self._watch.check()
-        theta = self._place.outward(x)
+    def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        if x.tobytes() == self._cached_x:
+            return self._cached
+        self._monitor.count_evaluation()
+        theta = self._coordinates.to_parameters(x)
         try:
             r, J = self._problem.evaluate(theta)
         except (np.linalg.LinAlgError, ParameterError, FloatingPointError):
             r, J = np.full(1, np.nan), np.zeros((1, x.size))
         if not (np.isfinite(r).all() and np.isfinite(J).all()):
             if self.best is None:
-                raise _Stop
+                raise _TimeLimitReached
             r, J = np.full(self.best[1].size, 1e8), np.zeros_like(self.best[2])
-        if r @ r < self._least:
-            self._least, self.best = float(r @ r), (theta, r, J)
-        self._watch.tell(self._least)
-        self._x, self._at = x.tobytes(), (r, -J * self._place.steepness(theta))
-        return self._at
+        if r @ r < self._least_cost:
+            self._least_cost, self.best = float(r @ r), (theta, r, J)
+        self._monitor.report(self._least_cost)
+        self._cached_x, self._cached = x.tobytes(), (r, -J * self._coordinates.parameter_derivatives(theta))
+        return self._cached
 
 
-def _weights(r: Array, loss: str) -> Array:
+def _sample_weights(r: Array, loss: str) -> Array:
     """Derivative of the loss to the squared residual."""
     return 1 / np.sqrt(1 + r * r) if loss == "soft_l1" else 1 / (1 + r * r)

@@ -6,25 +6,25 @@ from time import perf_counter
 
 import numpy as np
 
-from model.identification.calibration import Estimate
-from model.identification.fit_options import IdentificationError, Setting
-from model.identification.fit_result import Combination, JointFit
+from model.identification.calibration import EstimatedQuantity
+from model.identification.fit_options import FitOptions, IdentificationError
+from model.identification.fit_result import JointFit, UnidentifiedCombination
 from model.identification.joint_fit import joint_fit
-from model.identification.observations import Campaign, FrequencyResponse
-from model.identification.parameters import at
+from model.identification.observations import FrequencyResponseObservation, ObservationSet
+from model.identification.parameters import elongation_parameter
 from model.parameter_spec import ParameterError
 
 
 @dataclass(frozen=True)
-class LiveEstimates:
+class LiveFitResult:
     """The parameters after the newest point; empty, with a sentence in `words`, while they cannot be told."""
 
-    estimates: tuple[Estimate, ...]
-    unidentified: tuple[Combination, ...]
+    estimates: tuple[EstimatedQuantity, ...]
+    unidentified_combinations: tuple[UnidentifiedCombination, ...]
     values: Mapping[str, float | None]
     """Every parameter, for the curve beside the points."""
-    words: str
-    seconds: float
+    message: str
+    duration_s: float
 
 
 @dataclass
@@ -35,41 +35,47 @@ class LiveFit:
     default: effective mass, damping and coupling of a free dwell; the skin's damping and stiffness on a membrane.
     """
 
-    setting: Setting = field(default_factory=Setting)
+    options: FitOptions = field(default_factory=FitOptions)
     drive_amplitude_v: float = 2.5
     drive_offset_v: float = 2.5
     elongation_m: float | None = None
-    budget_s: float = 0.05
+    time_budget_s: float = 0.05
     _points: list[tuple[float, complex, float]] = field(default_factory=list)
-    _last: JointFit | None = None
+    _last_fit: JointFit | None = None
 
     def __post_init__(self) -> None:
         import scipy.optimize  # noqa: F401  (now, not with the first point)
 
-        if self.setting.free is None:
+        if self.options.free is None:
             e = self.elongation_m
-            free = ("m_add", "c0", "mu") if e is None else (at("c_s", e), at("k_s", e))
-            self.setting = replace(self.setting, free=free)
+            free = (
+                ("m_add", "c0", "mu") if e is None else (elongation_parameter("c_s", e), elongation_parameter("k_s", e))
+            )
+            self.options = replace(self.options, free=free)
 
-    def add(self, frequency_hz: float, fundamental_m: complex, error_m: float) -> LiveEstimates:
+    def add_point(self, frequency_hz: float, fundamental_m: complex, error_m: float) -> LiveFitResult:
         """Take one more usable point and fit again; never raises for what a point may be, and keeps to its budget."""
         began = perf_counter()
         self._points.append((frequency_hz, complex(fundamental_m), error_m))
         f, F, error = (np.array(column) for column in zip(*self._points, strict=True))
-        base = self.setting.base()
+        base = self.options.base_values()
         try:
-            run = FrequencyResponse(
+            run = FrequencyResponseObservation(
                 "live", f, F, error, self.drive_amplitude_v, self.drive_offset_v, self.elongation_m
             )  # fmt: skip
-            start = {} if self._last is None else dict(zip(self._last.names, self._last.theta.tolist(), strict=True))
-            setting = replace(self.setting, start={**self.setting.start, **start})
-            fit = joint_fit(Campaign((run,)), setting, seconds=self.budget_s / 2, tries=1)
+            start = (
+                {}
+                if self._last_fit is None
+                else dict(zip(self._last_fit.names, self._last_fit.theta.tolist(), strict=True))
+            )
+            setting = replace(self.options, start={**self.options.start, **start})
+            fit = joint_fit(ObservationSet((run,)), setting, time_limit_s=self.time_budget_s / 2, max_starts=1)
         except (ParameterError, IdentificationError) as error_said:
             if not (np.isfinite(F[-1]) and error_m > 0 and frequency_hz > 0):
                 self._points.pop()
-            return LiveEstimates((), (), base, str(error_said), perf_counter() - began)
-        lost = ", ".join(c.words for c in fit.unidentified)
+            return LiveFitResult((), (), base, str(error_said), perf_counter() - began)
+        lost = ", ".join(c.description for c in fit.unidentified_combinations)
         words = f"not identifiable yet: {lost}" if lost else fit.verdict if fit.converged else fit.message
-        if not fit.unidentified:
-            self._last = fit
-        return LiveEstimates(fit.estimates(), fit.unidentified, fit.values, words, perf_counter() - began)
+        if not fit.unidentified_combinations:
+            self._last_fit = fit
+        return LiveFitResult(fit.estimates(), fit.unidentified_combinations, fit.values, words, perf_counter() - began)

@@ -12,120 +12,121 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.identification.fit_result import JointFit
-from model.identification.forward_model import skin_of
+from model.identification.forward_model import skin_from_values
 from model.identification.observations import (
-    Campaign,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
-    StaticLoading,
-    VoltageSteps,
-    observed,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
+    ObservationSet,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+    observed_values,
 )
-from model.identification.paper_chain import vertex
-from model.identification.residuals import Problem
-from model.parameter_spec import quantities
+from model.identification.paper_chain import parabola_vertex
+from model.identification.residuals import LeastSquaresProblem
+from model.parameter_spec import parameter_specs
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import Source
+from model.response.frequency_response import Excitation
 from model.skin import Skin
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Departure:
+class Discrepancy:
     """One way; `direction` (rows,) is what one hundred percent of it would add to the residuals."""
 
     kind: str
     """gain, bend, loop, creep, tuning, lag, amplitude, drift or clamp."""
     runs: tuple[str, ...]
-    words: str
+    description: str
     """What it means, with {} for its size in percent and error."""
     direction: Array
 
 
-def departures(fit: JointFit) -> tuple[Departure, ...]:
+def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
     """Every departure that the runs of this fit could show."""
-    predicted = dict(zip(_labels(fit.campaign), fit.problem.forward.predict(fit.theta), strict=True))
-    place = dict(zip(_labels(fit.campaign), fit.slices, strict=True))
+    predicted = dict(zip(_labels(fit.observations), fit.problem.forward_model.predict(fit.theta), strict=True))
+    place = dict(zip(_labels(fit.observations), fit.run_slices, strict=True))
     y = {label: p.values for label, p in predicted.items()}
 
     def direction(parts: dict[str, Any]) -> Array:
-        d = np.zeros(fit.rows.size)
-        for run in fit.campaign.runs:
+        d = np.zeros(fit.weighted_residuals.size)
+        for run in fit.observations.runs:
             if run.label in parts:
-                share = parts[run.label] / observed(run)[1]
+                share = parts[run.label] / observed_values(run)[1]
                 complex_run = place[run.label].stop - place[run.label].start == 2 * share.size
                 d[place[run.label]] = np.concatenate((share.real, share.imag)) if complex_run else np.real(share)
         return d
 
     found = []
-    for kind, words, parts in (*_of_one_run(fit, y), *_of_the_dwells(fit, y), _of_the_clamp(fit, y)):
-        found.append(Departure(kind, tuple(parts), words, direction(parts)))
+    for kind, words, parts in (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y), _clamp_discrepancy(fit, y)):
+        found.append(Discrepancy(kind, tuple(parts), words, direction(parts)))
     return tuple(found)
 
 
-Found = tuple[str, str, dict[str, Any]]
+DiscrepancyParts = tuple[str, str, dict[str, Any]]
 
 
-def _of_one_run(fit: JointFit, y: dict[str, Any]) -> Iterator[Found]:
-    tuned = _tuned(fit)
-    for run in fit.campaign.runs:
+def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
+    tuned = _frequency_stretch_derivatives(fit)
+    for run in fit.observations.runs:
         p = y[run.label]
         match run:
-            case StaticLoading():
-                load = np.abs(run.load_n[run.use])
+            case StaticLoadingObservation():
+                load = np.abs(run.load_n[run.usable])
                 yield "gain", f"{run.label} deflects {{}} % more than the other runs say", {run.label: p}
                 if np.ptp(load) > 0:
                     words = f"{run.label} is {{}} % softer at its largest load than at none: it is not linear"
                     yield "bend", words, {run.label: p * load / load.max()}
-            case MassResonance():
+            case MassResonanceObservation():
                 yield "gain", f"{run.label} resonates {{}} % higher than the other runs say", {run.label: p}
-                mass = run.mass_kg[run.use]
+                mass = run.mass_kg[run.usable]
                 if np.ptp(mass) > 0:
                     words = f"{run.label} is {{}} % stiffer in frequency with its largest mass than with its least"
                     yield "bend", words, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
-            case VoltageSteps():
-                yield from _of_steps(run, p)
-            case FrequencyResponse():
+            case VoltageStepsObservation():
+                yield from _voltage_step_discrepancies(run, p)
+            case FrequencyResponseObservation():
                 yield "gain", f"{run.label} vibrates {{}} % more than the other runs say", {run.label: p}
                 yield "tuning", f"{run.label} is tuned {{}} % higher than the model", {run.label: tuned[run.label]}
                 if np.iscomplexobj(p):
                     words = f"{run.label} lags {{}} % of a radian more than the model"
                     yield "lag", words, {run.label: -1j * p}
-            case MembraneSag():
+            case MembraneSagObservation():
                 pass
 
 
-def _of_steps(run: VoltageSteps, p: Array) -> Iterator[Found]:
+def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array) -> Iterator[DiscrepancyParts]:
     yield "gain", f"{run.label} deflect {{}} % more than the other runs say", {run.label: p}
     share = np.abs(p) / np.abs(p).max() if np.any(p) else np.zeros_like(p)
     if np.ptp(share) > 0:
         words = f"{run.label} gain {{}} % more a volt at the largest deflection than near rest: it is not linear"
         yield "bend", words, {run.label: p * share}
-    if run.rising is not None and 0 < run.rising[run.use].sum() < run.use.sum():
+    if run.rising is not None and 0 < run.rising[run.usable].sum() < run.usable.sum():
         # half above, half below, closing at the largest deflection
-        width = np.abs(p).max() * (1 - share**2) * np.where(run.rising[run.use], -0.5, 0.5)
+        width = np.abs(p).max() * (1 - share**2) * np.where(run.rising[run.usable], -0.5, 0.5)
         words = f"{run.label} lie {{}} % of the largest deflection higher falling than rising: hysteresis"
         yield "loop", words, {run.label: width}
-    if run.time_s is not None and np.ptp(run.time_s[run.use]) > 0:
-        decades = np.log10(np.maximum(run.time_s[run.use], 1e-6))
+    if run.time_s is not None and np.ptp(run.time_s[run.usable]) > 0:
+        decades = np.log10(np.maximum(run.time_s[run.usable], 1e-6))
         yield "creep", f"{run.label} creep {{}} % a decade of time", {run.label: p * (decades - decades.mean())}
 
 
-def _of_the_dwells(fit: JointFit, y: dict[str, Any]) -> Iterator[Found]:
+def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
     """Departures that only several runs together show."""
-    dwells = fit.campaign.of(FrequencyResponse)
+    dwells = fit.observations.of_type(FrequencyResponseObservation)
     with_phase = [r for r in dwells if np.iscomplexobj(y[r.label])]
-    spread = [r for r in with_phase if np.ptp(r.frequency_hz[r.use]) > 0]
+    spread = [r for r in with_phase if np.ptp(r.frequency_hz[r.usable]) > 0]
     if spread:
         # creep in log time: a compliance that falls with log frequency has a constant loss angle
         late = {
-            r.label: -y[r.label] * (np.log10(r.frequency_hz[r.use] / 100) + 1j * np.pi / 2 / np.log(10)) for r in spread
+            r.label: -y[r.label] * (np.log10(r.frequency_hz[r.usable] / 100) + 1j * np.pi / 2 / np.log(10))
+            for r in spread
         }
         yield "creep", "the dwells lose {} % a decade of frequency, with the lag that belongs to it: creep", late
-    drives = {r.label: np.asarray(r.drive_amplitude_v)[r.use] for r in with_phase}
+    drives = {r.label: np.asarray(r.drive_amplitude_v)[r.usable] for r in with_phase}
     if drives:
         every = np.concatenate(list(drives.values()))
         if np.ptp(every) > 0.1 * every.max():
@@ -139,14 +140,16 @@ def _of_the_dwells(fit: JointFit, y: dict[str, Any]) -> Iterator[Found]:
         first, last = float(ordered[0].order or 0), float(ordered[-1].order or 0)
         parts = {r.label: y[r.label] * ((float(r.order or 0) - first) / (last - first) - 0.5) for r in ordered}
         yield "drift", "the dwells grew by {} % from the first to the last", parts
-    for a, b in _references(ordered):
+    for a, b in _repeated_settings(ordered):
         words = f"{b.label} vibrates {{}} % more than {a.label}, the same setting before it"
         yield "drift", words, {a.label: -y[a.label] / 2, b.label: y[b.label] / 2}
 
 
-def _references(ordered: list[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
+def _repeated_settings(
+    ordered: list[FrequencyResponseObservation],
+) -> Iterator[tuple[FrequencyResponseObservation, FrequencyResponseObservation]]:
     """The first and the last dwell of each setting that was done more than once."""
-    settings: dict[Any, list[FrequencyResponse]] = {}
+    settings: dict[Any, list[FrequencyResponseObservation]] = {}
     for r in ordered:
         drive = float(np.round(np.mean(r.drive_amplitude_v), 2))
         settings.setdefault((r.elongation_m, r.added_mass_kg, drive), []).append(r)
@@ -155,63 +158,68 @@ def _references(ordered: list[FrequencyResponse]) -> Iterator[tuple[FrequencyRes
             yield same[0], same[-1]
 
 
-CLAMP = 0.01
+CLAMP_FLEXIBILITY = 0.01
 """Flexibility of the clamp, over that of the bare plate, at which the difference to a rigid one is taken."""
 
 
-def _of_the_clamp(fit: JointFit, y: dict[str, Any]) -> Found:
+def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
     """A clamp that turns: what the closed form with a rotational spring at x = 0 adds, run by run."""
     v = fit.values
-    tactor = Tactor(**{q.name: float(v[q.name] or 0) for q in quantities(Tactor)})
-    spring = tactor.k1 / tactor.L1 / CLAMP
+    tactor = Tactor(**{q.name: float(v[q.name] or 0) for q in parameter_specs(Tactor)})
+    spring = tactor.k1 / tactor.L1 / CLAMP_FLEXIBILITY
 
-    def ratio(t: Tactor, f: Array, skin: Skin | None, source: Source = "voltage") -> Any:
-        return exact_response(t, f, skin, source=source, clamp=spring) / exact_response(t, f, skin, source=source) - 1
+    def ratio(t: Tactor, f: Array, skin: Skin | None, source: Excitation = "voltage") -> Any:
+        return (
+            exact_response(t, f, skin, excitation=source, clamp_stiffness=spring)
+            / exact_response(t, f, skin, excitation=source)
+            - 1
+        )
 
     parts: dict[str, Any] = {}
-    for run in fit.campaign.runs:
+    for run in fit.observations.runs:
         p = y[run.label]
         match run:
-            case StaticLoading():
-                parts[run.label] = p * ratio(tactor, np.zeros(1), None, "load").real / CLAMP
-            case VoltageSteps():
-                parts[run.label] = p * ratio(tactor, np.zeros(1), None).real / CLAMP
-            case MassResonance():
+            case StaticLoadingObservation():
+                parts[run.label] = p * ratio(tactor, np.zeros(1), None, "load").real / CLAMP_FLEXIBILITY
+            case VoltageStepsObservation():
+                parts[run.label] = p * ratio(tactor, np.zeros(1), None).real / CLAMP_FLEXIBILITY
+            case MassResonanceObservation():
                 shifts = [
-                    _shift(replace(tactor, m_add=m), f, spring) for m, f in zip(run.mass_kg[run.use], p, strict=True)
+                    _peak_shift(replace(tactor, m_add=m), f, spring)
+                    for m, f in zip(run.mass_kg[run.usable], p, strict=True)
                 ]
-                parts[run.label] = p * np.array(shifts) / CLAMP
-            case FrequencyResponse():
+                parts[run.label] = p * np.array(shifts) / CLAMP_FLEXIBILITY
+            case FrequencyResponseObservation():
                 t = tactor if run.added_mass_kg is None else replace(tactor, m_add=run.added_mass_kg)
-                skin = None if run.elongation_m is None else Skin(*(float(x) for x in skin_of(run, v)))
-                r = ratio(t, run.frequency_hz[run.use], skin) / CLAMP
+                skin = None if run.elongation_m is None else Skin(*(float(x) for x in skin_from_values(run, v)))
+                r = ratio(t, run.frequency_hz[run.usable], skin) / CLAMP_FLEXIBILITY
                 parts[run.label] = p * (r if np.iscomplexobj(p) else r.real)
-            case MembraneSag():
+            case MembraneSagObservation():
                 pass
     return "clamp", "the clamp turns by {} % of what the bare plate bends: it is not rigid", parts
 
 
-def _shift(t: Tactor, f: float, spring: float) -> float:
+def _peak_shift(t: Tactor, f: float, spring: float) -> float:
     """Relative change of the peak's frequency, from the parabolas through three points about it."""
     near = f * np.array([0.98, 1.0, 1.02])
-    soft, rigid = (vertex(near, np.abs(exact_response(t, near, clamp=c)))[0] for c in (spring, None))
+    soft, rigid = (parabola_vertex(near, np.abs(exact_response(t, near, clamp_stiffness=c)))[0] for c in (spring, None))
     return soft / rigid - 1
 
 
-def _tuned(fit: JointFit) -> dict[str, Any]:
+def _frequency_stretch_derivatives(fit: JointFit) -> dict[str, Any]:
     """Per dwell the slope of its prediction to a stretch of the frequency axis: a resonance a hundred percent higher."""
     step = 1e-4
-    dwells = fit.campaign.of(FrequencyResponse)
+    dwells = fit.observations.of_type(FrequencyResponseObservation)
     if not dwells:
         return {}
     ends = []
     for factor in (1 - step, 1 + step):
-        moved = Campaign(tuple(replace(run, frequency_hz=run.frequency_hz * factor) for run in dwells))
-        problem = Problem(moved, replace(fit.setting, free=fit.parameters))
+        moved = ObservationSet(tuple(replace(run, frequency_hz=run.frequency_hz * factor) for run in dwells))
+        problem = LeastSquaresProblem(moved, replace(fit.options, free=fit.free_parameters))
         theta = np.array([fit.theta[fit.names.index(n)] for n in problem.names])
-        ends.append([p.values for p in problem.forward.predict(theta)])
+        ends.append([p.values for p in problem.forward_model.predict(theta)])
     return {run.label: (low - high) / (2 * step) for run, low, high in zip(dwells, *ends, strict=True)}
 
 
-def _labels(campaign: Campaign) -> list[str]:
-    return [run.label for run in campaign.runs]
+def _labels(observations: ObservationSet) -> list[str]:
+    return [run.label for run in observations.runs]

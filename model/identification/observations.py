@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from model.membrane import weight
+from model.membrane import weight_per_length
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
 
@@ -24,12 +24,18 @@ Complex = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 Side = Literal["mfc", "aluminium", "both"]
-Acts = Literal["displacement", "volts", "load", "mass", "delay"]
-ACTS_UNITS: dict[Acts, str] = {"displacement": "1", "volts": "1", "load": "1", "mass": "kg", "delay": "s"}
+ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay"]
+SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
+    "displacement": "1",
+    "volts": "1",
+    "load": "1",
+    "mass": "kg",
+    "delay": "s",
+}
 
 
 @dataclass(frozen=True, slots=True)
-class CommonError:
+class SharedError:
     """An error that all values taken with one instrument share: unknown, but the same every time.
 
     It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
@@ -38,12 +44,14 @@ class CommonError:
     """
 
     name: str
-    acts_on: Acts
+    acts_on: ErrorTarget
     standard_error: float
 
     def __post_init__(self) -> None:
-        if self.acts_on not in get_args(Acts):
-            raise ParameterError(f"common error {self.name!r} acts on {self.acts_on!r}: choose {', '.join(ACTS_UNITS)}")
+        if self.acts_on not in get_args(ErrorTarget):
+            raise ParameterError(
+                f"common error {self.name!r} acts on {self.acts_on!r}: choose {', '.join(SHARED_ERROR_UNITS)}"
+            )
         if not (np.isfinite(self.standard_error) and self.standard_error > 0):
             raise ParameterError(
                 f"common error {self.name!r} has a standard error of {self.standard_error:g}: it must be positive; "
@@ -52,15 +60,15 @@ class CommonError:
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
+class _ObservationBase:
     label: str
 
     @property
-    def use(self) -> Mask:
+    def usable(self) -> Mask:
         """(F,): the usable points."""
         return np.asarray(getattr(self, "good"))  # noqa: B009
 
-    def _read(self, kind: str, columns: Sequence[str], errors: Sequence[str], x: str) -> None:
+    def _validate_columns(self, kind: str, columns: Sequence[str], errors: Sequence[str], x: str) -> None:
         """Turn the named fields into read-only columns of one length and check them."""
         size = np.atleast_1d(np.asarray(getattr(self, x))).shape
         if len(size) != 1 or not size[0]:
@@ -99,7 +107,7 @@ class _Run:
 
 
 @dataclass(frozen=True, eq=False)
-class StaticLoading(_Run):
+class StaticLoadingObservation(_ObservationBase):
     """Deflection of the centre under a load there, electrodes shorted; both positive in the direction of the push."""
 
     load_n: Array
@@ -108,17 +116,17 @@ class StaticLoading(_Run):
     side: Side = "both"
     """Which side is pushed; "both" where the two are averaged already."""
     good: Mask | None = None
-    common: tuple[CommonError, ...] = ()
+    shared_errors: tuple[SharedError, ...] = ()
     simulated: bool = False
 
     def __post_init__(self) -> None:
         if self.side not in get_args(Side):
             raise ParameterError(f"static loading {self.label!r}: side is {self.side!r}; choose mfc, aluminium or both")
-        self._read("static loading", ("load_n", "deflection_m", "errors_m"), ("errors_m",), "load_n")
+        self._validate_columns("static loading", ("load_n", "deflection_m", "errors_m"), ("errors_m",), "load_n")
 
 
 @dataclass(frozen=True, eq=False)
-class MassResonance(_Run):
+class MassResonanceObservation(_ObservationBase):
     """Resonance frequency for each mass added in the cylinder.
 
     `meaning` says what the frequency is: the "peak" of the displacement's spectrum under a constant voltage, or the
@@ -130,17 +138,17 @@ class MassResonance(_Run):
     errors_hz: Array
     meaning: Literal["peak", "undamped"] = "peak"
     good: Mask | None = None
-    common: tuple[CommonError, ...] = ()
+    shared_errors: tuple[SharedError, ...] = ()
     simulated: bool = False
 
     def __post_init__(self) -> None:
         if self.meaning not in ("peak", "undamped"):
             raise ParameterError(f"mass resonance {self.label!r}: meaning is {self.meaning!r}; choose peak or undamped")
-        self._read("mass resonance", ("mass_kg", "frequency_hz", "errors_hz"), ("errors_hz",), "mass_kg")
+        self._validate_columns("mass resonance", ("mass_kg", "frequency_hz", "errors_hz"), ("errors_hz",), "mass_kg")
 
 
 @dataclass(frozen=True, eq=False)
-class VoltageSteps(_Run):
+class VoltageStepsObservation(_ObservationBase):
     """Deflection against rest for constant volts at the amplifier's input."""
 
     input_v: Array
@@ -151,11 +159,13 @@ class VoltageSteps(_Run):
     time_s: Array | None = None
     """How long each level had stood when it was read."""
     good: Mask | None = None
-    common: tuple[CommonError, ...] = ()
+    shared_errors: tuple[SharedError, ...] = ()
     simulated: bool = False
 
     def __post_init__(self) -> None:
-        self._read("voltage steps", ("input_v", "deflection_m", "errors_m", "time_s"), ("errors_m",), "input_v")
+        self._validate_columns(
+            "voltage steps", ("input_v", "deflection_m", "errors_m", "time_s"), ("errors_m",), "input_v"
+        )
         if self.rising is not None:
             rising = np.asarray(self.rising)
             if rising.dtype != bool or rising.shape != np.shape(self.input_v):
@@ -164,7 +174,7 @@ class VoltageSteps(_Run):
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse(_Run):
+class FrequencyResponseObservation(_ObservationBase):
     """Response to a sine around rest, at single frequencies.
 
     `fundamental_m` is what a sine fit gives, (F,): complex, |F| sin(w t + arg F) with the phase against the sine at the
@@ -191,7 +201,7 @@ class FrequencyResponse(_Run):
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind tell drift."""
     good: Mask | None = None
-    common: tuple[CommonError, ...] = ()
+    shared_errors: tuple[SharedError, ...] = ()
     simulated: bool = False
 
     def __post_init__(self) -> None:
@@ -203,7 +213,7 @@ class FrequencyResponse(_Run):
             raise ParameterError(f"{kind} {self.label!r}: give the fundamental, or max - min, with its errors")
         columns = ("frequency_hz", "fundamental_m", "errors_m", "drive_amplitude_v", "drive_offset_v")
         more = ("peak_to_peak_m", "peak_to_peak_errors_m", "harmonics_m", "harmonic_errors_m")
-        self._read(
+        self._validate_columns(
             kind,
             (*columns, *more),
             ("errors_m", "peak_to_peak_errors_m", "harmonic_errors_m", "frequency_hz"),
@@ -214,7 +224,7 @@ class FrequencyResponse(_Run):
 
 
 @dataclass(frozen=True, eq=False)
-class MembraneSag(_Run):
+class MembraneSagObservation(_ObservationBase):
     """Sag of the membrane's centre under a uniform load, its own weight by default."""
 
     deflection_m: Array
@@ -224,23 +234,29 @@ class MembraneSag(_Run):
     load_n_per_m: float | None = None
     delta: float = 0.0
     good: Mask | None = None
-    common: tuple[CommonError, ...] = ()
+    shared_errors: tuple[SharedError, ...] = ()
     simulated: bool = False
 
     def __post_init__(self) -> None:
-        self._read("membrane sag", ("deflection_m", "errors_m"), ("errors_m",), "deflection_m")
+        self._validate_columns("membrane sag", ("deflection_m", "errors_m"), ("errors_m",), "deflection_m")
 
-    def load(self, membrane: Membrane) -> float:
+    def load_per_length(self, membrane: Membrane) -> float:
         """N/m: what was given, or the weight of rubber."""
-        return weight(self.geometry or membrane) if self.load_n_per_m is None else self.load_n_per_m
+        return weight_per_length(self.geometry or membrane) if self.load_n_per_m is None else self.load_n_per_m
 
 
-RunT = TypeVar("RunT", bound=_Run)
-Observation = StaticLoading | MassResonance | VoltageSteps | FrequencyResponse | MembraneSag
+ObservationT = TypeVar("ObservationT", bound=_ObservationBase)
+Observation = (
+    StaticLoadingObservation
+    | MassResonanceObservation
+    | VoltageStepsObservation
+    | FrequencyResponseObservation
+    | MembraneSagObservation
+)
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
+class ObservationSet:
     """All runs of one specimen that an identification shall use.
 
     Raises:
@@ -248,7 +264,7 @@ class Campaign:
     """
 
     runs: tuple[Observation, ...]
-    common: dict[str, CommonError] = field(init=False)
+    shared_errors: dict[str, SharedError] = field(init=False)
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -257,18 +273,18 @@ class Campaign:
         for label in labels:
             if labels.count(label) > 1:
                 raise ParameterError(f"two runs are called {label!r}: give each its own label")
-        common: dict[str, CommonError] = {}
+        common: dict[str, SharedError] = {}
         for run in self.runs:
-            if not run.use.any():
+            if not run.usable.any():
                 raise ParameterError(f"run {run.label!r} has no usable point: leave it out, or measure it again")
-            for error in run.common:
+            for error in run.shared_errors:
                 if common.setdefault(error.name, error) != error:
                     raise ParameterError(f"the common error {error.name!r} is described in two ways: make them one")
-        object.__setattr__(self, "common", common)
+        object.__setattr__(self, "shared_errors", common)
 
-    def of(self, kind: type[RunT]) -> list[RunT]:
+    def of_type(self, observation_type: type[ObservationT]) -> list[ObservationT]:
         """The runs of one kind, in order."""
-        return [run for run in self.runs if isinstance(run, kind)]
+        return [run for run in self.runs if isinstance(run, observation_type)]
 
     @property
     def simulated(self) -> bool:
@@ -276,26 +292,26 @@ class Campaign:
         return any(run.simulated for run in self.runs)
 
 
-def redrawn(campaign: Campaign, rng: np.random.Generator) -> tuple[Campaign, dict[str, float]]:
+def resample(observations: ObservationSet, rng: np.random.Generator) -> tuple[ObservationSet, dict[str, float]]:
     """The campaign with normal errors of the sizes it states added to its values, and the shared errors that were drawn."""
-    drawn = {e.name: float(e.standard_error * rng.standard_normal()) for e in campaign.common.values()}
-    return Campaign(tuple(_measured(run, drawn, rng) for run in campaign.runs)), drawn
+    drawn = {e.name: float(e.standard_error * rng.standard_normal()) for e in observations.shared_errors.values()}
+    return ObservationSet(tuple(_resampled_run(run, drawn, rng) for run in observations.runs)), drawn
 
 
-def _measured(run: Observation, drawn: dict[str, float], rng: np.random.Generator) -> Observation:
-    def of(acts_on: Acts) -> float:
-        return sum(drawn[e.name] for e in run.common if e.acts_on == acts_on)
+def _resampled_run(run: Observation, shared_errors: dict[str, float], rng: np.random.Generator) -> Observation:
+    def of(acts_on: ErrorTarget) -> float:
+        return sum(shared_errors[e.name] for e in run.shared_errors if e.acts_on == acts_on)
 
     gain = (1 + of("displacement")) * (1 + of("volts")) * (1 + of("load"))
     match run:
-        case MassResonance():
+        case MassResonanceObservation():
             f = run.frequency_hz
             if offset := of("mass"):
                 # the mass that is there differs from the one written down
                 squares = np.polynomial.Polynomial.fit(run.mass_kg, f**-2.0, min(3, f.size - 1))
                 f = squares(run.mass_kg + offset) ** -0.5 * f / squares(run.mass_kg) ** -0.5
             return replace(run, frequency_hz=f + run.errors_hz * rng.standard_normal(f.size))
-        case FrequencyResponse():
+        case FrequencyResponseObservation():
             width = run.peak_to_peak_m
             if width is not None and run.peak_to_peak_errors_m is not None:
                 width = width * gain + run.peak_to_peak_errors_m * rng.standard_normal(width.size)
@@ -316,27 +332,27 @@ def _measured(run: Observation, drawn: dict[str, float], rng: np.random.Generato
     return replace(run, deflection_m=w + run.errors_m * rng.standard_normal(w.size))
 
 
-def observed(run: Observation) -> tuple[Any, Array]:
+def observed_values(run: Observation) -> tuple[Any, Array]:
     """What a fit compares, real or complex, and its standard error, both (F,): usable points only."""
     values, errors = _columns(run)
-    return getattr(run, values)[run.use], getattr(run, errors)[run.use]
+    return getattr(run, values)[run.usable], getattr(run, errors)[run.usable]
 
 
-def replaced(run: Observation, values: Any) -> Observation:
+def with_observed_values(run: Observation, values: Any) -> Observation:
     """The run with `values` (F,) in place of what was observed at its usable points."""
     name, _ = _columns(run)
     column = np.array(getattr(run, name), dtype=np.result_type(getattr(run, name), values))
-    column[run.use] = values
+    column[run.usable] = values
     more: Any = {name: column}
     return replace(run, **more)
 
 
 def _columns(run: Observation) -> tuple[str, str]:
     match run:
-        case MassResonance():
+        case MassResonanceObservation():
             return "frequency_hz", "errors_hz"
-        case FrequencyResponse(fundamental_m=None):
+        case FrequencyResponseObservation(fundamental_m=None):
             return "peak_to_peak_m", "peak_to_peak_errors_m"
-        case FrequencyResponse():
+        case FrequencyResponseObservation():
             return "fundamental_m", "errors_m"
     return "deflection_m", "errors_m"

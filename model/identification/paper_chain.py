@@ -2,7 +2,7 @@
 
 1 k2 from static loading and mass resonance, 2 mu from voltage steps, 3 effective mass from the free resonance, 4 c0 from
 the free peak, 5 E_m from the membrane's sag, 6 c_s per pre-stretch from the peak in 100..250 Hz, 7 the line through c_s(0),
-8 Pearson's r of every curve. Each step takes the results of those before it as exact; `chain_errors` carries the errors
+8 Pearson's r of every curve. Each step takes the results of those before it as exact; `linearized_errors` carries the errors
 of all data through all steps.
 
 The paper's identification as values: the choices it leaves open, and what its steps found.
@@ -18,43 +18,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.identification.forward_model import factors_of
+from model.identification.forward_model import equation_factors
 from model.identification.observations import (
-    Campaign,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
-    StaticLoading,
-    VoltageSteps,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
+    ObservationSet,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
 )
-from model.identification.parameters import at
-from model.identification.receptance import Dense, Factors
-from model.membrane import modulus
+from model.identification.parameters import elongation_parameter
+from model.identification.receptance import Factors, ReceptanceSolver
+from model.membrane import young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Beam, Membrane, Tactor
-from model.response.drive_spectrum import series
+from model.response.drive_spectrum import fourier_series
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import point_stiffness
 
-Damping = Literal["counted", "neglected"]
+DampingTreatment = Literal["counted", "neglected"]
 
 
-class ChainError(ValueError):
+class PaperChainError(ValueError):
     """A step cannot be done with these runs; the message names step, run and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class IdentificationStep:
     """One step: its name, the runs it used, what came out (SI, by name), and what it did in words."""
 
     name: str
     runs: tuple[str, ...]
     values: dict[str, float]
-    words: str
+    summary: str
 
 
 @dataclass(frozen=True, slots=True)
-class Validation:
+class CurveValidation:
     """How well a curve's shape is predicted: Pearson's r of measured and predicted amplitudes, its p value, points."""
 
     label: str
@@ -64,17 +64,17 @@ class Validation:
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
+class PaperChainResult:
     """What the chain found."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[IdentificationStep, ...]
     tactor: Tactor
     membrane: Membrane
     c_s: dict[float, float]
     """Elongation (m) -> c_s, kg/(m s)."""
     r_squared: float | None
     """Of the line c_s_delta delta + c_s(0), intercept fixed; None without a line."""
-    validation: tuple[Validation, ...]
+    validation: tuple[CurveValidation, ...]
 
     @property
     def values(self) -> dict[str, float]:
@@ -83,7 +83,7 @@ class Chain:
 
 
 @dataclass(frozen=True)
-class ChainMethod:
+class PaperChainOptions:
     """The choices the paper leaves open.
 
     Attributes:
@@ -103,7 +103,7 @@ class ChainMethod:
     membrane: Membrane = field(default_factory=Membrane)
     contact_length: float | None = None
     static_weight: float = 0.5
-    damping: Damping = "counted"
+    damping: DampingTreatment = "counted"
     amplitude: Literal["fundamental", "peak_to_peak"] = "fundamental"
     amplifier: AmplifierMap = field(default_factory=AmplifierMap)
     n: int = 7
@@ -123,57 +123,59 @@ Array = NDArray[np.float64]
 def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float = 0.0, n: int = 7) -> Array:
     """Peak amplitude (m) of the fundamental at f (Hz) under `volts` on the specimen, all (F,)."""
     one = np.ones_like(f)
-    H = Dense(t.L1 / t.L, t.L2 / t.L, n).response(factors(t, t.m_add * one, k_s * one, c_s * one), 2 * np.pi * f)[0]
+    H = ReceptanceSolver(t.L1 / t.L, t.L2 / t.L, n).response(
+        tactor_factors(t, t.m_add * one, k_s * one, c_s * one), 2 * np.pi * f
+    )[0]
     return np.asarray(np.abs(t.mu / t.L * H) * volts)
 
 
-def resonances(t: Tactor, mass: Array, damped: NDArray[np.bool_], n: int) -> tuple[Array, Array]:
+def resonance_frequencies(t: Tactor, mass: Array, damped: NDArray[np.bool_], n: int) -> tuple[Array, Array]:
     """Resonance frequencies (Hz) for each added mass, of the peak where `damped`, and their slopes to k2."""
     if not mass.size:
         return np.zeros(0), np.zeros(0)
-    a = factors(t, mass, np.zeros_like(mass), np.zeros_like(mass))
-    dense = Dense(t.L1 / t.L, t.L2 / t.L, n)
-    omega, square = dense.undamped(a)
+    a = tactor_factors(t, mass, np.zeros_like(mass), np.zeros_like(mass))
+    dense = ReceptanceSolver(t.L1 / t.L, t.L2 / t.L, n)
+    omega, square = dense.undamped_resonance(a)
     slope = square[:, 4:].sum(-1) / (2 * omega)
     if damped.any():
-        peak, s = dense.peak(a)
+        peak, s = dense.resonance_peak(a)
         omega, slope = np.where(damped, peak, omega), np.where(damped, s.K[:, 4:].sum(-1), slope)
     return omega / (2 * np.pi), slope / t.L**3 / (2 * np.pi)
 
 
-def factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
+def tactor_factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
     """Factors of Eq. (14), one row for each added mass (kg) and skin (N/m^2, kg/(m s)), all (R,)."""
     eta = mass / (2 * (t.L - t.L2))
     beam = Beam(t.L, t.L1, t.L2, t.rho1, t.rho2, eta, t.c0, t.k1, t.k2, t.mu)
-    return factors_of(beam, (k_s, c_s), mass.size)
+    return equation_factors(beam, (k_s, c_s), mass.size)
 
 
-def measured(run: FrequencyResponse, whole: bool) -> tuple[Array, Array]:
+def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:
     """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `whole` prefers half of max - min."""
-    whole = run.fundamental_m is None or (whole and run.peak_to_peak_m is not None)
-    A = np.asarray(run.peak_to_peak_m) / 2 if whole else np.abs(np.asarray(run.fundamental_m))
-    order = np.argsort(run.frequency_hz[run.use])
-    return run.frequency_hz[run.use][order], A[run.use][order]
+    prefer_peak_to_peak = run.fundamental_m is None or (prefer_peak_to_peak and run.peak_to_peak_m is not None)
+    A = np.asarray(run.peak_to_peak_m) / 2 if prefer_peak_to_peak else np.abs(np.asarray(run.fundamental_m))
+    order = np.argsort(run.frequency_hz[run.usable])
+    return run.frequency_hz[run.usable][order], A[run.usable][order]
 
 
-def volts_of(run: FrequencyResponse, amplifier: AmplifierMap) -> Array:
+def specimen_volts(run: FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
     """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
-    pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.use]
-    different, where = np.unique(pairs[np.argsort(run.frequency_hz[run.use])], axis=0, return_inverse=True)
-    return np.array([abs(series("sine", a, o, amplifier, 1)[1]) for a, o in different])[where.ravel()]
+    pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+    different, where = np.unique(pairs[np.argsort(run.frequency_hz[run.usable])], axis=0, return_inverse=True)
+    return np.array([abs(fourier_series("sine", a, o, amplifier, 1)[1]) for a, o in different])[where.ravel()]
 
 
-def averaged(runs: Sequence[StaticLoading]) -> tuple[Array, Array]:
+def average_deflections(runs: Sequence[StaticLoadingObservation]) -> tuple[Array, Array]:
     """Loads (N) and deflections (m), (N,) each: repeats averaged per side and then over the sides (Sec. IV-1)."""
     means: dict[float, dict[str, list[float]]] = {}
     for run in runs:
-        for F, w in zip(run.load_n[run.use], run.deflection_m[run.use], strict=True):
+        for F, w in zip(run.load_n[run.usable], run.deflection_m[run.usable], strict=True):
             means.setdefault(round(float(F), 9), {}).setdefault(run.side, []).append(float(w))
     loads = np.array(list(means))
     return loads, np.array([np.mean([np.mean(v) for v in sides.values()]) for sides in means.values()])
 
 
-def vertex(x: Array, y: Array) -> tuple[float, float]:
+def parabola_vertex(x: Array, y: Array) -> tuple[float, float]:
     """Abscissa and height of the parabola through three points, (3,) each; the middle one where it has no top."""
     u = x - x[1]
     a, b, c = np.linalg.solve(np.stack((u * u, u, np.ones(3)), axis=-1), y)
@@ -183,58 +185,67 @@ def vertex(x: Array, y: Array) -> tuple[float, float]:
     return float(x[1] + shift), float(c + b * shift + a * shift * shift)
 
 
-BAND_HZ = (100.0, 250.0)
+PEAK_BAND_HZ = (100.0, 250.0)
 """Where the paper looks for the peak on the membrane."""
 
 
-def chain(campaign: Campaign, method: ChainMethod | None = None) -> Chain:
+def identify_by_paper_chain(observations: ObservationSet, options: PaperChainOptions | None = None) -> PaperChainResult:
     """Go through the steps that the runs allow; a step without runs keeps the value of `method`.
 
     Raises:
         ChainError: a step has runs that cannot tell its parameter.
     """
-    return _Walk(campaign, method or ChainMethod()).go()
+    return _PaperIdentification(observations, options or PaperChainOptions()).run()
 
 
-class _Walk:
-    def __init__(self, campaign: Campaign, method: ChainMethod) -> None:
-        self.campaign, self.method = campaign, method
-        self.tactor, self.membrane = method.tactor, method.membrane
-        self.steps: dict[str, Step] = {}
-        responses = campaign.of(FrequencyResponse)
-        self.free = [r for r in responses if r.elongation_m is None and r.added_mass_kg is None]
-        self.on_skin = sorted((r for r in responses if r.elongation_m is not None), key=lambda r: r.elongation_m or 0)
+class _PaperIdentification:
+    def __init__(self, observations: ObservationSet, options: PaperChainOptions) -> None:
+        self.observations, self.options = observations, options
+        self.tactor, self.membrane = options.tactor, options.membrane
+        self.steps: dict[str, IdentificationStep] = {}
+        responses = observations.of_type(FrequencyResponseObservation)
+        self.free_runs = [r for r in responses if r.elongation_m is None and r.added_mass_kg is None]
+        self.membrane_runs = sorted(
+            (r for r in responses if r.elongation_m is not None), key=lambda r: r.elongation_m or 0
+        )
 
-    def go(self) -> Chain:
-        peaks = any(m.meaning == "peak" for m in self.campaign.of(MassResonance))
+    def run(self) -> PaperChainResult:
+        peaks = any(m.meaning == "peak" for m in self.observations.of_type(MassResonanceObservation))
         for _ in range(30):
             k2 = self.tactor.k2
-            self.stiffness()
-            self.coupling()
-            self.mass_and_damping()
+            self.identify_stiffness()
+            self.identify_coupling()
+            self.identify_mass_and_damping()
             # Only where peaks are damped does a later step, c0, reach back into the first.
-            if not (peaks and self.method.damping == "counted") or abs(self.tactor.k2 / k2 - 1) < 1e-8:
+            if not (peaks and self.options.damping == "counted") or abs(self.tactor.k2 / k2 - 1) < 1e-8:
                 break
-        self.modulus()
-        c_s = self.skin_damping()
-        r_squared = self.line(c_s)
-        return Chain(tuple(self.steps.values()), self.tactor, self.membrane, c_s, r_squared, self.validation(c_s))
+        self.identify_modulus()
+        c_s = self.identify_skin_damping()
+        r_squared = self.fit_skin_damping_line(c_s)
+        return PaperChainResult(
+            tuple(self.steps.values()), self.tactor, self.membrane, c_s, r_squared, self.validate_curves(c_s)
+        )
 
-    def keep(self, name: str, runs: Sequence[str], values: dict[str, float], words: str) -> None:
-        self.steps[name] = Step(name, tuple(runs), values, words)
+    def record_step(self, name: str, runs: Sequence[str], values: dict[str, float], summary: str) -> None:
+        self.steps[name] = IdentificationStep(name, tuple(runs), values, summary)
 
-    def stiffness(self) -> None:
+    def identify_stiffness(self) -> None:
         """Step 1: the weighted sum of both distances is least; Gauss-Newton in log k2."""
-        loads, masses = self.campaign.of(StaticLoading), self.campaign.of(MassResonance)
+        loads, masses = (
+            self.observations.of_type(StaticLoadingObservation),
+            self.observations.of_type(MassResonanceObservation),
+        )
         if not loads and not masses:
             return
-        load, w = averaged(loads)
-        mass = np.concatenate([m.mass_kg[m.use] for m in masses] or [np.zeros(0)])
-        f = np.concatenate([m.frequency_hz[m.use] for m in masses] or [np.zeros(0)])
-        damped = np.concatenate([np.full(int(m.use.sum()), m.meaning == "peak") for m in masses] or [np.zeros(0, bool)])
-        if self.method.damping == "neglected":
+        load, w = average_deflections(loads)
+        mass = np.concatenate([m.mass_kg[m.usable] for m in masses] or [np.zeros(0)])
+        f = np.concatenate([m.frequency_hz[m.usable] for m in masses] or [np.zeros(0)])
+        damped = np.concatenate(
+            [np.full(int(m.usable.sum()), m.meaning == "peak") for m in masses] or [np.zeros(0, bool)]
+        )
+        if self.options.damping == "neglected":
             damped = np.zeros_like(damped)
-        share = self.method.static_weight if loads and masses else 0.5
+        share = self.options.static_weight if loads and masses else 0.5
         ws, wf = np.sqrt(share) / np.linalg.norm(w) if w.size else 1.0, 1.0
         if f.size:
             wf = np.sqrt(1 - share) / np.linalg.norm(f)
@@ -243,7 +254,7 @@ class _Walk:
             t = replace(self.tactor, k2=k2)
             C = load_compliance(t)
             dC = (load_compliance(replace(t, k2=k2 * 1.00001)) - load_compliance(replace(t, k2=k2 * 0.99999))) / 2e-5
-            found, df = resonances(t, mass, damped, self.method.n)
+            found, df = resonance_frequencies(t, mass, damped, self.options.n)
             r = np.concatenate((ws * (C * load - w), wf * (found - f)))
             J = np.concatenate((ws * dC * load, wf * df * k2))
             step = float(np.clip(-(J @ r) / (J @ J), -1, 1))
@@ -251,59 +262,63 @@ class _Walk:
             if abs(step) < 1e-12:
                 break
         else:
-            raise ChainError(
+            raise PaperChainError(
                 "step 1, k2: static loading and mass resonance do not settle on a stiffness; look at both runs"
             )
         self.tactor = replace(self.tactor, k2=float(k2))
         words = f"k2 = {k2:.4g} N m^2 from {load.size} loads and {f.size} masses, static weight {share:g}"
-        self.keep("k2", [r.label for r in (*loads, *masses)], {"k2": float(k2)}, words)
+        self.record_step("k2", [r.label for r in (*loads, *masses)], {"k2": float(k2)}, words)
 
-    def coupling(self) -> None:
+    def identify_coupling(self) -> None:
         """Step 2: least squares through the origin, Eq. (8)."""
-        runs = self.campaign.of(VoltageSteps)
+        runs = self.observations.of_type(VoltageStepsObservation)
         if not runs:
             return
-        V = np.concatenate([self.method.amplifier.specimen_v(r.input_v[r.use]) for r in runs])
-        w = np.concatenate([r.deflection_m[r.use] for r in runs])
+        V = np.concatenate([self.options.amplifier.specimen_v(r.input_v[r.usable]) for r in runs])
+        w = np.concatenate([r.deflection_m[r.usable] for r in runs])
         if not V.any():
-            raise ChainError("step 2, mu: every level is rest, so nothing moves; measure at other voltages")
+            raise PaperChainError("step 2, mu: every level is rest, so nothing moves; measure at other voltages")
         per_mu = voltage_gain(replace(self.tactor, mu=1.0))
         mu = float(w @ V / (V @ V) / per_mu)
         self.tactor = replace(self.tactor, mu=mu)
-        self.keep("mu", [r.label for r in runs], {"mu": mu}, f"mu = {mu:.4g} N m/V from {V.size} levels")
+        self.record_step("mu", [r.label for r in runs], {"mu": mu}, f"mu = {mu:.4g} N m/V from {V.size} levels")
 
-    def mass_and_damping(self) -> None:
+    def identify_mass_and_damping(self) -> None:
         """Steps 3 and 4: the free peak's frequency and amplitude, of the parabola through its three highest points."""
-        if not self.free:
+        if not self.free_runs:
             return
-        run = self.free[0]
-        f, A = self.amplitude(run)
+        run = self.free_runs[0]
+        f, A = self.measured_amplitudes(run)
         top = int(A.argmax())
         if not 0 < top < A.size - 1:
-            raise ChainError(
+            raise PaperChainError(
                 f"step 3, m_add: the largest amplitude of {run.label!r} is at {f[top]:g} Hz, the end of the run, so the "
                 "resonance is not inside; measure further"
             )
         three = slice(top - 1, top + 2)
-        at_hz, height = vertex(f[three], A[three])
-        volts = self._volts(run)[three]
+        at_hz, height = parabola_vertex(f[three], A[three])
+        volts = self._specimen_volts(run)[three]
 
-        if self.method.damping == "neglected":
+        if self.options.damping == "neglected":
             m = self._mass_for(at_hz)
             c0 = self._damping_for(m, float(A[top]), float(volts[1]))
         else:
-            m, c0 = self._solve(f[three], volts, at_hz, height, run.label)
+            m, c0 = self._solve_mass_and_damping(f[three], volts, at_hz, height, run.label)
         self.tactor = replace(self.tactor, m_add=m, c0=c0)
         said = f"m_add = {1e3 * m:.4g} g from the resonance at {at_hz:.5g} Hz"
-        self.keep("m_add", [run.label], {"m_add": m}, said)
-        self.keep("c0", [run.label], {"c0": c0}, f"c0 = {c0:.4g} kg/(m s) from the peak of {2e6 * height:.4g} um")
+        self.record_step("m_add", [run.label], {"m_add": m}, said)
+        self.record_step(
+            "c0", [run.label], {"c0": c0}, f"c0 = {c0:.4g} kg/(m s) from the peak of {2e6 * height:.4g} um"
+        )
 
-    def _solve(self, f: Array, volts: Array, at_hz: float, height: float, label: str) -> tuple[float, float]:
+    def _solve_mass_and_damping(
+        self, f: Array, volts: Array, at_hz: float, height: float, label: str
+    ) -> tuple[float, float]:
         """Newton's method in the logarithms, from where the last round was or from the undamped mass."""
 
         def off(x: Array) -> Array:
             t = replace(self.tactor, m_add=float(np.exp(x[0])), c0=float(np.exp(x[1])))
-            found, high = vertex(f, amplitudes(t, f, volts, n=self.method.n))
+            found, high = parabola_vertex(f, amplitudes(t, f, volts, n=self.options.n))
             return np.array([found / at_hz - 1, np.log(high / height)])
 
         starts = [(self.tactor.m_add, self.tactor.c0)] if "c0" in self.steps else []
@@ -318,7 +333,7 @@ class _Walk:
                 x = x - np.clip(np.linalg.solve(J, r), -0.5, 0.5)
                 if np.abs(r).max() < 1e-10:
                     return float(np.exp(x[0])), float(np.exp(x[1]))
-        raise ChainError(
+        raise PaperChainError(
             f"steps 3 and 4: no mass and damping give {label!r} its peak at {at_hz:.4g} Hz with k2 = {self.tactor.k2:.3g} N m^2 "
             f"and mu = {self.tactor.mu:.3g} N m/V; check those, or the points beside the peak"
         )
@@ -327,10 +342,12 @@ class _Walk:
         from scipy.optimize import brentq
 
         def off(mass: float) -> float:
-            return float(resonances(self.tactor, np.array([mass]), np.array([False]), self.method.n)[0][0] - f_hz)
+            return float(
+                resonance_frequencies(self.tactor, np.array([mass]), np.array([False]), self.options.n)[0][0] - f_hz
+            )
 
         if off(0.0) <= 0 or off(1.0) >= 0:
-            raise ChainError(
+            raise PaperChainError(
                 f"step 3, m_add: with k2 = {self.tactor.k2:.3g} N m^2 no added mass resonates at {f_hz:.4g} Hz; check k2"
             )
         return float(brentq(off, 0.0, 1.0, xtol=1e-15))
@@ -340,52 +357,55 @@ class _Walk:
 
         def off(log_c: float) -> float:
             t = replace(self.tactor, m_add=m, c0=float(np.exp(log_c)))
-            a = factors(t, np.array([m]), np.zeros(1), np.zeros(1))
-            dense = Dense(t.L1 / t.L, t.L2 / t.L, self.method.n)
+            a = tactor_factors(t, np.array([m]), np.zeros(1), np.zeros(1))
+            dense = ReceptanceSolver(t.L1 / t.L, t.L2 / t.L, self.options.n)
             return float(
-                np.log(amplitudes(t, dense.peak(a)[0] / (2 * np.pi), np.array([volts]), n=self.method.n)[0] / amplitude)
+                np.log(
+                    amplitudes(t, dense.resonance_peak(a)[0] / (2 * np.pi), np.array([volts]), n=self.options.n)[0]
+                    / amplitude
+                )
             )
 
         low, high = np.log(1e-2), np.log(1e3)
         if off(low) <= 0 or off(high) >= 0:
-            raise ChainError("step 4, c0: no damping gives the measured peak; check mu and the drive's amplitude")
+            raise PaperChainError("step 4, c0: no damping gives the measured peak; check mu and the drive's amplitude")
         return float(np.exp(brentq(off, low, high, xtol=1e-13)))
 
-    def modulus(self) -> None:
+    def identify_modulus(self) -> None:
         """Step 5: E_m such that the model sags as much as the mean of what was measured."""
-        runs = self.campaign.of(MembraneSag)
+        runs = self.observations.of_type(MembraneSagObservation)
         if not runs:
             return
         values = []
         for run in runs:
-            strip, w = run.geometry or self.membrane, float(np.mean(run.deflection_m[run.use]))
-            load = run.load(self.membrane)
+            strip, w = run.geometry or self.membrane, float(np.mean(run.deflection_m[run.usable]))
+            load = run.load_per_length(self.membrane)
             try:
-                values.append(modulus(strip, w, load, run.delta))
+                values.append(young_modulus_from_sag(strip, w, load, run.delta))
             except ParameterError as error:
-                raise ChainError(f"step 5, E_m: the run {run.label!r}: {error}") from error
+                raise PaperChainError(f"step 5, E_m: the run {run.label!r}: {error}") from error
         E_m = float(np.mean(values))
         self.membrane = replace(self.membrane, E_m=E_m)
-        self.keep("E_m", [r.label for r in runs], {"E_m": E_m}, f"E_m = {E_m / 1e6:.4g} MPa from the sag")
+        self.record_step("E_m", [r.label for r in runs], {"E_m": E_m}, f"E_m = {E_m / 1e6:.4g} MPa from the sag")
 
-    def skin_damping(self) -> dict[float, float]:
+    def identify_skin_damping(self) -> dict[float, float]:
         """Step 6: per elongation the c_s with which the model's largest amplitude in 100..250 Hz is the measured one."""
         from scipy.optimize import brentq
 
         out: dict[float, float] = {}
-        for run in self.on_skin:
+        for run in self.membrane_runs:
             elongation = run.elongation_m or 0.0
-            f, A = self.amplitude(run)
-            inside = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
+            f, A = self.measured_amplitudes(run)
+            inside = (f >= PEAK_BAND_HZ[0]) & (f <= PEAK_BAND_HZ[1])
             if not inside.any():
-                raise ChainError(f"step 6, c_s: {run.label!r} has no point in 100..250 Hz; measure there")
-            largest, volts = float(A[inside].max()), self._volts(run)[inside]
+                raise PaperChainError(f"step 6, c_s: {run.label!r} has no point in 100..250 Hz; measure there")
+            largest, volts = float(A[inside].max()), self._specimen_volts(run)[inside]
             k_s = self._k_s(elongation)
 
             def off(
                 c_s: float, f: Array = f[inside], volts: Array = volts, k_s: float = k_s, largest: float = largest
             ) -> float:
-                return float(np.log(amplitudes(self.tactor, f, volts, k_s, c_s, self.method.n).max() / largest))
+                return float(np.log(amplitudes(self.tactor, f, volts, k_s, c_s, self.options.n).max() / largest))
 
             top = 1e3
             while off(top) > 0 and top < 1e7:
@@ -396,12 +416,15 @@ class _Walk:
             else:
                 c_s = float(brentq(off, 0.0, top, xtol=1e-12, rtol=1e-13))
             out[elongation] = c_s
-            self.keep(
-                at("c_s", elongation), [run.label], {at("c_s", elongation): c_s}, f"{c_s:.4g} kg/(m s) from the {words}"
+            self.record_step(
+                elongation_parameter("c_s", elongation),
+                [run.label],
+                {elongation_parameter("c_s", elongation): c_s},
+                f"{c_s:.4g} kg/(m s) from the {words}",
             )
         return out
 
-    def line(self, c_s: dict[float, float]) -> float | None:
+    def fit_skin_damping_line(self, c_s: dict[float, float]) -> float | None:
         """Step 7: slope by least squares, intercept fixed to c_s(0)."""
         if 0.0 not in c_s:
             return None
@@ -418,30 +441,30 @@ class _Walk:
             self.membrane = replace(self.membrane, c_s_delta=slope)
             values["c_s_delta"] = slope
             words = f"c_s = {slope:.4g} delta + {c_s[0.0]:.4g} kg/(m s), R^2 = {r_squared:.3f}"
-        self.keep("line", [r.label for r in self.on_skin], values, words)
+        self.record_step("line", [r.label for r in self.membrane_runs], values, words)
         return r_squared
 
-    def validation(self, c_s: dict[float, float]) -> tuple[Validation, ...]:
+    def validate_curves(self, c_s: dict[float, float]) -> tuple[CurveValidation, ...]:
         """Step 8."""
         from scipy.stats import pearsonr
 
         out = []
-        for run in (*self.free, *self.on_skin):
-            f, A = self.amplitude(run)
+        for run in (*self.free_runs, *self.membrane_runs):
+            f, A = self.measured_amplitudes(run)
             k_s, c = (0.0, 0.0) if run.elongation_m is None else (self._k_s(run.elongation_m), c_s[run.elongation_m])
-            predicted = amplitudes(self.tactor, f, self._volts(run), k_s, c, self.method.n)
+            predicted = amplitudes(self.tactor, f, self._specimen_volts(run), k_s, c, self.options.n)
             if A.size > 2 and np.ptp(A) > 0:
                 r = pearsonr(A, predicted)
-                out.append(Validation(run.label, float(r.statistic), float(r.pvalue), A.size))
+                out.append(CurveValidation(run.label, float(r.statistic), float(r.pvalue), A.size))
         return tuple(out)
 
-    def amplitude(self, run: FrequencyResponse) -> tuple[Array, Array]:
-        return measured(run, self.method.amplitude == "peak_to_peak")
+    def measured_amplitudes(self, run: FrequencyResponseObservation) -> tuple[Array, Array]:
+        return measured_amplitudes(run, self.options.amplitude == "peak_to_peak")
 
-    def _volts(self, run: FrequencyResponse) -> Array:
-        return volts_of(run, self.method.amplifier)
+    def _specimen_volts(self, run: FrequencyResponseObservation) -> Array:
+        return specimen_volts(run, self.options.amplifier)
 
     def _k_s(self, elongation: float) -> float:
         m, t = self.membrane, self.tactor
-        length = t.L - t.L2 if self.method.contact_length is None else self.method.contact_length
+        length = t.L - t.L2 if self.options.contact_length is None else self.options.contact_length
         return float(point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, elongation / m.L_m) / length)

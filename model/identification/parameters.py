@@ -6,31 +6,33 @@ from dataclasses import asdict
 from annotated_types import Interval
 
 from model.identification.observations import (
-    ACTS_UNITS,
-    Campaign,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
-    StaticLoading,
-    VoltageSteps,
+    SHARED_ERROR_UNITS,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
+    ObservationSet,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
 )
-from model.parameter_spec import ParameterError, Quantity, quantities
+from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
 from model.parameters import Membrane, Tactor
 from model.skin import CONTACT_LENGTH, skin
 from model.specimen import C_S, K_S
 
-ASYMMETRY = Quantity(
+ASYMMETRY = ParameterSpec(
     "asymmetry", "1", Interval(gt=-1, lt=1), "share by which loads deflect more on the MFC side, less on the other", 0.0
 )
-OWN = {q.name: q for q in (*quantities(Tactor), *quantities(Membrane), CONTACT_LENGTH, ASYMMETRY)}
+SPECIMEN_PARAMETERS = {
+    q.name: q for q in (*parameter_specs(Tactor), *parameter_specs(Membrane), CONTACT_LENGTH, ASYMMETRY)
+}
 
 
-def at(letter: str, elongation_m: float) -> str:
+def elongation_parameter(symbol: str, elongation_m: float) -> str:
     """The name of c_s or k_s at one elongation, e.g. `c_s(1.27 mm)`."""
-    return f"{letter}({1e3 * elongation_m:.6g} mm)"
+    return f"{symbol}({1e3 * elongation_m:.6g} mm)"
 
 
-def elongation_of(name: str) -> float | None:
+def parse_elongation(name: str) -> float | None:
     """The elongation (m) that a name made by `at` stands for; None for any other name."""
     if name[:4] in ("c_s(", "k_s(") and name.endswith(" mm)"):
         try:
@@ -40,56 +42,58 @@ def elongation_of(name: str) -> float | None:
     return None
 
 
-def quantity(name: str, campaign: Campaign | None = None) -> Quantity:
+def parameter_spec(name: str, observations: ObservationSet | None = None) -> ParameterSpec:
     """Unit, limits and meaning of a parameter; raises ParameterError for a name nobody knows."""
-    if name in OWN:
-        return OWN[name]
-    if elongation_of(name) is not None:
+    if name in SPECIMEN_PARAMETERS:
+        return SPECIMEN_PARAMETERS[name]
+    if parse_elongation(name) is not None:
         of = C_S if name.startswith("c_s") else K_S
-        return Quantity(name, of.unit, of.interval, f"{of.words} at this elongation", None)
-    if campaign is not None and name in campaign.common:
-        error = campaign.common[name]
-        return Quantity(name, ACTS_UNITS[error.acts_on], Interval(), f"common error of {error.acts_on}", 0.0)
+        return ParameterSpec(name, of.unit, of.interval, f"{of.description} at this elongation", None)
+    if observations is not None and name in observations.shared_errors:
+        error = observations.shared_errors[name]
+        return ParameterSpec(
+            name, SHARED_ERROR_UNITS[error.acts_on], Interval(), f"common error of {error.acts_on}", 0.0
+        )
     raise ParameterError(
-        f"{name} is no parameter that can be identified: choose from {', '.join(OWN)}, or c_s(ELONGATION mm)"
+        f"{name} is no parameter that can be identified: choose from {', '.join(SPECIMEN_PARAMETERS)}, or c_s(ELONGATION mm)"
     )
 
 
-def defaults(tactor: Tactor, membrane: Membrane, contact_length: float | None) -> dict[str, float | None]:
+def default_values(tactor: Tactor, membrane: Membrane, contact_length: float | None) -> dict[str, float | None]:
     """Every own parameter with the value it has where nothing is identified; a contact length of None is L - L2."""
     return {**asdict(tactor), **asdict(membrane), "contact_length": contact_length, "asymmetry": 0.0}
 
 
-def informed(campaign: Campaign, each: bool = False) -> tuple[str, ...]:
+def identifiable_parameters(observations: ObservationSet, per_elongation: bool = False) -> tuple[str, ...]:
     """What these runs are there for: the paper's parameters as far as a run of the kind that tells them is present.
 
     `each` asks for a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
     """
-    responses = campaign.of(FrequencyResponse)
+    responses = observations.of_type(FrequencyResponseObservation)
     on_skin = sorted({r.elongation_m for r in responses if r.elongation_m is not None})
     names: list[str] = []
-    if any(isinstance(run, StaticLoading | MassResonance) for run in campaign.runs):
+    if any(isinstance(run, StaticLoadingObservation | MassResonanceObservation) for run in observations.runs):
         names.append("k2")
-    if campaign.of(VoltageSteps) or responses:
+    if observations.of_type(VoltageStepsObservation) or responses:
         names.append("mu")
     if any(r.added_mass_kg is None for r in responses):
         names.append("m_add")
     if responses:
         names.append("c0")
-    if campaign.of(MembraneSag):
+    if observations.of_type(MembraneSagObservation):
         names.append("E_m")
-    if each or (len(on_skin) == 1 and on_skin[0] > 0):
-        names += [at("c_s", e) for e in on_skin]
+    if per_elongation or (len(on_skin) == 1 and on_skin[0] > 0):
+        names += [elongation_parameter("c_s", e) for e in on_skin]
     elif on_skin:
         names += ["c_s_0", "c_s_delta"][: len(on_skin)]
     return tuple(names)
 
 
-def checked(names: Iterable[str], campaign: Campaign) -> tuple[str, ...]:
+def validate_names(names: Iterable[str], observations: ObservationSet) -> tuple[str, ...]:
     """The names, each known and only once; raises ParameterError with a sentence."""
     out = tuple(names)
     for name in out:
-        quantity(name, campaign)
+        parameter_spec(name, observations)
         if out.count(name) > 1:
             raise ParameterError(f"{name} is named twice among the free parameters: name it once")
     return out
@@ -102,21 +106,21 @@ def start_value(name: str, base: Mapping[str, float | None]) -> float:
         if value is None:  # the contact length that follows the geometry
             return float((base["L"] or 0) - (base["L2"] or 0))
         return float(value)
-    elongation = elongation_of(name)
+    elongation = parse_elongation(name)
     if elongation is None:
         return 0.0
-    membrane = Membrane(**{q.name: float(base[q.name] or 0) for q in quantities(Membrane)})
+    membrane = Membrane(**{q.name: float(base[q.name] or 0) for q in parameter_specs(Membrane)})
     here = skin(membrane, elongation / membrane.L_m)
     return here.c_s if name.startswith("c_s") else here.k_s
 
 
-def scale(name: str, start: float) -> float:
+def typical_size(name: str, start: float) -> float:
     """A typical size, positive: what "one hundred percent" means for this parameter."""
     if start:
         return abs(start)
-    own = OWN.get(name)
+    own = SPECIMEN_PARAMETERS.get(name)
     default = own.default if own is not None else None
     if default:
         return abs(default)
-    elongation = elongation_of(name)
+    elongation = parse_elongation(name)
     return 165.0 if elongation is not None and name.startswith("c_s") else 1.0

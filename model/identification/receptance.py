@@ -23,12 +23,12 @@ class Factors(NamedTuple):
     C: Array
     K: Array
 
-    def rows(self, index: NDArray[np.intp]) -> "Factors":
+    def take_rows(self, index: NDArray[np.intp]) -> "Factors":
         """The factors of the runs `index`, repeated where it repeats."""
         return Factors(self.M[index], self.C[index], self.K[index])
 
 
-class Dense:
+class ReceptanceSolver:
     """One geometry: responses and their slopes, for rows of factors and frequencies.
 
     Raises:
@@ -44,33 +44,33 @@ class Dense:
     def response(self, a: Factors, omega: Array) -> tuple[Complex, Complex]:
         """H (R,), m per newton metre at L1 times L, and t (R, 6): dH = -sum_j t_j dz_j with z = K - omega^2 M + i omega C."""
         _, x, y = self._solve(a, omega)
-        return self._H(x), np.asarray(self._between(y, x))
+        return self._H(x), np.asarray(self._part_products(y, x))
 
-    def undamped(self, a: Factors) -> tuple[Array, Array]:
+    def undamped_resonance(self, a: Factors) -> tuple[Array, Array]:
         """Lowest undamped omega (R,), and (R, 6) with d(omega^2) = sum_j t_j (dK_j - omega^2 dM_j)."""
         M, K = (np.asarray(f @ self._parts).reshape(-1, self._n, self._n) for f in (a.M, a.K))
         W = np.linalg.inv(np.linalg.cholesky(M))
         squares, vectors = np.linalg.eigh(W @ K @ W.mT)
         q = np.asarray((W.mT @ vectors[..., :1])[..., 0])
-        return np.sqrt(squares[:, 0]), self._between(q, q)
+        return np.sqrt(squares[:, 0]), self._part_products(q, q)
 
-    def peak(self, a: Factors) -> tuple[Array, "Factors"]:
+    def resonance_peak(self, a: Factors) -> tuple[Array, "Factors"]:
         """Where |H| is largest near the first resonance: omega (R,), and its slopes to the factors M, C, K.
 
         Newton's method on d|H|^2 / d omega; the slopes follow from the implicit function. A row that is damped so much
         that it has no peak is given its undamped frequency.
         """
-        first, square_slopes = self.undamped(a)
+        first, square_slopes = self.undamped_resonance(a)
         zeta = (square_slopes * a.C).sum(-1) / (2 * first)
         omega = first * np.sqrt(np.maximum(1 - 2 * zeta**2, 0.05))
         for _ in range(30):
-            g, g_omega, _ = self._climb(a, omega)
+            g, g_omega, _ = self._peak_condition(a, omega)
             step = np.clip(-g / g_omega, -0.1 * first, 0.1 * first)
             step = np.where(g_omega < 0, step, np.sign(g) * 0.05 * first)
             omega = np.clip(omega + step, 0.02 * first, 2 * first)
             if np.abs(step).max() < 1e-11 * first.min():
                 break
-        g, g_omega, slopes = self._climb(a, omega)
+        g, g_omega, slopes = self._peak_condition(a, omega)
         found = (g_omega < 0) & (np.abs(g) < 1e-6 * np.abs(g_omega) * first) & (omega > 0.1 * first)
         omega = np.where(found, omega, first)
         level = square_slopes / (2 * first[:, None])
@@ -78,7 +78,7 @@ class Dense:
         down = -1 / np.where(found, g_omega, 1.0)[:, None]
         return omega, Factors(*(np.where(found[:, None], down * s, f) for s, f in zip(slopes, flat, strict=True)))
 
-    def _climb(self, a: Factors, omega: Array) -> tuple[Array, Array, Factors]:
+    def _peak_condition(self, a: Factors, omega: Array) -> tuple[Array, Array, Factors]:
         """Half the slope of |H|^2: g = Re(H* H') = (|H|^2)' / 2, its slope to omega, and its slopes to the factors M, C, K."""
         Z, x, y = self._solve(a, omega)
         w = omega[:, None]
@@ -87,8 +87,8 @@ class Dense:
         Z1 = (z1 @ self._parts).reshape(-1, n, n)
         inner = np.linalg.solve(Z, np.stack(((Z1 @ x[..., None])[..., 0], (Z1 @ y[..., None])[..., 0]), axis=-1))
         x1, y1 = inner[..., 0], inner[..., 1]
-        H, t = self._H(x), self._between(y, x)
-        u = self._between(y1, x) + self._between(y, x1)
+        H, t = self._H(x), self._part_products(y, x)
+        u = self._part_products(y1, x) + self._part_products(y, x1)
         H1 = -(t * z1).sum(-1)
         H2 = (u * z1).sum(-1) + 2 * (t * a.M).sum(-1)
         g, g_omega = (H.conj() * H1).real, np.abs(H1) ** 2 + (H.conj() * H2).real
@@ -110,6 +110,6 @@ class Dense:
     def _H(self, x: Any) -> Complex:
         return np.asarray(x @ self._ends[:, 1])
 
-    def _between(self, u: Any, v: Any) -> Any:
+    def _part_products(self, u: Any, v: Any) -> Any:
         """Products u . part_j v, (R, 6)."""
         return np.asarray((u[:, :, None] * v[:, None, :]).reshape(-1, self._n**2) @ self._parts.T)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.parameters import Tactor
-from model.response.frequency_response import Source, check_frequency, check_x
-from model.skin import FREE, Skin
+from model.response.frequency_response import Excitation, check_frequency, check_position
+from model.skin import NO_SKIN, Skin
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -23,9 +23,9 @@ def exact_response(
     frequency_hz: ArrayLike,
     skin: Skin | None = None,
     x: ArrayLike | None = None,
-    source: Source = "voltage",
+    excitation: Excitation = "voltage",
     derivative: int = 0,
-    clamp: float | None = None,
+    clamp_stiffness: float | None = None,
 ) -> Complex:
     """Deflection (or its derivative to x, 0..3) per volt on the specimen or per newton at the centre.
 
@@ -33,10 +33,10 @@ def exact_response(
     `clamp` (N m per radian) lets the clamp turn: k1 w''(0) = clamp w'(0) in place of Eq. (3b); None is rigid.
     """
     f = check_frequency(frequency_hz)
-    at = check_x(tactor, tactor.L if x is None else x)
-    z = _fourth_powers(tactor, 2 * np.pi * f, skin or FREE)
+    at = check_position(tactor, tactor.L if x is None else x)
+    z = _fourth_powers(tactor, 2 * np.pi * f, skin or NO_SKIN)
     ends = np.array([0.0, tactor.L1, tactor.L2, tactor.L])
-    constants = _constants(tactor, z, np.diff(ends), source, clamp)
+    constants = _constants(tactor, z, np.diff(ends), excitation, clamp_stiffness)
     where = np.clip(np.searchsorted(ends, np.atleast_1d(at), side="right") - 1, 0, 2)
     rows = []
     for position, i in zip(np.atleast_1d(at), where, strict=True):
@@ -77,7 +77,9 @@ def _functions(zeta: Complex, u: float) -> Complex:
     return np.where(small[:, None, None], polynomials, exponentials)
 
 
-def _constants(tactor: Tactor, z: list[Complex], lengths: Array, source: Source, clamp: float | None = None) -> Complex:
+def _constants(
+    tactor: Tactor, z: list[Complex], lengths: Array, excitation: Excitation, clamp_stiffness: float | None = None
+) -> Complex:
     """The four constants of each segment, (F, 3, 4), from conditions (3)-(6); moments and forces are divided by k2."""
     F = z[0].size
     scale = (tactor.L / lengths[:, None]) ** np.arange(4)
@@ -86,12 +88,12 @@ def _constants(tactor: Tactor, z: list[Complex], lengths: Array, source: Source,
     step = np.array([1.0, 1.0, tactor.k1 / tactor.k2, tactor.k1 / tactor.k2])[:, None]
     A, b = np.zeros((F, 12, 12), complex), np.zeros(12)
     A[:, 0:2, 0:4] = start[0][:, :2]
-    if clamp is not None:
-        A[:, 1, 0:4] -= tactor.k1 / (tactor.L * clamp) * start[0][:, 2]
+    if clamp_stiffness is not None:
+        A[:, 1, 0:4] -= tactor.k1 / (tactor.L * clamp_stiffness) * start[0][:, 2]
     A[:, 2:6, 0:4], A[:, 2:6, 4:8] = step * end[0], -start[1]
     A[:, 6:10, 4:8], A[:, 6:10, 8:12] = end[1], -start[2]
     A[:, 10:12, 8:12] = end[2][:, [1, 3]]
-    if source == "voltage":
+    if excitation == "voltage":
         b[4] = -tactor.mu * tactor.L**2 / tactor.k2
     else:  # k3 w'''(L) = -F/2: positive where the load pushes, the sign Eq. (7) has and Eq. (4b) has not
         b[11] = -0.5 * tactor.L**3 / tactor.k2

@@ -16,7 +16,7 @@ Complex = NDArray[np.complex128]
 Waveform = Literal["sine", "square"]
 
 
-def series(
+def fourier_series(
     waveform: Waveform,
     amplitude_v: float,
     offset_v: float,
@@ -31,7 +31,7 @@ def series(
     Raises:
         ParameterError: the input would leave the amplifier's range, or a value is not finite, or duty is outside 0..1.
     """
-    check_range(offset_v - abs(amplitude_v), offset_v + abs(amplitude_v), amplifier)
+    check_input_range(offset_v - abs(amplitude_v), offset_v + abs(amplitude_v), amplifier)
     match waveform:
         case "sine":
             return _sine(amplitude_v, offset_v, amplifier, orders)
@@ -43,7 +43,7 @@ def series(
     raise ParameterError(f"waveform is {waveform!r}: choose sine or square")
 
 
-def check_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:
+def check_input_range(lowest_v: float, highest_v: float, amplifier: AmplifierMap) -> None:
     """Refuse a drive that leaves the amplifier's input range.
 
     Raises:

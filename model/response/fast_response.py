@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
 from model.beam.galerkin import matrices
-from model.beam.poles import Modal, modal_form, receptance
-from model.response.drive_spectrum import series
-from model.response.frequency_response import PERIODIC, outputs
+from model.beam.poles import ModalForm, modal_form, receptance
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, output_rows
 from model.specimen import Specimen
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-ORDERS = 48
-SAMPLES = 256
+HARMONIC_ORDERS = 48
+SAMPLES_PER_PERIOD = 256
 """Of a period: more than five in the cycle of the highest harmonic."""
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ResponseCurve:
     """Response of the centre at `frequency_hz` (F,), m. `fundamental` is a complex peak amplitude against the input sine."""
 
     frequency_hz: Array
@@ -33,29 +33,29 @@ class Curve:
     peak_to_peak: Array
 
 
-def curve(
+def response_curve(
     specimen: Specimen,
     frequency_hz: Array,
     amplitude_v: float = 2.5,
     amplifier: AmplifierMap | None = None,
     n: int = 7,
-) -> Curve:
+) -> ResponseCurve:
     """Response to a sine of `amplitude_v` (peak, at the amplifier's input) around rest.
 
     Raises:
         ParameterError: a frequency not greater than 0, n not in 3..300, or a drive outside the amplifier's range.
     """
-    f = PERIODIC.check(frequency_hz)
-    form = _form(specimen, None, n)
-    k, V = _harmonics(amplitude_v, amplifier)
+    f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)
+    form = _centre_modal_form(specimen, None, n)
+    k, V = _drive_harmonics(amplitude_v, amplifier)
     W = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size) * V
-    spectrum = np.zeros((f.size, SAMPLES // 2 + 1), complex)
+    spectrum = np.zeros((f.size, SAMPLES_PER_PERIOD // 2 + 1), complex)
     spectrum[:, k] = W / 2
-    w = np.fft.irfft(spectrum, SAMPLES, axis=1) * SAMPLES
-    return Curve(f, 1j * W[:, 0], _top(w) + _top(-w))
+    w = np.fft.irfft(spectrum, SAMPLES_PER_PERIOD, axis=1) * SAMPLES_PER_PERIOD
+    return ResponseCurve(f, 1j * W[:, 0], _interpolated_maximum(w) + _interpolated_maximum(-w))
 
 
-def motion(
+def operating_deflection_shape(
     specimen: Specimen,
     frequency_hz: float,
     x: Array,
@@ -68,29 +68,29 @@ def motion(
 
     `x` (X,) in m from the clamp; the first phase is where the input sine rises through rest.
     """
-    k, V = _harmonics(amplitude_v, amplifier)
-    omega = np.asarray(2 * np.pi * float(PERIODIC.check(frequency_hz)) * k, np.float64)
-    W = receptance(_form(specimen, x, n), omega) * V
+    k, V = _drive_harmonics(amplitude_v, amplifier)
+    omega = np.asarray(2 * np.pi * float(PERIODIC_FREQUENCY_SPEC.check(frequency_hz)) * k, np.float64)
+    W = receptance(_centre_modal_form(specimen, x, n), omega) * V
     turn = np.exp(2j * np.pi * np.outer(np.arange(phases) / phases, k))
     return np.asarray((turn @ W.T).real)
 
 
-def _form(specimen: Specimen, x: Array | None, n: int) -> Modal:
-    beam, k_s, c_s = specimen.letters({})
+def _centre_modal_form(specimen: Specimen, x: Array | None, n: int) -> ModalForm:
+    beam, k_s, c_s = specimen.coefficients({})
     M, C, K, B, B_F = matrices(beam, k_s, c_s, n)
-    return modal_form(M, C, K, B, 2 * B_F if x is None else outputs(specimen.tactor, x, n))
+    return modal_form(M, C, K, B, 2 * B_F if x is None else output_rows(specimen.tactor, x, n))
 
 
-def _harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tuple[NDArray[np.int64], Complex]:
+def _drive_harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tuple[NDArray[np.int64], Complex]:
     """Orders from 1 on that the amplifier makes, and their volts on the specimen."""
     map_ = amplifier or AmplifierMap()
-    V = series("sine", amplitude_v, map_.rest_v, map_, ORDERS)
+    V = fourier_series("sine", amplitude_v, map_.rest_v, map_, HARMONIC_ORDERS)
     k = np.flatnonzero(np.abs(V) > 1e-9 * np.abs(V[1]))
     k = np.union1d(k[k > 0], [1])
     return k, V[k]
 
 
-def _top(w: Array) -> Array:
+def _interpolated_maximum(w: Array) -> Array:
     """The largest of each row, by a parabola through its neighbours."""
     top, rows = w.argmax(1), np.arange(len(w))
     a, b, c = (w[rows, (top + i) % w.shape[1]] for i in (-1, 0, 1))

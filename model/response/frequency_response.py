@@ -9,24 +9,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.amplifier_map import AmplifierMap
 from model.beam.galerkin import Matrices, gram, matrices
-from model.beam.poles import Modal, modal_form, receptance
-from model.beam.shape_functions import shapes
-from model.parameter_spec import Quantity
+from model.beam.poles import ModalForm, modal_form, receptance
+from model.beam.shape_functions import shape_functions
+from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
-from model.response.drive_spectrum import Waveform, series
-from model.skin import FREE, Skin
+from model.response.drive_spectrum import Waveform, fourier_series
+from model.skin import NO_SKIN, Skin
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Source = Literal["voltage", "load"]
+Excitation = Literal["voltage", "load"]
 
-FREQUENCY = Quantity("frequency", "Hz", Interval(ge=0), "frequency of the drive", None)
-TOP_HZ = 6000.0
+FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(ge=0), "frequency of the drive", None)
+MAX_HARMONIC_HZ = 6000.0
 """Harmonics are followed well beyond the second resonance."""
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class PeriodicResponse:
     """Periodic response at each frequency, m. w(t) = harmonics_0 + sum_k |harmonics_k| sin(k w t + arg harmonics_k)."""
 
     frequency_hz: Array
@@ -41,9 +41,9 @@ class Driven:
         return self.harmonics[:, 1]
 
 
-def modal(
-    tactor: Tactor, skin: Skin | None = None, n: int = 7, x: ArrayLike | None = None, source: Source = "voltage"
-) -> Modal:
+def tactor_modal_form(
+    tactor: Tactor, skin: Skin | None = None, n: int = 7, x: ArrayLike | None = None, excitation: Excitation = "voltage"
+) -> ModalForm:
     """Poles (2n,) and residues of w(x) for exact time stepping: w = Re sum r_k z_k, z_k' = s_k z_k + V(t).
 
     `x` in m: None is the centre, a float gives residues (2n,), an array of X positions gives (X, 2n). `source` is a volt
@@ -52,14 +52,14 @@ def modal(
     Raises:
         ParameterError: n is not in 3..300, or x lies outside 0..L.
     """
-    m = system(tactor, skin, n)
-    N = m.B_F * 2 if x is None else outputs(tactor, x, n)
-    return modal_form(m.M, m.C, m.K, m.B if source == "voltage" else m.B_F, N)
+    m = system_matrices(tactor, skin, n)
+    N = m.B_F * 2 if x is None else output_rows(tactor, x, n)
+    return modal_form(m.M, m.C, m.K, m.B if excitation == "voltage" else m.B_F, N)
 
 
-def system(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Matrices:
+def system_matrices(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Matrices:
     """M, C, K, B of Eqs. (13)-(14) for one tactor, shapes (n, n) and (n,)."""
-    skin = skin or FREE
+    skin = skin or NO_SKIN
     return matrices(tactor.beam, skin.k_s, skin.c_s, n)
 
 
@@ -68,7 +68,7 @@ def poles(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Complex:
 
     |s| / 2 pi is the undamped frequency of the pole in Hz and -Re s / |s| its damping ratio.
     """
-    s = modal(tactor, skin, n).poles
+    s = tactor_modal_form(tactor, skin, n).poles
     return s[np.lexsort((-s.imag, np.round(np.abs(s), 9)))]
 
 
@@ -78,7 +78,7 @@ def frequency_response(
     skin: Skin | None = None,
     n: int = 7,
     x: ArrayLike | None = None,
-    source: Source = "voltage",
+    excitation: Excitation = "voltage",
 ) -> Complex:
     """Complex deflection at `x` (m, default the centre) per volt on the specimen, m/V; Eq. (13) in the steady state.
 
@@ -88,7 +88,7 @@ def frequency_response(
         ParameterError: a frequency < 0, n not in 3..300, x outside 0..L.
     """
     f = check_frequency(frequency_hz)
-    return receptance(modal(tactor, skin, n, x, source), 2 * np.pi * f)
+    return receptance(tactor_modal_form(tactor, skin, n, x, excitation), 2 * np.pi * f)
 
 
 def amplifier_response(
@@ -101,27 +101,27 @@ def amplifier_response(
     waveform: Waveform = "sine",
     n: int = 7,
     x: float | None = None,
-) -> Driven:
+) -> PeriodicResponse:
     """Response to `offset_v + amplitude_v * waveform` (volts, peak) at the amplifier's *input*.
 
     Raises:
         ParameterError: as `frequency_response`; or a frequency of 0; or a drive outside the amplifier's input range.
     """
     f = check_frequency(frequency_hz)
-    V = series(waveform, amplitude_v, offset_v, amplifier or AmplifierMap(), orders_for(f))
-    return periodic_response(modal(tactor, skin, n, x), f, V)
+    V = fourier_series(waveform, amplitude_v, offset_v, amplifier or AmplifierMap(), harmonic_orders(f))
+    return periodic_response(tactor_modal_form(tactor, skin, n, x), f, V)
 
 
-def periodic_response(form: Modal, frequency_hz: Array, V: Complex) -> Driven:
-    """Response of one `Modal` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
-    f = PERIODIC.check(frequency_hz)
+def periodic_response(form: ModalForm, frequency_hz: Array, V: Complex) -> PeriodicResponse:
+    """Response of one `ModalForm` output to a series V_k (K + 1,) of specimen volts, at every frequency of `frequency_hz`."""
+    f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)
     k = np.arange(V.size)
     H = receptance(form, np.outer(2 * np.pi * f, k).ravel()).reshape(f.size, k.size)
     W = H * V
-    return Driven(f, np.concatenate((W[:, :1], 1j * W[:, 1:]), axis=1), peak_to_peak(W))
+    return PeriodicResponse(f, np.concatenate((W[:, :1], 1j * W[:, 1:]), axis=1), peak_to_peak(W))
 
 
-PERIODIC = Quantity("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
+PERIODIC_FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(gt=0), "frequency of a periodic drive", None)
 
 
 def peak_to_peak(W: Complex) -> Array:
@@ -129,30 +129,30 @@ def peak_to_peak(W: Complex) -> Array:
 
     Sampled four times finer than its highest harmonic needs, then a parabola through the extreme sample.
     """
-    points = period_points(W.shape[-1])
+    points = samples_per_period(W.shape[-1])
     half = W / 2
     half[..., 0] = W[..., 0].real
     w = np.fft.irfft(half, points, axis=-1) * points
-    return _extreme(w) + _extreme(-w)
+    return _interpolated_maximum(w) + _interpolated_maximum(-w)
 
 
-def period_points(orders: int) -> int:
+def samples_per_period(orders: int) -> int:
     """Samples of one period that resolve `orders` harmonics, a power of two."""
     return max(1024, 8 << orders.bit_length())
 
 
-def _extreme(w: Array) -> Array:
+def _interpolated_maximum(w: Array) -> Array:
     top = w.argmax(-1, keepdims=True)
     a, b, c = (np.take_along_axis(w, (top + i) % w.shape[-1], -1)[..., 0] for i in (-1, 0, 1))
     curvature = np.maximum(2 * b - a - c, np.finfo(float).tiny)
     return np.asarray(b + (a - c) ** 2 / (8 * curvature))
 
 
-def orders_for(frequency_hz: Array) -> int:
+def harmonic_orders(frequency_hz: Array) -> int:
     """How many harmonics of the lowest frequency, of (F,) in Hz, matter: up to 6 kHz, at least 32, at most 512."""
     positive = frequency_hz[frequency_hz > 0]
-    lowest = float(positive.min()) if positive.size else TOP_HZ
-    return int(np.clip(np.ceil(TOP_HZ / lowest), 32, 512))
+    lowest = float(positive.min()) if positive.size else MAX_HARMONIC_HZ
+    return int(np.clip(np.ceil(MAX_HARMONIC_HZ / lowest), 32, 512))
 
 
 def check_frequency(frequency_hz: ArrayLike) -> Array:
@@ -161,21 +161,21 @@ def check_frequency(frequency_hz: ArrayLike) -> Array:
     Raises:
         ParameterError: one is below 0 or not finite.
     """
-    f = FREQUENCY.check(frequency_hz)
+    f = FREQUENCY_SPEC.check(frequency_hz)
     return f if f.ndim else f[None]
 
 
-def check_x(tactor: Tactor, x: ArrayLike) -> Array:
+def check_position(tactor: Tactor, x: ArrayLike) -> Array:
     """Positions along the beam in m, shape kept.
 
     Raises:
         ParameterError: one lies outside 0..L.
     """
-    return Quantity("x", "m", Interval(ge=0, le=tactor.L), "distance from the clamp", None).check(x)
+    return ParameterSpec("x", "m", Interval(ge=0, le=tactor.L), "distance from the clamp", None).check(x)
 
 
-def outputs(tactor: Tactor, x: ArrayLike, n: int = 7) -> Array:
+def output_rows(tactor: Tactor, x: ArrayLike, n: int = 7) -> Array:
     """Rows that take generalised coordinates to w(x), shape (*x.shape, n)."""
     l1, l2 = tactor.L1 / tactor.L, tactor.L2 / tactor.L
-    N = shapes(check_x(tactor, x) / tactor.L, l1, l2, n)
+    N = shape_functions(check_position(tactor, x) / tactor.L, l1, l2, n)
     return np.moveaxis(N, 0, -1) @ gram(l1, l2, n).basis.T

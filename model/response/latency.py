@@ -8,20 +8,22 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.beam.poles import Modal, receptance
-from model.parameter_spec import Quantity
+from model.beam.poles import ModalForm, receptance
+from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
-from model.response.drive_spectrum import series
-from model.response.frequency_response import PERIODIC, modal, orders_for
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, harmonic_orders, tactor_modal_form
 from model.response.perception import THRESHOLD_M
 from model.response.time_response import onset_response, unit_step
 from model.skin import Skin
 
 Array = NDArray[np.float64]
 
-THRESHOLD = Quantity("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
-TOLERANCE = Quantity("tolerance", "", Interval(gt=0, lt=1), "settling band as a fraction of the final value", 0.02)
-POINTS = 20_000
+THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
+TOLERANCE_SPEC = ParameterSpec(
+    "tolerance", "", Interval(gt=0, lt=1), "settling band as a fraction of the final value", 0.02
+)
+TIME_POINTS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +54,14 @@ def step_latency(
     Raises:
         ParameterError: threshold <= 0, tolerance outside 0..1, n not in 3..300.
     """
-    form = modal(tactor, skin, n)
+    form = tactor_modal_form(tactor, skin, n)
     sign = 1.0 if volts * tactor.mu <= 0 else -1.0
 
     def w(t: Array) -> Array:
         return sign * volts * unit_step(form, t)
 
     final = float(sign * volts * -(form.residues / form.poles).sum().real)
-    return _figures(w, w, final, threshold_m, tolerance, form)
+    return _evaluate_latency(w, w, final, threshold_m, tolerance, form)
 
 
 def sine_latency(
@@ -81,9 +83,9 @@ def sine_latency(
     Raises:
         ParameterError: frequency <= 0, a drive outside the amplifier's range, threshold <= 0, tolerance outside 0..1.
     """
-    f = float(PERIODIC.check(frequency_hz))
-    form = modal(tactor, skin, n)
-    V = series("sine", amplitude_v, offset_v, amplifier or AmplifierMap(), orders_for(np.array([f])))
+    f = float(PERIODIC_FREQUENCY_SPEC.check(frequency_hz))
+    form = tactor_modal_form(tactor, skin, n)
+    V = fourier_series("sine", amplitude_v, offset_v, amplifier or AmplifierMap(), harmonic_orders(np.array([f])))
     first = np.zeros(2, complex)
     first[1] = V[1]
 
@@ -94,50 +96,50 @@ def sine_latency(
         return np.abs(onset_response(form, t, f, first))
 
     final = float(abs(V[1] * receptance(form, np.array([2 * np.pi * f]))[0]))
-    return _figures(deflection, envelope, final, threshold_m, tolerance, form, slowest_hz=f)
+    return _evaluate_latency(deflection, envelope, final, threshold_m, tolerance, form, slowest_hz=f)
 
 
-def _figures(
-    felt: Callable[[Array], Array],
+def _evaluate_latency(
+    threshold_signal: Callable[[Array], Array],
     envelope: Callable[[Array], Array],
     final: float,
     threshold_m: float,
     tolerance: float,
-    form: Modal,
+    form: ModalForm,
     slowest_hz: float = np.inf,
 ) -> Latency:
-    threshold, band = float(THRESHOLD.check(threshold_m)), float(TOLERANCE.check(tolerance))
+    threshold, band = float(THRESHOLD_SPEC.check(threshold_m)), float(TOLERANCE_SPEC.check(tolerance))
     if final == 0:
         return Latency(0.0, None, None, None, 0.0)
     decay = float((-form.poles.real).min())
     slowest = float(np.abs(form.poles).min())
     # Without damping nothing ever settles: look at a hundred periods only.
     span = 12 / decay if decay > 1e-3 * slowest else 200 * np.pi / slowest
-    t = np.linspace(0.0, max(span, 2 / slowest_hz), POINTS)
+    t = np.linspace(0.0, max(span, 2 / slowest_hz), TIME_POINTS)
     e = envelope(t)
-    low, high = (_first(envelope, t, e, share * final) for share in (0.1, 0.9))
+    low, high = (_first_crossing(envelope, t, e, share * final) for share in (0.1, 0.9))
     outside = np.abs(e - final) > band * final
-    settled = None if outside[-1] else _last(lambda s: np.abs(envelope(s) - final), t, outside, band * final)
+    settled = None if outside[-1] else _last_crossing(lambda s: np.abs(envelope(s) - final), t, outside, band * final)
     rise = None if low is None or high is None else high - low
     over = max(0.0, float(e.max()) / final - 1)
-    deflection = e if felt is envelope else felt(t)
-    return Latency(final, _first(felt, t, deflection, threshold), rise, settled, over)
+    deflection = e if threshold_signal is envelope else threshold_signal(t)
+    return Latency(final, _first_crossing(threshold_signal, t, deflection, threshold), rise, settled, over)
 
 
-def _first(w: Callable[[Array], Array], t: Array, samples: Array, level: float) -> float | None:
+def _first_crossing(w: Callable[[Array], Array], t: Array, samples: Array, level: float) -> float | None:
     above = np.flatnonzero(samples >= level)
     if not above.size:
         return None
     i = int(above[0])
-    return 0.0 if i == 0 else _cross(w, t[i - 1], t[i], level)
+    return 0.0 if i == 0 else _bisect_crossing(w, t[i - 1], t[i], level)
 
 
-def _last(w: Callable[[Array], Array], t: Array, outside: NDArray[np.bool_], level: float) -> float:
+def _last_crossing(w: Callable[[Array], Array], t: Array, outside: NDArray[np.bool_], level: float) -> float:
     out = np.flatnonzero(outside)
-    return 0.0 if not out.size else _cross(w, t[out[-1]], t[out[-1] + 1], level)
+    return 0.0 if not out.size else _bisect_crossing(w, t[out[-1]], t[out[-1] + 1], level)
 
 
-def _cross(w: Callable[[Array], Array], a: float, b: float, level: float) -> float:
+def _bisect_crossing(w: Callable[[Array], Array], a: float, b: float, level: float) -> float:
     """Where w crosses `level` between a and b, by bisection to the last digits that matter."""
     rising = w(np.array([b]))[0] >= level
     for _ in range(50):

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.beam.galerkin import matrices
 from model.parameters import Beam, Tactor
-from model.response.frequency_response import outputs, system
-from model.skin import FREE, Skin
+from model.response.frequency_response import output_rows, system_matrices
+from model.skin import NO_SKIN, Skin
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ def natural_frequencies(tactor: Tactor, skin: Skin | None = None, n: int = 7) ->
     Raises:
         ParameterError: n is not in 3..300.
     """
-    return natural_frequencies_of(tactor.beam, (skin or FREE).k_s, n)
+    return natural_frequencies_of(tactor.beam, (skin or NO_SKIN).k_s, n)
 
 
 def natural_frequencies_of(beam: Beam, k_s: ArrayLike = 0.0, n: int = 7) -> Array:
@@ -38,11 +38,11 @@ def mode_shapes(tactor: Tactor, x: ArrayLike, skin: Skin | None = None, n: int =
     Raises:
         ParameterError: n is not in 3..300, or x lies outside 0..L.
     """
-    m = system(tactor, skin, n)
+    m = system_matrices(tactor, skin, n)
     W = np.linalg.inv(np.linalg.cholesky(m.M))
     V = (W.T @ np.linalg.eigh(W @ m.K @ W.T)[1])[:, :count]
     V = V * np.sign(m.B_F @ V)
-    return np.asarray(np.moveaxis(outputs(tactor, x, n) @ V, -1, 0))
+    return np.asarray(np.moveaxis(output_rows(tactor, x, n) @ V, -1, 0))
 
 
 def damping_ratios(poles: ArrayLike) -> Array:

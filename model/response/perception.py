@@ -6,8 +6,8 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike, NDArray
 
-from model.parameter_spec import ParameterError, Quantity
-from model.response.frequency_response import PERIODIC
+from model.parameter_spec import ParameterError, ParameterSpec
+from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC
 
 Array = NDArray[np.float64]
 
@@ -15,11 +15,13 @@ THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
 
 
-AMPLITUDE = Quantity("threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M)
+THRESHOLD_AMPLITUDE = ParameterSpec(
+    "threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Threshold:
+class PerceptionThreshold:
     """Discrimination threshold against frequency: straight lines in log-log between the points, constant beyond them.
 
     Raises:
@@ -30,7 +32,7 @@ class Threshold:
     amplitude_m: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        f, a = PERIODIC.check(self.frequency_hz), AMPLITUDE.check(self.amplitude_m)
+        f, a = PERIODIC_FREQUENCY_SPEC.check(self.frequency_hz), THRESHOLD_AMPLITUDE.check(self.amplitude_m)
         if f.size == 0 or f.shape != a.shape:
             raise ParameterError(
                 f"threshold curve has {f.size} frequencies and {a.size} amplitudes: give one amplitude per frequency"
@@ -38,26 +40,28 @@ class Threshold:
         if (np.diff(f) <= 0).any():
             raise ParameterError(f"threshold frequencies {self.frequency_hz} do not rise: sort them")
 
-    def at(self, frequency_hz: ArrayLike) -> Array:
+    def amplitude_at(self, frequency_hz: ArrayLike) -> Array:
         """Threshold in m at each frequency (> 0), shape kept."""
-        f = np.log(PERIODIC.check(frequency_hz))
+        f = np.log(PERIODIC_FREQUENCY_SPEC.check(frequency_hz))
         return np.exp(np.interp(f, np.log(self.frequency_hz), np.log(self.amplitude_m)))
 
 
-ABDOMEN = Threshold((1.0,), (THRESHOLD_M,))
+ABDOMEN_THRESHOLD = PerceptionThreshold((1.0,), (THRESHOLD_M,))
 """50 um on the abdomen, almost constant below 250 Hz (paper, ref. [33])."""
 
 
-def margin(frequency_hz: ArrayLike, amplitude_m: ArrayLike, threshold: Threshold = ABDOMEN) -> Array:
+def perception_margin(
+    frequency_hz: ArrayLike, amplitude_m: ArrayLike, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
+) -> Array:
     """Amplitude over threshold, 1 where it is just felt; shape of `frequency_hz`.
 
     The paper sets its measured amplitude, max - min, against the 50 um; give whichever amplitude the threshold is for.
     """
-    return np.asarray(np.abs(amplitude_m) / threshold.at(frequency_hz))
+    return np.asarray(np.abs(amplitude_m) / threshold.amplitude_at(frequency_hz))
 
 
 def usable_bands(
-    frequency_hz: ArrayLike, amplitude_m: ArrayLike, threshold: Threshold = ABDOMEN
+    frequency_hz: ArrayLike, amplitude_m: ArrayLike, threshold: PerceptionThreshold = ABDOMEN_THRESHOLD
 ) -> tuple[tuple[float, float], ...]:
     """Intervals of frequency (Hz) where the margin is at least 1, within the frequencies given, which must rise.
 
@@ -66,10 +70,10 @@ def usable_bands(
     Raises:
         ParameterError: frequencies that do not rise, or are not positive.
     """
-    f = PERIODIC.check(frequency_hz)
+    f = PERIODIC_FREQUENCY_SPEC.check(frequency_hz)
     if f.ndim != 1 or (np.diff(f) <= 0).any():
         raise ParameterError("frequencies of a usable band must be one rising row: sort them")
-    level = np.log(np.maximum(margin(f, amplitude_m, threshold), np.finfo(float).tiny))
+    level = np.log(np.maximum(perception_margin(f, amplitude_m, threshold), np.finfo(float).tiny))
     felt = level >= 0
     edges = np.flatnonzero(felt[1:] != felt[:-1])
     cross = f[edges] + (f[edges + 1] - f[edges]) * level[edges] / (level[edges] - level[edges + 1])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.parameters import Beam, Tactor
-from model.response.frequency_response import check_x
+from model.response.frequency_response import check_position
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def deflection(tactor: Tactor, x: ArrayLike, volts: float = 0.0, load_n: float =
     Raises:
         ParameterError: x lies outside 0..L.
     """
-    x = check_x(tactor, x)
+    x = check_position(tactor, x)
     L, L1, k1, k2 = tactor.L, tactor.L1, tactor.k1, tactor.k2
     flexibility = L1 / k1 + (L - L1) / k2
     a = (L1**2 / k1 + (L**2 - L1**2) / k2) / 2 / flexibility

@@ -12,17 +12,17 @@ from annotated_types import Interval
 from numpy.typing import ArrayLike, NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.beam.poles import Modal
-from model.parameter_spec import ParameterError, Quantity
+from model.beam.poles import ModalForm
+from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Tactor
-from model.response.drive_spectrum import series
-from model.response.frequency_response import FREQUENCY, modal
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import FREQUENCY_SPEC, tactor_modal_form
 from model.skin import Skin
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-DURATION = Quantity("duration", "s", Interval(gt=0), "duration of the sweep", None)
+DURATION_SPEC = ParameterSpec("duration", "s", Interval(gt=0), "duration of the sweep", None)
 
 
 def sweep_response(
@@ -46,13 +46,13 @@ def sweep_response(
     Raises:
         ParameterError: a time outside 0..duration, a frequency < 0, or a drive outside the amplifier's range.
     """
-    duration = float(DURATION.check(duration_s))
-    t = Quantity("time", "s", Interval(ge=0, le=duration), "time since the sweep began", None).check(time_s)
-    start, stop = (float(FREQUENCY.check(f)) for f in (start_hz, stop_hz))
+    duration = float(DURATION_SPEC.check(duration_s))
+    t = ParameterSpec("time", "s", Interval(ge=0, le=duration), "time since the sweep began", None).check(time_s)
+    start, stop = (float(FREQUENCY_SPEC.check(f)) for f in (start_hz, stop_hz))
     if orders < 1:
         raise ParameterError(f"orders is {orders}: at least the fundamental (1) must be followed")
-    V = series("sine", amplitude_v, offset_v, amplifier or AmplifierMap(), orders)
-    form = modal(tactor, skin, n)
+    V = fourier_series("sine", amplitude_v, offset_v, amplifier or AmplifierMap(), orders)
+    form = tactor_modal_form(tactor, skin, n)
     rest = float((amplifier or AmplifierMap()).specimen_v(offset_v))
     rate = (stop - start) / duration
     static = -(form.residues / form.poles).sum().real
@@ -63,22 +63,22 @@ def sweep_response(
     return w
 
 
-def chirp_response(form: Modal, t: Array, a: float, b: float) -> Complex:
+def chirp_response(form: ModalForm, t: Array, a: float, b: float) -> Complex:
     """sum_k r_k z_k(t) for the drive exp(i (a t + b t^2 / 2)) from rest; complex, shape of t.
 
     The drive is complex, so the real and imaginary parts are the answers to the cosine and the sine.
     """
     w = np.zeros(t.shape, complex)
     for s, r in zip(*form, strict=True):
-        w += r * (_steady(s, t, a) if b == 0 else _chirped(s, t, a, b))
+        w += r * (_harmonic_response(s, t, a) if b == 0 else _chirp_response(s, t, a, b))
     return w
 
 
-def _steady(s: complex, t: Array, a: float) -> Complex:
+def _harmonic_response(s: complex, t: Array, a: float) -> Complex:
     return np.asarray((np.exp(1j * a * t) - np.exp(s * t)) / (1j * a - s))
 
 
-def _chirped(s: complex, t: Array, a: float, b: float) -> Complex:
+def _chirp_response(s: complex, t: Array, a: float, b: float) -> Complex:
     from scipy.special import wofz
 
     p = np.sqrt(-0.5j * b)

@@ -4,16 +4,16 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike, NDArray
 
-from model.beam.poles import Modal
-from model.parameter_spec import Quantity
+from model.beam.poles import ModalForm
+from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
-from model.response.frequency_response import modal
+from model.response.frequency_response import tactor_modal_form
 from model.skin import Skin
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-TIME = Quantity("time", "s", Interval(ge=0), "time since the drive began", None)
+TIME_SPEC = ParameterSpec("time", "s", Interval(ge=0), "time since the drive began", None)
 
 
 def step_response(
@@ -29,10 +29,10 @@ def step_response(
     Raises:
         ParameterError: a time < 0, n not in 3..300, x outside 0..L.
     """
-    return volts * unit_step(modal(tactor, skin, n, x), TIME.check(time_s))
+    return volts * unit_step(tactor_modal_form(tactor, skin, n, x), TIME_SPEC.check(time_s))
 
 
-def unit_step(form: Modal, t: Array) -> Array:
+def unit_step(form: ModalForm, t: Array) -> Array:
     """sum_k r_k (exp(s_k t) - 1) / s_k for one output, shape of t."""
     s, r = form
     above = s.imag >= 0  # of a conjugate pair one tells both
@@ -40,7 +40,7 @@ def unit_step(form: Modal, t: Array) -> Array:
     return np.asarray((np.expm1(np.multiply.outer(t, s)) @ (r / s)).real)
 
 
-def onset_response(form: Modal, t: Array, frequency_hz: float, V: Complex) -> Complex:
+def onset_response(form: ModalForm, t: Array, frequency_hz: float, V: Complex) -> Complex:
     """Response to the drive Re sum_k V_k exp(i k w t) that begins at t = 0, complex before Re; shape of t.
 
     With one harmonic its modulus is the envelope, free of the start phase.

@@ -29,12 +29,12 @@ class Convergence:
     """(len(n),): undamped first frequency; Rayleigh-Ritz approaches it from above."""
 
     @property
-    def worst(self) -> Array:
+    def max_error(self) -> Array:
         """(len(n),): the largest `error` over the frequencies."""
         return np.asarray(self.error.max(axis=1))
 
     @property
-    def worst_amplitude(self) -> Array:
+    def max_amplitude_error(self) -> Array:
         """(len(n),): the largest `amplitude_error` over the frequencies."""
         return np.asarray(self.amplitude_error.max(axis=1))
 

@@ -14,13 +14,13 @@ from model.parameters import Membrane, Tactor, beams
 from model.response.modes import natural_frequencies_of
 from model.response.statics import load_compliance, voltage_gain
 from model.specimen import Specimen
-from model.studies.parameter_study import SWEPT_HZ, Study, fig10, fig11, fig12
+from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class FigureCurve:
     """One line of a figure; x and y have the same length."""
 
     label: str
@@ -29,7 +29,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class PaperFigure:
     """One figure, or one panel of it: curves over one x, SI units."""
 
     name: str
@@ -37,72 +37,72 @@ class Figure:
     x_unit: str
     y_label: str
     y_unit: str
-    curves: tuple[Curve, ...]
+    curves: tuple[FigureCurve, ...]
     caption: str
 
 
-def figure4(t: Tactor) -> Figure:
+def figure4(t: Tactor) -> PaperFigure:
     """Static deflection under a load at the centre, Eq. (7)."""
     load = np.linspace(0, 0.5, 51) * GRAVITY
     w = load_compliance(t) * load
-    return Figure(
+    return PaperFigure(
         "fig4",
         "load at the centre",
         "N",
         "deflection of the centre",
         "m",
-        (Curve("Eq. (7), corrected", load, w), Curve("Eq. (7) as printed", load, w * t.k2 / t.k1)),
+        (FigureCurve("Eq. (7), corrected", load, w), FigureCurve("Eq. (7) as printed", load, w * t.k2 / t.k1)),
         "Static deflection under a load. The printed denominator of Eq. (7), 24 k1^2 [...], does not follow from Eqs. (1)-(6) "
         "and makes the tactor 7.6 times too soft: 500 g would exceed the 0.77 mm gap. It must read 24 k1 k2 [...].",
     )
 
 
-def figure5(t: Tactor) -> Figure:
+def figure5(t: Tactor) -> PaperFigure:
     """First undamped natural frequency against the added mass."""
     mass = np.linspace(1.75e-3, 9.75e-3, 81)
     f = natural_frequencies_of(beams(t, {"m_add": mass}))[:, 0]
     literal = natural_frequencies_of(beams(t, {"m_add": 2 * mass}))[:, 0]
-    return Figure(
+    return PaperFigure(
         "fig5",
         "added mass",
         "kg",
         "fundamental frequency",
         "Hz",
         (
-            Curve("eta = m_add / (2 (L - L2))", mass, f),
-            Curve("eta = m_add / (L - L2), the text's words", mass, literal),
+            FigureCurve("eta = m_add / (2 (L - L2))", mass, f),
+            FigureCurve("eta = m_add / (L - L2), the text's words", mass, literal),
         ),
         "Fundamental frequency without damping. The text takes eta as added mass over the length of the third segment; only with "
         "half of it, since the cylinder sits on both halves of the beam, does 7.73 g resonate near 160 Hz as the text says.",
     )
 
 
-def figure6(t: Tactor) -> Figure:
+def figure6(t: Tactor) -> PaperFigure:
     """Static deflection against the voltage at the amplifier's input, Eq. (8)."""
     volts = np.linspace(0, 5, 51)
     w = voltage_gain(t) * AmplifierMap().specimen_v(volts)
-    return Figure(
+    return PaperFigure(
         "fig6",
         "voltage at the amplifier's input",
         "V",
         "deflection of the centre",
         "m",
-        (Curve("Eq. (8)", volts, w),),
+        (FigureCurve("Eq. (8)", volts, w),),
         "Static deflection under a voltage, zero at 2.5 V. The kink is the amplifier's: 200 V/V below 2.5 V, 600 V/V above.",
     )
 
 
-def figure8(m: Membrane) -> Figure:
+def figure8(m: Membrane) -> PaperFigure:
     """Skin damping against pre-stretch."""
     delta = np.linspace(0, 6.35e-3, 51) / m.L_m
     c_s = m.c_s_delta * delta + m.c_s_0
-    return Figure(
+    return PaperFigure(
         "fig8",
         "pre-stretch",
         "",
         "skin damping",
         "kg/(m s)",
-        (Curve("c_s = c_s^delta delta + c_s^0", delta, c_s),),
+        (FigureCurve("c_s = c_s^delta delta + c_s^0", delta, c_s),),
         "Skin damping against pre-stretch, the paper's line through its fixed intercept.",
     )
 
@@ -110,31 +110,33 @@ def figure8(m: Membrane) -> Figure:
 ELONGATIONS_M = (None, 0.0, 1.27e-3, 2.54e-3, 3.81e-3, 6.35e-3)
 
 
-def figure9(t: Tactor, m: Membrane) -> tuple[Figure, ...]:
+def figure9(t: Tactor, m: Membrane) -> tuple[PaperFigure, ...]:
     """Six panels: free, and on the membrane at five elongations."""
     return tuple(_panel(letter, e, t, m) for letter, e in zip("abcdef", ELONGATIONS_M, strict=True))
 
 
-def _panel(letter: str, elongation_m: float | None, t: Tactor, m: Membrane) -> Figure:
+def _panel(letter: str, elongation_m: float | None, t: Tactor, m: Membrane) -> PaperFigure:
     if elongation_m is None:
         on, where = Specimen(t), "vibrating freely"
     else:
         on = Specimen(t, m, delta=elongation_m / m.L_m)
         where = f"on the membrane at {elongation_m * 1e3:g} mm elongation"
-    f = np.array(SWEPT_HZ)
-    fundamental = Study({}, SWEPT_HZ, on).run().values
-    whole = Study({}, SWEPT_HZ, on, measure="peak_to_peak").run().values
-    curves = (Curve("2 x fundamental", f, fundamental), Curve("max - min", f, whole))
+    f = np.array(FIGURE_FREQUENCIES_HZ)
+    fundamental = Study({}, FIGURE_FREQUENCIES_HZ, on).run().values
+    whole = Study({}, FIGURE_FREQUENCIES_HZ, on, measure="peak_to_peak").run().values
+    curves = (FigureCurve("2 x fundamental", f, fundamental), FigureCurve("max - min", f, whole))
     return _frequency_figure(
-        f"fig9{letter}", curves, f"Response to a 0..5 V sine, {where}. {HARMONICS} {PANELS.get(letter, '')}"
+        f"fig9{letter}",
+        curves,
+        f"Response to a 0..5 V sine, {where}. {HARMONICS_CAPTION} {PANEL_CAPTIONS.get(letter, '')}",
     )
 
 
-HARMONICS = (
+HARMONICS_CAPTION = (
     "The amplifier's two slopes add even harmonics, so that max - min, which is what was measured, exceeds the fundamental "
     "near half the resonance."
 )
-PANELS = {
+PANEL_CAPTIONS = {
     "a": "The text speaks of a zero before the resonance; Eqs. (1)-(6) with Table I have none: the fundamental rises "
     "monotonically to its peak at 151 Hz.",
     "b": "The text speaks of a higher amplitude at low frequencies and a higher resonance frequency than in (a); the equations give "
@@ -142,11 +144,11 @@ PANELS = {
 }
 
 
-def figure10(t: Tactor, m: Membrane) -> Figure:
+def figure10(t: Tactor, m: Membrane) -> PaperFigure:
     """Effect of skin stiffness."""
     return _study_figure(
         "fig10",
-        fig10(t, m),
+        fig10_study(t, m),
         "E_m = {:.0e} Pa",
         "Effect of the membrane's Young modulus at 1 mm elongation without skin damping. The text speaks of a zero, and of a higher "
         "amplitude at low frequencies for 1e7 Pa; the equations have no zero and give a lower one (by 3.5 % at 1 Hz). For 1e9 Pa the "
@@ -155,44 +157,44 @@ def figure10(t: Tactor, m: Membrane) -> Figure:
 
 
 def _stiffest_hz(t: Tactor, m: Membrane) -> float:
-    beam, k_s, _ = fig10(t, m).specimen.letters({"E_m": 1e9})
+    beam, k_s, _ = fig10_study(t, m).specimen.coefficients({"E_m": 1e9})
     return float(natural_frequencies_of(beam, k_s)[0])
 
 
-def figure11(t: Tactor, m: Membrane) -> Figure:
+def figure11(t: Tactor, m: Membrane) -> PaperFigure:
     """Effect of skin damping."""
     return _study_figure(
         "fig11",
-        fig11(t, m),
+        fig11_study(t, m),
         "c_s = {:.3g} kg/(m s)",
         "Effect of skin damping, 0.001, 1, 10, 25 and 50 times c_bar = 6.66 kg/(m s), without pre-stretch. The text speaks of a zero "
         "that shifts; the equations have none. The loss of amplitude with 25 and 50 c_bar is largest at the resonance, not above it.",
     )
 
 
-def figure12(t: Tactor, m: Membrane) -> Figure:
+def figure12(t: Tactor, m: Membrane) -> PaperFigure:
     """Effect of pre-stretch."""
     return _study_figure(
         "fig12",
-        fig12(t, m),
+        fig12_study(t, m),
         "delta = {:.0e}",
         "Effect of pre-stretch on stiffness and damping together. The text has the response at 10 % flatten out above the one at 1 %; by "
         "the equations it stays below it at every frequency and falls under 50 um from 150 Hz on. Neither has a plateau or a zero.",
     )
 
 
-def _study_figure(name: str, study: Study, label: str, caption: str) -> Figure:
+def _study_figure(name: str, study: Study, label: str, caption: str) -> PaperFigure:
     result = study.run()
     f = np.array(study.frequency_hz)
-    curves = (Curve(label.format(v), f, y) for v, y in zip(result.axes[0].values, result.values, strict=True))
+    curves = (FigureCurve(label.format(v), f, y) for v, y in zip(result.axes[0].values, result.values, strict=True))
     return _frequency_figure(name, tuple(curves), f"{caption} Twice the fundamental.")
 
 
-def _frequency_figure(name: str, curves: tuple[Curve, ...], caption: str) -> Figure:
-    return Figure(name, "frequency", "Hz", "amplitude of the centre, peak to peak", "m", curves, caption.strip())
+def _frequency_figure(name: str, curves: tuple[FigureCurve, ...], caption: str) -> PaperFigure:
+    return PaperFigure(name, "frequency", "Hz", "amplitude of the centre, peak to peak", "m", curves, caption.strip())
 
 
-def figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> tuple[Figure, ...]:
+def paper_figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> tuple[PaperFigure, ...]:
     """All of them; Fig. 9 as six panels. With other parameters than Table I's the captions say so."""
     t, m = tactor or Tactor(), membrane or Membrane()
     drawn = (
@@ -205,13 +207,13 @@ def figures(tactor: Tactor | None = None, membrane: Membrane | None = None) -> t
         figure11(t, m),
         figure12(t, m),
     )
-    changed = ", ".join(_changes(t, Tactor()) + _changes(m, Membrane()))
+    changed = ", ".join(_changed_parameters(t, Tactor()) + _changed_parameters(m, Membrane()))
     if not changed:
         return drawn
     note = f"Drawn with {changed}; what is said of the text and of single numbers holds for Table I."
     return tuple(replace(figure, caption=f"{figure.caption} {note}") for figure in drawn)
 
 
-def _changes(of: Tactor | Membrane, table: Tactor | Membrane) -> list[str]:
-    values = ((f.name, getattr(of, f.name), getattr(table, f.name)) for f in fields(of))
+def _changed_parameters(parameters: Tactor | Membrane, reference: Tactor | Membrane) -> list[str]:
+    values = ((f.name, getattr(parameters, f.name), getattr(reference, f.name)) for f in fields(parameters))
     return [f"{name} = {value:g}" for name, value, usual in values if value != usual]

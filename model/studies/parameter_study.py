@@ -1,6 +1,6 @@
 """Parameter studies: any variable over any values, one or several at once, in chunks of bounded memory.
 
-A study is a description; `blocks` computes it chunk by chunk, in process or on any `concurrent.futures.Executor` (a Dask
+A study is a description; `blocks` computes it chunk by chunk, in process or on any `concurrent.futures.StepExecutor` (a Dask
 client's `get_executor()` is one). Figs. 10, 11 and 12 of the paper are presets.
 """
 
@@ -20,16 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from model.amplifier_map import AmplifierMap
 from model.beam.galerkin import matrices
 from model.beam.poles import modal_form, receptance
-from model.beam.shape_functions import check_n
+from model.beam.shape_functions import check_shape_count
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.drive_spectrum import series
-from model.response.frequency_response import check_frequency, orders_for, peak_to_peak, period_points
-from model.specimen import Specimen, specimen_record, variables
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import check_frequency, harmonic_orders, peak_to_peak, samples_per_period
+from model.specimen import Specimen, specimen_record, variable_specs
 
 Array = NDArray[np.float64]
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
-UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
+MEASURE_UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +91,12 @@ class Study:
 
     def __post_init__(self) -> None:
         f = check_frequency(self.frequency_hz)
-        check_n(self.n)
-        series("sine", self.amplitude_v, self.offset_v, self.amplifier, 1)
+        check_shape_count(self.n)
+        fourier_series("sine", self.amplitude_v, self.offset_v, self.amplifier, 1)
         if self.measure == "peak_to_peak" and (f == 0).any():
             raise ParameterError("frequency is 0 Hz: a periodic drive needs a frequency greater than 0; leave 0 out")
         for name, values in self.vary.items():
-            self.specimen.letters({name: values})
+            self.specimen.coefficients({name: values})
             if not len(values):
                 raise ParameterError(f"{name} has no values: give the study at least one")
         if not self.memory_mb > 0:
@@ -110,7 +110,7 @@ class Study:
     @property
     def axes(self) -> tuple[Axis, ...]:
         """The variables, then frequency."""
-        known = variables()
+        known = variable_specs()
         named = (Axis(name, known[name].unit, tuple(values)) for name, values in self.vary.items())
         return (*named, Axis("frequency", "Hz", self.frequency_hz))
 
@@ -131,32 +131,34 @@ class Study:
         return {n: v for n, v in specimen_record(specimen).items() if n not in follows and n not in self.vary}
 
     @property
-    def chunk(self) -> int:
+    def chunk_size(self) -> int:
         """Parameter sets computed at once, such that their intermediate arrays stay below `memory_mb`."""
         points = len(self.frequency_hz)
         samples = 0
         if self.measure == "peak_to_peak":
-            orders = orders_for(np.asarray(self.frequency_hz))
-            samples, points = points * period_points(orders + 1), points * (orders + 1)
+            orders = harmonic_orders(np.asarray(self.frequency_hz))
+            samples, points = points * samples_per_period(orders + 1), points * (orders + 1)
         per_set = 8 * (3 * self.n + 8) * points + 32 * samples + 200 * self.n**2
         return max(1, int(self.memory_mb * 1e6 / per_set))
 
-    def blocks(self, executor: Executor | None = None, in_flight: int = 8) -> Iterator[tuple[int, NDArray[Any]]]:
+    def chunks(self, executor: Executor | None = None, in_flight: int = 8) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield (index of the first set, values (sets, F)) in order, computing as they are asked for.
 
         With an executor at most `in_flight` chunks are handed out beyond the one being read; closing the iterator cancels them.
         """
         total = prod(self.shape)
-        starts = iter(range(0, total, self.chunk))
+        starts = iter(range(0, total, self.chunk_size))
         if executor is None:
             for start in starts:
-                yield start, _block(self, start, min(start + self.chunk, total))
+                yield start, _compute_chunk(self, start, min(start + self.chunk_size, total))
             return
         waiting: deque[tuple[int, Future[NDArray[Any]]]] = deque()
         try:
             while True:
                 for first in islice(starts, in_flight - len(waiting)):
-                    waiting.append((first, executor.submit(_block, self, first, min(first + self.chunk, total))))
+                    waiting.append(
+                        (first, executor.submit(_compute_chunk, self, first, min(first + self.chunk_size, total)))
+                    )
                 if not waiting:
                     return
                 start, future = waiting.popleft()
@@ -170,22 +172,22 @@ class Study:
         values = np.empty(
             (prod(self.shape), len(self.frequency_hz)), complex if self.measure == "receptance" else float
         )
-        for start, block in self.blocks(executor):
+        for start, block in self.chunks(executor):
             values[start : start + len(block)] = block
-        return StudyResult(self.measure, UNITS[self.measure], self.axes, values.reshape(*self.shape, -1))
+        return StudyResult(self.measure, MEASURE_UNITS[self.measure], self.axes, values.reshape(*self.shape, -1))
 
 
-def _block(study: Study, start: int, stop: int) -> NDArray[Any]:
+def _compute_chunk(study: Study, start: int, stop: int) -> NDArray[Any]:
     """Sets start..stop of a study; a function of its own, so that it can be sent to another process."""
     index = np.unravel_index(np.arange(start, stop), study.shape or (1,))
     values = {name: np.asarray(v, float)[i] for (name, v), i in zip(study.vary.items(), index, strict=False)}
-    return responses(study, values)
+    return study_responses(study, values)
 
 
-def responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
+def study_responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
     """The study's measure for sets of values, arrays of one length P, instead of its own grid; shape (P, F)."""
     f = check_frequency(study.frequency_hz)
-    beam, k_s, c_s = study.specimen.letters(values)
+    beam, k_s, c_s = study.specimen.coefficients(values)
     M, C, K, B, B_F = matrices(beam, k_s, c_s, study.n)
     sets = max((np.size(v) for v in values.values()), default=1)
     form = modal_form(M, C, K, B, 2 * B_F)
@@ -193,36 +195,36 @@ def responses(study: Study, values: Mapping[str, ArrayLike]) -> NDArray[Any]:
         case "receptance":
             out: NDArray[Any] = receptance(form, 2 * np.pi * f)
         case "fundamental":
-            V = series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
+            V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, 1)
             out = 2 * abs(V[1]) * np.abs(receptance(form, 2 * np.pi * f))
         case "peak_to_peak":
-            orders = orders_for(f)
-            V = series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
+            orders = harmonic_orders(f)
+            V = fourier_series("sine", study.amplitude_v, study.offset_v, study.amplifier, orders)
             H = receptance(form, np.outer(2 * np.pi * f, np.arange(orders + 1)).ravel())
             out = peak_to_peak(H.reshape(*H.shape[:-1], f.size, orders + 1) * V)
     return np.broadcast_to(out, (sets, f.size))
 
 
-SWEPT_HZ = tuple(float(f) for f in range(1, 251))
+FIGURE_FREQUENCIES_HZ = tuple(float(f) for f in range(1, 251))
 
 
-def fig10(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+def fig10_study(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of skin stiffness: E_m over six decades at 1 mm elongation, no skin damping (Sec. V-A)."""
     membrane = membrane or Membrane()
     on = Specimen(tactor or Tactor(), membrane, delta=1e-3 / membrane.L_m, c_s=0.0)
-    return Study({"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}, SWEPT_HZ, on)
+    return Study({"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}, FIGURE_FREQUENCIES_HZ, on)
 
 
-def fig11(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+def fig11_study(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of skin damping: c_s as multiples of c_bar, no pre-stretch (Sec. V-B)."""
     on = Specimen(tactor or Tactor(), membrane or Membrane())
-    return Study({"c_s": tuple(m * on.tactor.c_bar for m in (1e-3, 1.0, 10.0, 25.0, 50.0))}, SWEPT_HZ, on)
+    return Study({"c_s": tuple(m * on.tactor.c_bar for m in (1e-3, 1.0, 10.0, 25.0, 50.0))}, FIGURE_FREQUENCIES_HZ, on)
 
 
-def fig12(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
+def fig12_study(tactor: Tactor | None = None, membrane: Membrane | None = None) -> Study:
     """Effect of pre-stretch on stiffness and damping together (Sec. V-C)."""
     on = Specimen(tactor or Tactor(), membrane or Membrane())
-    return Study({"delta": (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)}, SWEPT_HZ, on)
+    return Study({"delta": (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)}, FIGURE_FREQUENCIES_HZ, on)
 
 
-PRESETS = {"fig10": fig10, "fig11": fig11, "fig12": fig12}
+STUDY_PRESETS = {"fig10": fig10_study, "fig11": fig11_study, "fig12": fig12_study}

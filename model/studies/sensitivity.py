@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.parameter_spec import ParameterError
-from model.studies.parameter_study import Study, responses
+from model.studies.parameter_study import Study, study_responses
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Sensitivity:
     """(outputs, variables): share that would vanish if the variable were known."""
 
 
-def sobol(
+def sobol_indices_of(
     study: Study,
     ranges: Mapping[str, tuple[float, float]],
     samples: int = 1024,
@@ -53,12 +53,12 @@ def sobol(
             raise ParameterError(
                 f"{name} ranges from {low:g} to {high:g}: the first limit must be less than the second"
             )
-        study.specimen.letters({name: np.array([low, high])})
+        study.specimen.coefficients({name: np.array([low, high])})
     names = tuple(ranges)
 
     def outputs(x: Array) -> Array:
         """(variables, P) -> (outputs, P)."""
-        amplitude = many_responses(study, dict(zip(names, x, strict=True)), executor)
+        amplitude = chunked_responses(study, dict(zip(names, x, strict=True)), executor)
         peak = amplitude.argmax(1)
         return np.vstack((amplitude.max(1), np.asarray(study.frequency_hz)[peak], amplitude.T))
 
@@ -68,11 +68,11 @@ def sobol(
     return Sensitivity(names, labels, np.asarray(got.first_order), np.asarray(got.total_order))
 
 
-def many_responses(study: Study, values: Mapping[str, Array], executor: Executor | None = None) -> NDArray[Any]:
+def chunked_responses(study: Study, values: Mapping[str, Array], executor: Executor | None = None) -> NDArray[Any]:
     """The study's measure for any number P of sets, arrays of one length, chunk by chunk; shape (P, F)."""
     sets = max(np.size(v) for v in values.values())
     bare = replace(study, vary={})
-    starts = range(0, sets, study.chunk)
-    pieces = [{k: np.broadcast_to(v, sets)[i : i + study.chunk] for k, v in values.items()} for i in starts]
+    starts = range(0, sets, study.chunk_size)
+    pieces = [{k: np.broadcast_to(v, sets)[i : i + study.chunk_size] for k, v in values.items()} for i in starts]
     run = map if executor is None else executor.map
-    return np.concatenate(list(run(partial(responses, bare), pieces)))
+    return np.concatenate(list(run(partial(study_responses, bare), pieces)))

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.parameter_spec import ParameterError
-from model.specimen import variables
+from model.specimen import variable_specs
 
 Array = NDArray[np.float64]
-Curve = Callable[[Mapping[str, Array]], Array]
+ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
 """Takes arrays of P values by name and gives P curves, (P, F)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Estimates:
+class EstimateSet:
     """Named values with their covariance, SI.
 
     Raises:
@@ -28,7 +28,7 @@ class Estimates:
     """(P, P), in the units of the values."""
 
     def __post_init__(self) -> None:
-        known = variables()
+        known = variable_specs()
         if len(self.names) != len(self.values):
             raise ParameterError(
                 f"estimates have {len(self.names)} names but {len(self.values)} values: give one value each"
@@ -50,7 +50,7 @@ class Estimates:
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
+class UncertaintyBand:
     """A curve and the band around it, each of shape (F,), in the unit of the curve."""
 
     centre: Array
@@ -59,7 +59,7 @@ class Band:
     upper: Array
 
 
-def linear_band(curve: Curve, estimates: Estimates, coverage: float = 0.95) -> Band:
+def linear_band(curve: ParameterizedCurve, estimates: EstimateSet, coverage: float = 0.95) -> UncertaintyBand:
     """Band of normal errors through the curve's derivatives (central differences; one-sided at a physical limit).
 
     Raises:
@@ -71,28 +71,28 @@ def linear_band(curve: Curve, estimates: Estimates, coverage: float = 0.95) -> B
     S = np.asarray(estimates.covariance)
     step = np.maximum(1e-5 * np.abs(v), 1e-3 * np.sqrt(np.diag(S)))
     step = np.where(step > 0, step, 1e-9)
-    up, down = _moved(estimates, v, step), _moved(estimates, v, -step)
+    up, down = _perturbed(estimates, v, step), _perturbed(estimates, v, -step)
     w = curve(dict(zip(estimates.names, np.concatenate((v[None], up, down)).T, strict=True)))
     width = np.diag(up - down)
     J = (w[1 : len(v) + 1] - w[len(v) + 1 :]) / width[:, None]
     error = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", J, S, J), 0))
-    reach = float(ndtri((1 + _coverage(coverage)) / 2)) * error
-    return Band(w[0], error, w[0] - reach, w[0] + reach)
+    reach = float(ndtri((1 + _check_coverage(coverage)) / 2)) * error
+    return UncertaintyBand(w[0], error, w[0] - reach, w[0] + reach)
 
 
-def _moved(estimates: Estimates, v: Array, step: Array) -> Array:
+def _perturbed(estimates: EstimateSet, v: Array, step: Array) -> Array:
     """Rows with one value each moved by its step, or left where that would not be physical."""
     x = v + np.diag(step)
-    return np.where(_physical(estimates.names, x)[:, None], x, v)
+    return np.where(_are_physical(estimates.names, x)[:, None], x, v)
 
 
-def _physical(names: Sequence[str], x: ArrayLike) -> NDArray[np.bool_]:
-    known = variables()
+def _are_physical(names: Sequence[str], x: ArrayLike) -> NDArray[np.bool_]:
+    known = variable_specs()
     columns = np.asarray(x).T
-    return np.asarray(np.all([known[name].admits(a) for name, a in zip(names, columns, strict=True)], axis=0))
+    return np.asarray(np.all([known[name].is_valid(a) for name, a in zip(names, columns, strict=True)], axis=0))
 
 
-def _coverage(coverage: float) -> float:
+def _check_coverage(coverage: float) -> float:
     if not 0 < coverage < 1:
         raise ParameterError(f"coverage is {coverage}: it must lie between 0 and 1, e.g. 0.95")
     return coverage

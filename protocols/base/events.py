@@ -6,12 +6,12 @@ from typing import Any, ClassVar, get_args
 
 from drivers.drive import Drive, as_record
 from drivers.interfaces import Block, Scale
-from protocols.base.jsonable import plain
-from protocols.base.records import Curve
+from protocols.base.jsonable import to_jsonable
+from protocols.base.records import ResultCurve
 from protocols.base.steps import Prompt
 
 
-class Status(StrEnum):
+class RunStatus(StrEnum):
     """How a run stands. A file that still says `running` while its program is gone tells of a crash."""
 
     RUNNING = "running"
@@ -43,7 +43,7 @@ class StreamStarted:
 
 
 @dataclass(frozen=True, slots=True)
-class Armed:
+class BenchArmed:
     """The source rests, as measured; high voltage is on, says the operator, or stays off where none is needed."""
 
     kind: ClassVar[str] = "Armed"
@@ -51,7 +51,7 @@ class Armed:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockTaken:
+class BlockStored:
     """A block is in the file; `row` is the file's row of its first scan."""
 
     kind: ClassVar[str] = "BlockTaken"
@@ -60,7 +60,7 @@ class BlockTaken:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockSeen:
+class BlockDiscarded:
     """A block that nobody keeps, taken while a person takes their time. Told, never stored."""
 
     kind: ClassVar[str] = "BlockSeen"
@@ -68,7 +68,7 @@ class BlockSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class EntryBegan:
+class EntryStarted:
     """An entry of the plan is being measured; `index` counts the plan's entries from 0."""
 
     kind: ClassVar[str] = "EntryBegan"
@@ -78,7 +78,7 @@ class EntryBegan:
 
 
 @dataclass(frozen=True, slots=True)
-class Playing:
+class DriveStarted:
     """The guard admitted a drive and the source began it."""
 
     kind: ClassVar[str] = "Playing"
@@ -86,7 +86,7 @@ class Playing:
 
 
 @dataclass(frozen=True, slots=True)
-class SettleEnded:
+class SettlingFinished:
     """The wait before a recording is over: the response became steady, the limit came first, or a fixed wait has passed."""
 
     kind: ClassVar[str] = "SettleEnded"
@@ -95,7 +95,7 @@ class SettleEnded:
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordingFinished:
     """Samples were kept under a drive: these rows of the file."""
 
     kind: ClassVar[str] = "Recorded"
@@ -125,11 +125,11 @@ class CurveReady:
     """
 
     kind: ClassVar[str] = "CurveReady"
-    curve: Curve
+    curve: ResultCurve
 
 
 @dataclass(frozen=True, slots=True)
-class Paused:
+class RunPaused:
     """Somebody paused the run: the source rests, as measured. High voltage is as the run has it."""
 
     kind: ClassVar[str] = "Paused"
@@ -138,14 +138,14 @@ class Paused:
 
 
 @dataclass(frozen=True, slots=True)
-class Resumed:
+class RunResumed:
     """The run goes on, with the entry that was interrupted."""
 
     kind: ClassVar[str] = "Resumed"
 
 
 @dataclass(frozen=True, slots=True)
-class Progressed:
+class ProgressUpdated:
     """`done` of `entries` are finished; about `left_s` of bench time remain."""
 
     kind: ClassVar[str] = "Progressed"
@@ -156,7 +156,7 @@ class Progressed:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PromptShown:
     """A person must do something."""
 
     kind: ClassVar[str] = "Asked"
@@ -165,7 +165,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class PromptAnswered:
     """A person has answered."""
 
     kind: ClassVar[str] = "Answered"
@@ -174,7 +174,7 @@ class Answered:
 
 
 @dataclass(frozen=True, slots=True)
-class Noted:
+class LogMessage:
     """A remark."""
 
     kind: ClassVar[str] = "Noted"
@@ -182,7 +182,7 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
-class FaultSwitched:
+class InjectedFaultChanged:
     """Something of a simulated bench was broken on purpose, or mended: what a run measured then is a lesson."""
 
     kind: ClassVar[str] = "FaultSwitched"
@@ -194,14 +194,14 @@ class FaultSwitched:
 
 
 @dataclass(frozen=True, slots=True)
-class GoingToRest:
+class ShutdownStarted:
     """The way out has begun; nothing is measured any more."""
 
     kind: ClassVar[str] = "GoingToRest"
 
 
 @dataclass(frozen=True, slots=True)
-class AtRest:
+class RestMeasured:
     """What the card saw of the drive at the end."""
 
     kind: ClassVar[str] = "AtRest"
@@ -215,7 +215,7 @@ class RunEnded:
     """The last event of every run, also of one whose disk is full. `estimates` are what was identified."""
 
     kind: ClassVar[str] = "RunEnded"
-    status: Status
+    status: RunStatus
     reason: str
     path: str
     estimates: tuple[Any, ...] = ()
@@ -224,24 +224,24 @@ class RunEnded:
 Event = (
     RunStarted
     | StreamStarted
-    | Armed
-    | EntryBegan
-    | BlockTaken
-    | BlockSeen
-    | Playing
-    | SettleEnded
-    | Recorded
+    | BenchArmed
+    | EntryStarted
+    | BlockStored
+    | BlockDiscarded
+    | DriveStarted
+    | SettlingFinished
+    | RecordingFinished
     | PointMeasured
     | CurveReady
-    | Paused
-    | Resumed
-    | Progressed
-    | Asked
-    | Answered
-    | Noted
-    | FaultSwitched
-    | GoingToRest
-    | AtRest
+    | RunPaused
+    | RunResumed
+    | ProgressUpdated
+    | PromptShown
+    | PromptAnswered
+    | LogMessage
+    | InjectedFaultChanged
+    | ShutdownStarted
+    | RestMeasured
     | RunEnded
 )
 
@@ -251,8 +251,8 @@ EVENTS: dict[str, type[Event]] = {event.kind: event for event in get_args(Event)
 
 def event_record(event: Any) -> dict[str, Any]:
     """The fields of an event (any frozen dataclass) as plain values, for the file and for `--json`."""
-    return {field.name: _plain(getattr(event, field.name)) for field in fields(event)}
+    return {field.name: _field_to_jsonable(getattr(event, field.name)) for field in fields(event)}
 
 
-def _plain(value: Any) -> Any:
-    return plain(as_record(value) if isinstance(value, Drive) else value)
+def _field_to_jsonable(value: Any) -> Any:
+    return to_jsonable(as_record(value) if isinstance(value, Drive) else value)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 
-def plain(value: Any) -> Any:
+def to_jsonable(value: Any) -> Any:
     """The value as dicts, lists, numbers and texts. A number that is none (NaN, infinite) is None: JSON has no such."""
     match value:
         case None | bool() | str() | int() if not isinstance(value, Enum):
@@ -16,13 +16,13 @@ def plain(value: Any) -> Any:
         case float():
             return float(value) if math.isfinite(value) else None
         case dict():
-            return {str(name): plain(item) for name, item in value.items()}
+            return {str(name): to_jsonable(item) for name, item in value.items()}
         case list() | tuple():
-            return [plain(item) for item in value]
+            return [to_jsonable(item) for item in value]
         case Enum():
-            return plain(value.value)
+            return to_jsonable(value.value)
         case np.generic() | np.ndarray():
-            return plain(value.tolist())
+            return to_jsonable(value.tolist())
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: to_jsonable(getattr(value, field.name)) for field in fields(value)}
     return str(value)

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
-from protocols.base.records import Curve, Estimate, Planned, Recording
-from protocols.base.steps import Redo, Step
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.steps import Repeat, Step
 
 
 class Protocol(BaseModel, ABC):
@@ -37,15 +37,15 @@ class Protocol(BaseModel, ABC):
         return ()
 
     @abstractmethod
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         """All entries that are known beforehand, in order; the same for the same parameters."""
 
-    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+    def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
         """Further entries once all entries so far are measured; none ends the run. Pure: the same for the same points."""
         return ()
 
     @abstractmethod
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
         """What shall be done for one entry. May branch on what the steps are answered with."""
 
     @abstractmethod
@@ -56,7 +56,7 @@ class Protocol(BaseModel, ABC):
             ValueError: these recordings give none; the sentence says why.
         """
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
         """What one entry gives beside its point, kept in the file: a frequency response. As pure as `point`.
 
         Raises:
@@ -71,22 +71,22 @@ class Protocol(BaseModel, ABC):
         yield self.point(key, recordings, simulated)
         yield from self.curves(key, recordings)
 
-    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+    def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """What the points so far say that somebody at the bench should hear now, in sentences; each is told once."""
         return ()
 
     @abstractmethod
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """What is identified from all points; empty where they do not suffice."""
 
 
-def extended(
-    protocol: Protocol, plan: Sequence[Planned], points: Mapping[int, Any], rest_v: float
-) -> tuple[Planned, ...]:
+def extend_plan(
+    protocol: Protocol, plan: Sequence[PlanEntry], points: Mapping[int, Any], rest_v: float
+) -> tuple[PlanEntry, ...]:
     """The plan with everything the protocol asks for once all entries so far have a point (`points` by entry)."""
     whole = tuple(plan)
     while all(i in points for i in range(len(whole))):
-        more = protocol.more([points[i] for i in range(len(whole))], rest_v)
+        more = protocol.refine([points[i] for i in range(len(whole))], rest_v)
         if not more:
             break
         whole += more

@@ -32,7 +32,7 @@ class Quality(IntFlag):
     """Taken over from somebody's table: no raw samples stand behind it here. A fact, not a fault."""
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The flags in words, e.g. `unsettled, simulated`; `good` where there are none."""
         return ", ".join((flag.name or "").lower().replace("_", " ") for flag in self) or "good"
 
@@ -42,6 +42,6 @@ class Quality(IntFlag):
         return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED | Quality.IMPORTED)
 
 
-def usable(flags: Iterable[float]) -> NDArray[np.bool_]:
+def usable_mask(flags: Iterable[float]) -> NDArray[np.bool_]:
     """Which of many values, told by their flags as a file keeps them, fits and summaries may use; (N,)."""
     return np.array([Quality(int(each)).usable for each in flags], bool)

@@ -17,17 +17,17 @@ from protocols.base.steps import Prompt
 Array = NDArray[np.float64]
 
 
-MOST_SCANS = 50_000_000
+MAX_RECORDING_SCANS = 50_000_000
 """Scans of one recording, which its analysis holds in memory whole: a gigabyte."""
 
-LONG_SCANS = 1 << 15
+STREAMED_RECORDING_SCANS = 1 << 15
 """A recording from so many scans on is left in the run's file."""
 
 
-def too_long(scans: float) -> str:
+def recording_too_long_message(scans: float) -> str:
     """Why so many scans are not recorded at once."""
     return (
-        f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MOST_SCANS / 1e6:.0f} million); "
+        f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MAX_RECORDING_SCANS / 1e6:.0f} million); "
         "record for a shorter time or lower sample_rate_hz"
     )
 
@@ -53,19 +53,19 @@ class Recording:
     """The entry of the plan it was taken for."""
 
 
-class LongRecording(Recording):
+class StreamedRecording(Recording):
     """A recording whose samples are read from the run's file each time they are looked at: entries of any length cost nothing.
 
     Args:
         read: the samples of a channel in physical units, (samples,): the drive for True, else the displacement.
-        known: the other fields.
+        fields: the other fields.
     """
 
     __slots__ = ("_read",)
     _read: Callable[[bool], Array]
 
-    def __init__(self, read: Callable[[bool], Array], **known: Any) -> None:
-        for name, value in {**known, "_read": read}.items():
+    def __init__(self, read_channel: Callable[[bool], Array], **fields: Any) -> None:
+        for name, value in {**fields, "_read": read_channel}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -80,7 +80,7 @@ class LongRecording(Recording):
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class EstimatedQuantity:
     """An identified quantity: value and standard error in `unit`, and what it was identified from."""
 
     name: str
@@ -91,7 +91,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class CurveColumn:
     """One column of a curve: (N,) values in `unit`, and what they are."""
 
     values: Array
@@ -100,7 +100,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ResultCurve:
     """What an entry gives beside its point: a frequency response, a decay.
 
     Attributes:
@@ -114,12 +114,12 @@ class Curve:
     label: str
     x: str
     y: str
-    columns: Mapping[str, Column]
+    columns: Mapping[str, CurveColumn]
     entry: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlanEntry:
     """One entry of a protocol's plan: what gives one point, and is measured whole or not at all.
 
     Attributes:
@@ -139,9 +139,9 @@ class Planned:
     prompts: int = 0
 
 
-def converted(convert: Callable[[NDArray[np.int16]], Array], raw: NDArray[np.int16]) -> Array:
+def scale_counts(scale: Callable[[NDArray[np.int16]], Array], raw: NDArray[np.int16]) -> Array:
     """`convert(raw)`; of a long record through a table of all counts: the same numbers in half the time and less."""
     if raw.size < 1 << 18:
-        return convert(raw)
+        return scale(raw)
     counts = np.arange(1 << 16, dtype=np.uint16)
-    return np.asarray(convert(counts.view(np.int16))[raw.view(np.uint16)])
+    return np.asarray(scale(counts.view(np.int16))[raw.view(np.uint16)])

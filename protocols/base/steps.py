@@ -13,7 +13,7 @@ from drivers.drive import Drive
 
 @dataclass(frozen=True, slots=True)
 class Settle:
-    """Play a drive and watch until the response repeats from one window to the next. Answered with `Settled`.
+    """Play a drive and watch until the response repeats from one window to the next. Answered with `SettlingResult`.
 
     `window_s` is the length of one window (whole cycles of a sine), `tolerance` the relative change of the response
     between successive windows that counts as steady, `limit_s` the time after which waiting ends unsettled.
@@ -26,7 +26,7 @@ class Settle:
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
+class SettlingResult:
     """Whether the response became steady, and after how long."""
 
     settled: bool
@@ -35,7 +35,7 @@ class Settled:
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """Play a drive and let `wait_s` pass, whatever the response does. Answered with `Settled`."""
+    """Play a drive and let `wait_s` pass, whatever the response does. Answered with `SettlingResult`."""
 
     drive: Drive
     wait_s: float
@@ -89,10 +89,10 @@ class Detector(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Await:
+class WaitForDetection:
     """Show a prompt and watch the laser until `detector` has seen what was asked for, or the operator answers.
 
-    Answered with `Awaited`. What the card sees meanwhile is not kept: a person may take an hour.
+    Answered with `DetectionResult`. What the card sees meanwhile is not kept: a person may take an hour.
     """
 
     prompt: Prompt
@@ -100,36 +100,36 @@ class Await:
 
 
 @dataclass(frozen=True, slots=True)
-class Awaited:
-    """How an `Await` ended: seen by the laser (`words` is None), or answered by the operator."""
+class DetectionResult:
+    """How an `WaitForDetection` ended: seen by the laser (`words` is None), or answered by the operator."""
 
-    seen: bool
-    words: str | None
+    detected: bool
+    answer: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ReadMeter:
     """One reading of a meter of the bench, by its name. Answered with a `Reading`."""
 
     meter: str
 
 
 @dataclass(frozen=True, slots=True)
-class Note:
+class Log:
     """A remark for the log and the file."""
 
     text: str
 
 
-Step = Settle | Play | Record | Ask | Await | Read | Note
+Step = Settle | Play | Record | Ask | WaitForDetection | ReadMeter | Log
 
 
-class Redo(Enum):
+class Repeat(Enum):
     """What `Protocol.measure` may return to have something measured again."""
 
     THIS = "this entry"
     PREVIOUS = "the entry before, then this one"
 
 
-Answer = Any
+StepResult = Any
 """What a step is answered with, as its docstring says."""

@@ -16,13 +16,13 @@ from pydantic import model_validator
 from drivers.drive import Steps
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Column, Curve, Estimate, Planned, Recording
-from protocols.base.rounding import figures
+from protocols.base.records import CurveColumn, EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.rounding import format_with_uncertainty
 from protocols.base.steps import Record, Step
 
 SOURCE = "free decay after a step"
 
-AFTER_S = 2e-3
+SKIPPED_AFTER_EDGE_S = 2e-3
 """Left out after the edge, until the drive stands and the second mode, at 2.3 kHz, has died."""
 
 
@@ -40,11 +40,11 @@ class DecayPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"edge {self.edge:g}: rings at {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
-            f"{figures(self.damping, self.damping_errors)}, from {1e6 * self.amplitude:.1f} µm"
+            f"edge {self.edge:g}: rings at {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{format_with_uncertainty(self.damping, self.damping_errors)}, from {1e6 * self.amplitude:.1f} µm"
         )
 
 
@@ -67,31 +67,31 @@ class FreeDecay(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 20_000.0
 
     @model_validator(mode="after")
-    def _can_be_done(self) -> Self:
+    def _check_parameters(self) -> Self:
         if not self.low_hz < self.high_hz <= 0.4 * self.sample_rate_hz:
             raise ValueError(f"low_hz and high_hz must rise and end below {0.4 * self.sample_rate_hz:g} Hz")
-        if self.dwell_s < AFTER_S + 2 / self.low_hz:
-            raise ValueError(f"dwell_s must hold two periods of low_hz, {AFTER_S + 2 / self.low_hz:.3g} s")
+        if self.dwell_s < SKIPPED_AFTER_EDGE_S + 2 / self.low_hz:
+            raise ValueError(f"dwell_s must hold two periods of low_hz, {SKIPPED_AFTER_EDGE_S + 2 / self.low_hz:.3g} s")
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drive = Steps((rest_v, rest_v + self.step_v, rest_v), self.dwell_s, self.rise_s)
         pairs = range(1, math.ceil(self.edges / 2) + 1)
         return tuple(
-            Planned(f"edge {2 * pair - 1 + half}", (drive,), drive.duration_s + 0.3, (2 * pair - 1 + half,))
+            PlanEntry(f"edge {2 * pair - 1 + half}", (drive,), drive.duration_s + 0.3, (2 * pair - 1 + half,))
             for pair in pairs
             for half in (0, 1)
             if 2 * pair - 1 + half <= self.edges
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         yield Record(entry.drives[0].duration_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> DecayPoint:
         from protocols.signals.decay import fit_decay
 
         recording, edge = recordings[-1], int(float(key[0]))
-        _, moved = self._ringing(recording, edge)
+        _, moved = self._decay_after_edge(recording, edge)
         decay = fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         if abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01:
@@ -107,12 +107,15 @@ class FreeDecay(Protocol):
             quality=int(quality),
         )
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
-        time, moved = self._ringing(recordings[-1], int(float(key[0])))
-        columns = {"time": Column(time, "s", "time since the edge"), "displacement": Column(moved, "m", "displacement")}
-        return (Curve("free decay", f"after edge {float(key[0]):g}", "time", "displacement", columns),)
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+        time, moved = self._decay_after_edge(recordings[-1], int(float(key[0])))
+        columns = {
+            "time": CurveColumn(time, "s", "time since the edge"),
+            "displacement": CurveColumn(moved, "m", "displacement"),
+        }
+        return (ResultCurve("free decay", f"after edge {float(key[0]):g}", "time", "displacement", columns),)
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]
         if len(usable) < 2:
             return ()
@@ -122,11 +125,11 @@ class FreeDecay(Protocol):
             weight = 1 / np.array([getattr(p, f"{column}_errors") for p in usable]) ** 2
             mean = float((weight * values).sum() / weight.sum())
             spread = float(values.std(ddof=1)) / math.sqrt(len(values))
-            found.append(Estimate(name, mean, max(float(weight.sum() ** -0.5), spread), unit, SOURCE))
+            found.append(EstimatedQuantity(name, mean, max(float(weight.sum() ** -0.5), spread), unit, SOURCE))
         return tuple(found)
 
-    def _ringing(self, recording: Recording, edge: int) -> tuple[Any, Any]:
-        """Times since an edge and the displacement from `AFTER_S` after it on, up to shortly before the next; (N,) each."""
+    def _decay_after_edge(self, recording: Recording, edge: int) -> tuple[Any, Any]:
+        """Times since an edge and the displacement from `SKIPPED_AFTER_EDGE_S` after it on, up to shortly before the next; (N,) each."""
         rate, drive = recording.rate_hz, recording.drive_v
         rest, high = np.median(drive[: max(round(0.01 * rate), 4)]), float(drive.max())
         up = np.flatnonzero(drive > rest + 0.5 * (high - rest))
@@ -135,7 +138,7 @@ class FreeDecay(Protocol):
                 f"the recorded drive shows no step of {self.step_v:g} V: check the cable from the generator to the card"
             )
         begin = int(up[0]) if edge % 2 else int(up[-1])
-        first = begin + math.ceil((0.5 * self.rise_s + AFTER_S + recording.sensor_delay_s) * rate)
+        first = begin + math.ceil((0.5 * self.rise_s + SKIPPED_AFTER_EDGE_S + recording.sensor_delay_s) * rate)
         last = min(begin + math.floor((self.dwell_s - self.rise_s) * rate), len(drive))
         samples = recording.displacement_m[first:last]
         return (first - begin + np.arange(len(samples))) / rate, samples

@@ -17,7 +17,7 @@ from pydantic import model_validator
 from drivers.drive import Sine
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Column, Curve, Estimate, Planned, Recording
+from protocols.base.records import CurveColumn, EstimatedQuantity, PlanEntry, Recording, ResultCurve
 from protocols.base.steps import Play, Record, Step
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 
 SOURCE = "line through the loop widths of this run over frequency"
 
-PHASES = 128
+PHASES_PER_CYCLE = 128
 """Of a cycle, each the mean of at least two samples."""
 
-DRIVE_SHARE = 0.05
+DRIVE_TOLERANCE = 0.05
 """How far the recorded amplitude may be from the one commanded."""
 
 
@@ -54,7 +54,7 @@ class LoopPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         return (
             f"{self.frequency:.4g} Hz: loop {1e6 * self.width:.2f} ± {1e6 * self.width_errors:.2g} µm wide, "
@@ -64,12 +64,12 @@ class LoopPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Folded:
-    """The cycles of a recording, each in `PHASES` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
+class FoldedCycles:
+    """The cycles of a recording, each in `PHASES_PER_CYCLE` parts, the sensor's delay taken out; arrays are (cycles, PHASES)."""
 
     frequency_hz: float
-    driven_v: Array
-    moved_m: Array
+    drive_v: Array
+    displacement_m: Array
 
 
 class Hysteresis(Protocol):
@@ -94,8 +94,8 @@ class Hysteresis(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
 
     @model_validator(mode="after")
-    def _rate_suffices(self) -> Self:
-        needed = 2.2 * PHASES * max(self.frequencies_hz)
+    def _check_sample_rate(self) -> Self:
+        needed = 2.2 * PHASES_PER_CYCLE * max(self.frequencies_hz)
         if self.sample_rate_hz < needed:
             raise ValueError(
                 f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for loops at {max(self.frequencies_hz):g} Hz; "
@@ -103,69 +103,74 @@ class Hysteresis(Protocol):
             )
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         return tuple(
-            Planned(f"{f:g} Hz", (self._drive(f, rest_v),), (self.dropped + self.cycles + 0.5) / f + 0.4, (f,))
+            PlanEntry(f"{f:g} Hz", (self._drive(f, rest_v),), (self.dropped + self.cycles + 0.5) / f + 0.4, (f,))
             for f in self.frequencies_hz
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[0])
         yield Play(entry.drives[0], self.dropped / f)
         yield Record((self.cycles + 0.5) / f)  # the sensor is late, and the clocks differ a little
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoopPoint:
-        return self._point(recordings[-1], self._folded(recordings[-1]), simulated)
+        return self._loop_point(recordings[-1], self._fold_cycles(recordings[-1]), simulated)
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
-        return (self._curve(key, self._folded(recordings[-1])),)
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+        return (self._loop_curve(key, self._fold_cycles(recordings[-1])),)
 
     def results(
         self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
     ) -> Generator[Any, None, None]:
-        folded = self._folded(recordings[-1])
-        yield self._point(recordings[-1], folded, simulated)
-        yield self._curve(key, folded)
+        folded = self._fold_cycles(recordings[-1])
+        yield self._loop_point(recordings[-1], folded, simulated)
+        yield self._loop_curve(key, folded)
 
-    def _folded(self, recording: Recording) -> Folded:
+    def _fold_cycles(self, recording: Recording) -> FoldedCycles:
         drive, rate = recording.drive, recording.rate_hz
         if not isinstance(drive, Sine):
             raise ValueError(f"a loop cannot be taken from a recording under {drive.kind}")
         frequency = fit_frequency(recording.drive_v, rate, drive.frequency_hz)
-        moved = _earlier(recording.displacement_m, recording.sensor_delay_s * rate)
+        moved = _advance(recording.displacement_m, recording.sensor_delay_s * rate)
         cycles = (
-            fold(x, rate, 1 / frequency, PHASES, 0)[: self.cycles] for x in (recording.drive_v[: moved.size], moved)
+            fold(x, rate, 1 / frequency, PHASES_PER_CYCLE, 0)[: self.cycles]
+            for x in (recording.drive_v[: moved.size], moved)
         )
-        return Folded(frequency, *cycles)
+        return FoldedCycles(frequency, *cycles)
 
-    def _curve(self, key: tuple[float | str, ...], folded: Folded) -> Curve:
+    def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> ResultCurve:
         """The mean loop, closed; its errors are those of its shape, for where it stands drifts from cycle to cycle."""
-        centre = folded.moved_m.mean()
-        shapes = folded.moved_m - folded.moved_m.mean(axis=1, keepdims=True)
+        centre = folded.displacement_m.mean()
+        shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
         told = {
-            "drive": Column(_closed(folded.driven_v.mean(axis=0)), "V", "volts at the amplifier's input"),
-            "displacement": Column(_closed(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"),
-            "displacement_errors": Column(_closed(errors), "m", "standard error of the loop's shape"),
+            "drive": CurveColumn(_close_loop(folded.drive_v.mean(axis=0)), "V", "volts at the amplifier's input"),
+            "displacement": CurveColumn(
+                _close_loop(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"
+            ),
+            "displacement_errors": CurveColumn(_close_loop(errors), "m", "standard error of the loop's shape"),
         }
-        return Curve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", told)
+        return ResultCurve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", told)
 
-    def _point(self, recording: Recording, folded: Folded, simulated: bool) -> LoopPoint:
+    def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
         drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
         assert isinstance(drive, Sine)
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(seen_v - drive.amplitude_v) > DRIVE_SHARE * drive.amplitude_v:
+        if abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v:
             quality |= Quality.DRIVE_OFF
-        loop = measure_loops(folded.driven_v, folded.moved_m)
+        loop = measure_loops(folded.drive_v, folded.displacement_m)
         return LoopPoint(
             frequency=frequency,
-            share=loop.share,
-            share_errors=math.hypot(loop.width_error / loop.stroke, loop.share * loop.stroke_error / loop.stroke),
+            share=loop.relative_width,
+            share_errors=math.hypot(
+                loop.width_error / loop.stroke, loop.relative_width * loop.stroke_error / loop.stroke
+            ),
             width=loop.width,
             width_errors=loop.width_error,
-            largest=loop.largest,
-            largest_errors=loop.largest_error,
+            largest=loop.max_width,
+            largest_errors=loop.max_width_error,
             stroke=loop.stroke,
             stroke_errors=loop.stroke_error,
             area=loop.area,
@@ -176,7 +181,7 @@ class Hysteresis(Protocol):
             quality=int(quality),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [p for p in points if Quality(p.quality).usable and p.share_errors > 0]
         if len({round(p.frequency, 3) for p in good}) < 3:
             return ()
@@ -190,8 +195,8 @@ class Hysteresis(Protocol):
         scale = max(float(left @ left) / (len(good) - 2), 1.0)
         errors = np.sqrt(np.diag(inverse) * scale)
         return (
-            Estimate("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
-            Estimate("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
+            EstimatedQuantity("hysteresis", float(line[0]), float(errors[0]), "1", SOURCE),
+            EstimatedQuantity("loop width per frequency", float(line[1]), float(errors[1]), "s", SOURCE),
         )
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
@@ -200,13 +205,13 @@ class Hysteresis(Protocol):
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
 
-def _closed(loop: Array) -> Array:
+def _close_loop(loop: Array) -> Array:
     """With its first value once more at its end."""
     return np.append(loop, loop[0])
 
 
-def _earlier(samples: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+def _advance(samples: NDArray[np.float64], shift: float) -> NDArray[np.float64]:
     """The samples as they would be `by` samples earlier, on straight lines between them; shorter at the end."""
-    at = np.arange(samples.size, dtype=float) + by
+    at = np.arange(samples.size, dtype=float) + shift
     inside = at[(at >= 0) & (at <= samples.size - 1)]
     return np.asarray(np.interp(inside, np.arange(samples.size), samples))

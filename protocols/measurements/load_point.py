@@ -16,39 +16,41 @@ from annotated_types import Unit
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.drive import Hold
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Recording
+from protocols.base.records import EstimatedQuantity, Recording
 from protocols.base.steps import Prompt
-from protocols.measurements.weights import grams
-from protocols.signals.levels import Level
-from protocols.signals.step_detection import LandingDetector
+from protocols.measurements.weights import format_grams
+from protocols.signals.levels import LevelEstimate
+from protocols.signals.step_detection import WeightStepDetector
 
 SOURCE = "static loading, weighted lines through zero"
 
-SIDES = {1.0: "MFC up", -1.0: "aluminium up"}
+SIDE_LABELS = {1.0: "MFC up", -1.0: "aluminium up"}
 
-Value = tuple[float, float]
+ValueWithError = tuple[float, float]
 """A value and its standard error."""
 
 
-def estimates(points: Sequence[Any]) -> tuple[Estimate, ...]:
+def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
     """Everything that good points of a static loading tell; what they do not suffice for is left out."""
-    by_side = {side: [p for p in points if p.side == side] for side in SIDES}
+    by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
-    found = [Estimate(f"compliance, {SIDES[side]}", *line, "m/N", SOURCE) for side, line in lines.items()]
-    if len(lines) == len(SIDES):
+    found = [
+        EstimatedQuantity(f"compliance, {SIDE_LABELS[side]}", *line, "m/N", SOURCE) for side, line in lines.items()
+    ]
+    if len(lines) == len(SIDE_LABELS):
         (one, one_error), (other, other_error) = lines.values()
         error = math.hypot(one_error, other_error)
         mean = (one + other) / 2
-        found.append(Estimate("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE))
-        found.append(Estimate("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE))
+        found.append(EstimatedQuantity("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE))
+        found.append(EstimatedQuantity("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE))
     for side, group in by_side.items():
         if (bend := nonlinearity(group)) is not None:
             source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
-            found.append(Estimate(f"nonlinearity, {SIDES[side]}", *bend, "1", source))
+            found.append(EstimatedQuantity(f"nonlinearity, {SIDE_LABELS[side]}", *bend, "1", source))
     return tuple(found)
 
 
-def compliance(points: Sequence[Any]) -> Value | None:
+def compliance(points: Sequence[Any]) -> ValueWithError | None:
     """Slope of the weighted line through zero, m/N; None for fewer than two points or no load.
 
     Each point is weighted with its own error, the load's included. What the points scatter more than that widens the
@@ -66,7 +68,7 @@ def compliance(points: Sequence[Any]) -> Value | None:
     return slope, math.sqrt(max(birge, 1.0) / float((weight * load) @ load))
 
 
-def nonlinearity(points: Sequence[Any]) -> Value | None:
+def nonlinearity(points: Sequence[Any]) -> ValueWithError | None:
     """By how much the compliance at the largest load differs from that at none, as a share: d = c F (1 + n F / F_max).
 
     None for fewer than three different loads.
@@ -113,11 +115,11 @@ class LoadPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         moved = f"deflection {1e6 * self.deflection:+.2f} ± {1e6 * self.deflection_errors:.2g} µm"
         return (
-            f"{SIDES.get(self.side, 'either side')}, {grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
+            f"{SIDE_LABELS.get(self.side, 'either side')}, {format_grams(self.mass)} ({self.repeat:.0f}): {moved} under {self.load:.4f} N, "
             f"zero moved {1e6 * self.drift:+.2f} µm"
         )
 
@@ -125,7 +127,7 @@ class LoadPoint:
 def load_point(
     key: Sequence[float],
     recordings: Sequence[Recording],
-    read: Callable[[Recording], Level],
+    measure_level: Callable[[Recording], LevelEstimate],
     load_n: tuple[float, float],
     zero_limit_m: float,
     simulated: bool,
@@ -135,7 +137,7 @@ def load_point(
     Args:
         key: side (1: MFC up, -1: aluminium up), mass in kg, which repeat.
         recordings: what was recorded for it.
-        read: the level of a recording.
+        measure_level: the level of a recording.
         load_n: the weight's force and its standard uncertainty.
         zero_limit_m: a zero that moved further makes the point unsettled.
         simulated: whether the bench was.
@@ -147,7 +149,7 @@ def load_point(
     if len(recordings) < 3:
         raise ValueError("a weight needs three recordings: zero, weight on, zero again")
     parts = recordings[-3:]
-    before, under, after = (read(part) for part in parts)
+    before, under, after = (measure_level(part) for part in parts)
     drift = after.value - before.value
     deflection = under.value - (before.value + after.value) / 2
     zero_error = math.hypot(before.standard_error, after.standard_error) / 2
@@ -182,52 +184,52 @@ def load_point(
 
 DONE, PREVIOUS, REPEAT, KEEP = "done", "previous again", "repeat", "keep"
 
-ATTEMPTS = 3
+MAX_ATTEMPTS = 3
 """So often a weight that does not fit is asked for again before it is taken for what the specimen does."""
 
 
-class Landed:
+class WeightStepWatcher:
     """Watches the laser for a weight that lands or leaves (protocols.base.steps.Detector); knows the level it starts from."""
 
-    def __init__(self, before: Recording, least_m: float, last_s: float) -> None:
-        self._detector = LandingDetector(before.rate_hz, least_m)
-        self._detector.feed(before.displacement_m[-round(last_s * before.rate_hz) :])
+    def __init__(self, baseline: Recording, min_step_m: float, baseline_s: float) -> None:
+        self._detector = WeightStepDetector(baseline.rate_hz, min_step_m)
+        self._detector.feed(baseline.displacement_m[-round(baseline_s * baseline.rate_hz) :])
 
     def feed(self, drive_v: Any, displacement_m: Any) -> bool:
         """Whether what came now, (n,) each, shows it."""
         return self._detector.feed(displacement_m) is not None
 
 
-def turn_side(side: float, offset_kg: float) -> Prompt:
+def turn_side_prompt(side: float, offset_kg: float) -> Prompt:
     """Lay the tactor on its other side, electrodes shorted."""
-    offset = f" and put the {grams(offset_kg)} offset weight on its centre" if offset_kg else ""
+    offset = f" and put the {format_grams(offset_kg)} offset weight on its centre" if offset_kg else ""
     return Prompt(
         "turn-side",
-        f"High voltage is off. Short the electrodes, lay the tactor with the {SIDES[side].replace(' up', ' side')} up{offset}.",
+        f"High voltage is off. Short the electrodes, lay the tactor with the {SIDE_LABELS[side].replace(' up', ' side')} up{offset}.",
         {"side": side, "offset_kg": offset_kg, "shorted": 1.0},
         hands_on=True,
     )
 
 
-def place(side: float, mass_kg: float, can_go_back: bool) -> Prompt:
+def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prompt:
     """Put a weight on; or say that the one before was wrong."""
     return Prompt(
         "place-weight",
-        f"Place the {grams(mass_kg)} weight on the centre; the laser sees it land.",
+        f"Place the {format_grams(mass_kg)} weight on the centre; the laser sees it land.",
         {"mass_kg": mass_kg, "side": side},
-        (DONE, PREVIOUS) if can_go_back else (DONE,),
+        (DONE, PREVIOUS) if has_previous else (DONE,),
         hands_on=True,
     )
 
 
-def lift(side: float, mass_kg: float) -> Prompt:
+def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
     """Take a weight off; or say that it was wrong."""
-    words = f"Take the {grams(mass_kg)} weight off."
+    words = f"Take the {format_grams(mass_kg)} weight off."
     return Prompt("remove-weight", words, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 
-def doubt(action: str, words: str, attempt: int) -> Prompt:
+def repeat_or_keep_prompt(action: str, message: str, attempt: int) -> Prompt:
     """Again, at first; what comes out the same so often is what the specimen does."""
-    if attempt < ATTEMPTS:
-        return Prompt(action, f"{words} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
-    return Prompt(action, f"{words} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))
+    if attempt < MAX_ATTEMPTS:
+        return Prompt(action, f"{message} Repeat it, or keep it as it is?", choices=(REPEAT, KEEP))
+    return Prompt(action, f"{message} That was attempt {attempt}. Keep it, or repeat it?", choices=(KEEP, REPEAT))

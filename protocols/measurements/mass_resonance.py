@@ -17,14 +17,14 @@ from pydantic import model_validator
 from drivers.drive import LinearSweep
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Curve, Estimate, Planned, Recording
-from protocols.base.rounding import figures
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.rounding import format_with_uncertainty
 from protocols.base.steps import Prompt, Record, Step
-from protocols.measurements.response_curve import must_respond, response_curve
+from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.swept_response import LEAST_BINS
+from protocols.signals.swept_response import MIN_BINS_PER_LINE
 
-RINGING_S = 0.3
+RINGDOWN_S = 0.3
 """Recorded after a sweep: until what rings has died away."""
 
 OVERLAP_LINES = 6
@@ -32,7 +32,7 @@ OVERLAP_LINES = 6
 
 DRIVE_TOLERANCE = 0.05
 
-NEAR_EDGE = 0.1
+EDGE_MARGIN = 0.1
 """A peak this near to the band's edge, as a share of its frequency, is worth a sentence."""
 
 
@@ -55,11 +55,11 @@ class MassPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"{1e3 * self.mass:.2f} g: peak {figures(self.frequency, self.frequency_errors)} Hz, natural frequency "
-            f"{figures(self.resonance, self.resonance_errors)} Hz, damping ratio {figures(self.damping, self.damping_errors)}"
+            f"{1e3 * self.mass:.2f} g: peak {format_with_uncertainty(self.frequency, self.frequency_errors)} Hz, natural frequency "
+            f"{format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio {format_with_uncertainty(self.damping, self.damping_errors)}"
         )
 
 
@@ -96,7 +96,7 @@ class MassResonance(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
 
     @model_validator(mode="after")
-    def _can_be_done(self) -> Self:
+    def _check_parameters(self) -> Self:
         if not self.start_hz < self.low_hz < self.high_hz < self.stop_hz:
             raise ValueError(
                 f"the peak's band {self.low_hz:g}..{self.high_hz:g} Hz must rise and lie within the sweep, "
@@ -108,17 +108,17 @@ class MassResonance(Protocol):
             raise ValueError("masses_kg names a mass twice")
         if self._resolution_hz > 0.1 * self.low_hz:
             raise ValueError(
-                f"pieces of {self._piece_s:.3g} s give lines of {self._resolution_hz:.3g} Hz, too coarse for a peak at "
+                f"pieces of {self._piece_duration_s:.3g} s give lines of {self._resolution_hz:.3g} Hz, too coarse for a peak at "
                 f"{self.low_hz:g} Hz; sweep longer, or in longer pieces"
             )
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drives = self._drives(rest_v)
-        seconds = sum(drive.duration_s + RINGING_S + 0.5 for drive in drives)
+        seconds = sum(drive.duration_s + RINGDOWN_S + 0.5 for drive in drives)
         lines = f"lines of {self._resolution_hz:.2g} Hz"
         return tuple(
-            Planned(
+            PlanEntry(
                 f"{1e3 * mass:g} g, {self.sweep_s:g} s, {lines}",
                 drives,
                 seconds,
@@ -133,30 +133,30 @@ class MassResonance(Protocol):
             for mass in self.masses_kg
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         for drive in entry.drives:
-            yield Record(drive.duration_s + RINGING_S, drive)
+            yield Record(drive.duration_s + RINGDOWN_S, drive)
 
-    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+    def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         return tuple(
             f"{1e3 * point.mass:g} g: the peak at {point.frequency:.1f} Hz lies near the edge of the band in which it is "
             f"looked for, {self.low_hz:g} to {self.high_hz:g} Hz; with more mass widen it (low_hz, high_hz)"
             for point in points
-            if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + NEAR_EDGE
+            if min(point.frequency / self.low_hz, self.high_hz / point.frequency) < 1 + EDGE_MARGIN
         )
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MassPoint:
         return self._point(key, recordings, simulated, self._response(recordings))
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
-        return (response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+        return (frequency_response_curve(self._response(recordings), f"with {1e3 * float(key[0]):g} g"),)
 
     def results(
         self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool
     ) -> Generator[Any, None, None]:
         response = self._response(recordings)
         yield self._point(key, recordings, simulated, response)
-        yield response_curve(response, f"with {1e3 * float(key[0]):g} g")
+        yield frequency_response_curve(response, f"with {1e3 * float(key[0]):g} g")
 
     def _point(
         self,
@@ -165,13 +165,13 @@ class MassResonance(Protocol):
         simulated: bool,
         response: FrequencyResponse,
     ) -> MassPoint:
-        from protocols.signals.modal_fit import fit_mode
+        from protocols.signals.modal_fit import fit_sdof
         from protocols.signals.peak import response_peak, spectrum_peak
 
-        must_respond(response)
+        check_response_present(response)
         peak = response_peak(response, (self.low_hz, self.high_hz))
         near = response.within(0.5 * peak.frequency_hz, 1.8 * peak.frequency_hz)
-        mode = fit_mode(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
         spectrum = math.nan, math.nan
         if len(recordings) == 1:
             found = spectrum_peak(recordings[0].displacement_m, recordings[0].rate_hz, (self.low_hz, self.high_hz))
@@ -198,48 +198,48 @@ class MassResonance(Protocol):
             quality=int(quality),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """None of its own: what the curve against mass tells (k2) needs the model, see `identify`."""
         return ()
 
     @property
-    def _pieces(self) -> int:
+    def _piece_count(self) -> int:
         return math.ceil(self.sweep_s / self.piece_s - 1e-9)
 
     @property
-    def _piece_s(self) -> float:
-        return self.sweep_s / self._pieces
+    def _piece_duration_s(self) -> float:
+        return self.sweep_s / self._piece_count
 
     @property
     def _resolution_hz(self) -> float:
-        return max(0.5, 1.1 * LEAST_BINS / self._piece_s)
+        return max(0.5, 1.1 * MIN_BINS_PER_LINE / self._piece_duration_s)
 
     @property
-    def _shares(self) -> tuple[tuple[float, float], ...]:
-        edges = np.linspace(self.start_hz, self.stop_hz, self._pieces + 1).tolist()
+    def _piece_bands_hz(self) -> tuple[tuple[float, float], ...]:
+        edges = np.linspace(self.start_hz, self.stop_hz, self._piece_count + 1).tolist()
         return tuple(itertools.pairwise(edges))
 
     def _drives(self, rest_v: float) -> tuple[LinearSweep, ...]:
         pace_hz_per_s = (self.stop_hz - self.start_hz) / self.sweep_s
         beyond = OVERLAP_LINES * self._resolution_hz / 2
         drives = []
-        for low, high in self._shares:
+        for low, high in self._piece_bands_hz:
             start = low if low == self.start_hz else max(low - beyond, self.start_hz)
             stop = high if high == self.stop_hz else min(high + beyond, self.stop_hz)
             seconds = (stop - start) / pace_hz_per_s
-            drives.append(LinearSweep.whole(start, stop, seconds, self.peak_to_peak_v / 2, rest_v))
+            drives.append(LinearSweep.with_whole_cycles(start, stop, seconds, self.peak_to_peak_v / 2, rest_v))
         return tuple(drives)
 
     def _response(self, recordings: Sequence[Recording]) -> FrequencyResponse:
-        from protocols.signals.response import joined
-        from protocols.signals.swept_response import sweep_response
+        from protocols.signals.response import concatenate_responses
+        from protocols.signals.swept_response import estimate_swept_response
 
         found = []
-        for recording, (low, high) in zip(recordings, self._shares, strict=True):
+        for recording, (low, high) in zip(recordings, self._piece_bands_hz, strict=True):
             drive = recording.drive
             if not isinstance(drive, LinearSweep):
                 raise ValueError(f"a mass resonance cannot use a recording under {drive.kind}")
-            whole = sweep_response(
+            whole = estimate_swept_response(
                 recording.drive_v,
                 recording.displacement_m,
                 recording.rate_hz,
@@ -248,4 +248,4 @@ class MassResonance(Protocol):
                 recording.sensor_delay_s,
             )
             found.append(whole.within(low, np.nextafter(high, low)) if len(recordings) > 1 else whole)
-        return joined(found)
+        return concatenate_responses(found)

@@ -13,19 +13,19 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import NDArray
 
-from model.membrane import linear_modulus, modulus, weight
+from model.membrane import linear_young_modulus, weight_per_length, young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
-from protocols.base.steps import Ask, Prompt, Record, Redo, Step
-from protocols.signals.levels import combined, level
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
+from protocols.base.steps import Ask, Prompt, Record, Repeat, Step
+from protocols.signals.levels import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
-LINEAR = "membrane sag, linear theory: for comparison only"
+LINEAR_SOURCE = "membrane sag, linear theory: for comparison only"
 
-ATTEMPTS = 3
+MAX_ATTEMPTS = 3
 """So often a sag outside the sensor's range is asked for again."""
 
 
@@ -42,7 +42,7 @@ class SagPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         return f"sag {self.repeat:.0f}: {1e3 * self.sag:.4f} ± {1e3 * self.sag_errors:.2g} mm"
 
@@ -87,24 +87,24 @@ class MembraneSag(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
 
     @property
-    def strip(self) -> Membrane:
+    def membrane(self) -> Membrane:
         """The membrane's geometry; its E_m is not used."""
         return Membrane(L_m=self.length_m, b_m=self.width_m, h_m=self.thickness_m)
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         each_s = 2 * self.record_s + self.settle_s
         return tuple(
-            Planned(f"sag {repeat}", (), each_s, (float(repeat),), prompts=2) for repeat in range(1, self.repeats + 1)
+            PlanEntry(f"sag {repeat}", (), each_s, (float(repeat),), prompts=2) for repeat in range(1, self.repeats + 1)
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
-        for attempt in range(1, ATTEMPTS + 1):
-            yield Ask(self._reference())
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
+        for attempt in range(1, MAX_ATTEMPTS + 1):
+            yield Ask(self._reference_prompt())
             surface: Recording = yield Record(self.record_s)
-            yield Ask(self._hang())
+            yield Ask(self._hang_prompt())
             hanging: Recording = yield Record(self.settle_s + self.record_s)
             outside = (surface.quality | hanging.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED)
-            if not outside or attempt == ATTEMPTS or (yield Ask(self._outside())) == "keep":
+            if not outside or attempt == MAX_ATTEMPTS or (yield Ask(self._out_of_range_prompt())) == "keep":
                 break
         return None
 
@@ -113,58 +113,65 @@ class MembraneSag(Protocol):
             raise ValueError("a sag needs two recordings: the reference, and the membrane")
         parts = recordings[-2:]
         surface, hanging = (
-            level(part.displacement_m[-round(self.record_s * part.rate_hz) :], part.rate_hz) for part in parts
+            estimate_level(part.displacement_m[-round(self.record_s * part.rate_hz) :], part.rate_hz) for part in parts
         )
         quality = parts[0].quality | parts[1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         return SagPoint(
             repeat=float(key[0]),
             sag=self.reference_m + hanging.value - surface.value,
-            sag_errors=combined(surface, hanging)[0],
+            sag_errors=combine_errors(surface, hanging)[0],
             reference=surface.value,
             hanging=hanging.value,
             noise=hanging.noise,
             quality=int(quality),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]
         if not usable:
             return ()
-        mean_m, error_m = self.mean(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
+        mean_m, error_m = self.mean_sag(np.array([p.sag for p in usable]), np.array([p.sag_errors for p in usable]))
         if not mean_m > 0:
             return ()
-        found = [Estimate("sag", mean_m, error_m, "m", "membrane sag")]
+        found = [EstimatedQuantity("sag", mean_m, error_m, "m", "membrane sag")]
         try:
-            found.append(Estimate("Young modulus", *self._modulus(mean_m, error_m), "Pa", SOURCE))
-            linear = linear_modulus(self.strip, mean_m, self.load_n_per_m)
-            found.append(Estimate("Young modulus by linear theory", linear, linear * error_m / mean_m, "Pa", LINEAR))
+            found.append(EstimatedQuantity("Young modulus", *self._young_modulus(mean_m, error_m), "Pa", SOURCE))
+            linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
+            found.append(
+                EstimatedQuantity(
+                    "Young modulus by linear theory", linear, linear * error_m / mean_m, "Pa", LINEAR_SOURCE
+                )
+            )
         except ParameterError:
             pass  # no modulus explains this sag; the sag itself is told all the same
         return tuple(found)
 
-    def mean(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:
+    def mean_sag(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:
         """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""
         scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
         own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size
         return float(sags_m.mean()), math.hypot(max(scatter_m, own_m), self.reference_error_m)
 
-    def error_of_all_m(self, sag_m: float, sag_error_m: float) -> float:
+    def combined_sag_error_m(self, sag_m: float, sag_error_m: float) -> float:
         """What the errors of the sag and of the membrane's geometry do to its modulus, as one error of the sag (m).
 
         Raises:
             ParameterError: no modulus explains this sag.
         """
-        _, error = self._modulus(sag_m, sag_error_m)
+        _, error = self._young_modulus(sag_m, sag_error_m)
         low, high = (
-            modulus(self.strip, sag_m * k, self.load_n_per_m, self.elongation_m / self.length_m) for k in (0.999, 1.001)
+            young_modulus_from_sag(self.membrane, sag_m * k, self.load_n_per_m, self.elongation_m / self.length_m)
+            for k in (0.999, 1.001)
         )
         return error * 2e-3 * sag_m / abs(high - low)
 
-    def _modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
+    def _young_modulus(self, sag_m: float, sag_error_m: float) -> tuple[float, float]:
         """E_m and its standard error: what each uncertain input does to it, in quadrature."""
 
         def E_m(changed: "MembraneSag", w: float = sag_m) -> float:
-            return modulus(changed.strip, w, changed.load_n_per_m, changed.elongation_m / changed.length_m)
+            return young_modulus_from_sag(
+                changed.membrane, w, changed.load_n_per_m, changed.elongation_m / changed.length_m
+            )
 
         best = E_m(self)
         by_sag = (E_m(self, sag_m + sag_error_m) - E_m(self, sag_m - sag_error_m)) / 2
@@ -184,24 +191,24 @@ class MembraneSag(Protocol):
     @property
     def load_n_per_m(self) -> float:
         """Weight of the membrane per length."""
-        return weight(self.strip, self.density_kg_per_m3)
+        return weight_per_length(self.membrane, self.density_kg_per_m3)
 
-    def _reference(self) -> Prompt:
+    def _reference_prompt(self) -> Prompt:
         depth = f"{1e3 * self.reference_m:.3f} mm below the line of the clamps"
-        return Prompt("place-reference", f"Put the reference surface under the sensor, {depth}.", self._values)
+        return Prompt("place-reference", f"Put the reference surface under the sensor, {depth}.", self._prompt_values)
 
-    def _hang(self) -> Prompt:
+    def _hang_prompt(self) -> Prompt:
         stretch = f" at {1e3 * self.elongation_m:g} mm elongation" if self.elongation_m else " without stretch"
         words = (
             f"Take the reference away; clamp the membrane{stretch}, its centre under the sensor, and let it hang free."
         )
-        return Prompt("hang-membrane", words, self._values)
+        return Prompt("hang-membrane", words, self._prompt_values)
 
     @property
-    def _values(self) -> dict[str, float]:
+    def _prompt_values(self) -> dict[str, float]:
         return {"reference_m": self.reference_m, "elongation_m": self.elongation_m}
 
-    def _outside(self) -> Prompt:
+    def _out_of_range_prompt(self) -> Prompt:
         words = (
             "The sensor was out of its range: the membrane hangs too far from the reference. Choose another depth "
             "(reference_m) or move the sensor. Repeat, or keep it as it is?"

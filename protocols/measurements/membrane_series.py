@@ -13,15 +13,15 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
 from protocols.base.steps import Prompt, Step
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
 FREE = "free"
 """In a key in place of an elongation: without a membrane."""
 
-SIGMAS = 5.0
-DRIFT = 0.02
+SIGNIFICANCE_SIGMAS = 5.0
+DRIFT_LIMIT = 0.02
 """A change of the free tactor between before and after that is worth a sentence, as a share."""
 
 
@@ -33,7 +33,7 @@ class MembranePoint(SinePoint):
     part: Annotated[float, Unit("1"), "which pass over the frequencies it belongs to, from 0"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         where = "free" if math.isnan(self.elongation) else f"{1e3 * self.elongation:.2f} mm"
         return (
@@ -60,26 +60,26 @@ class MembraneSeries(SineDwell):
     ] = 0.0
 
     @model_validator(mode="after")
-    def _no_refinement(self) -> Self:
+    def _reject_refinement(self) -> Self:
         if self.refine_to_hz:
             raise ValueError("refine_to_hz must be 0 here: all elongations are measured at the same frequencies")
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         elongations = (None, *self.elongations_m, None) if self.reference else self.elongations_m
         return tuple(
-            Planned(
-                f"{label_of(elongation)}, {f:g} Hz",
+            PlanEntry(
+                f"{elongation_label(elongation)}, {f:g} Hz",
                 (self._drive(f, rest_v),),
                 self._expected_s(f),
                 (part, FREE if elongation is None else elongation, float(f)),
-                self._prompt(elongation),
+                self._setup_prompt(elongation),
             )
             for part, elongation in enumerate(elongations)
             for f in self.frequencies_hz
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         yield from super().measure(entry, rest_v)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MembranePoint:
@@ -91,12 +91,12 @@ class MembraneSeries(SineDwell):
             part=float(key[0]),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         """Largest response at each elongation, and by how much the free tactor changed meanwhile."""
-        passes = _passes(points)
+        passes = _group_passes(points)
         found = [
-            Estimate(
-                f"largest 2 x fundamental, {label_of(elongation)}",
+            EstimatedQuantity(
+                f"largest 2 x fundamental, {elongation_label(elongation)}",
                 2 * top.fundamental,
                 2 * top.fundamental_errors,
                 "m",
@@ -106,40 +106,40 @@ class MembraneSeries(SineDwell):
         ]
         free = [p for _, e, p in passes if e is None]
         if len(free) == 2:
-            change, error = _change(free[0], free[1])
+            change, error = _relative_change(free[0], free[1])
             source = "free tactor after against before, mean over frequencies"
-            found.append(Estimate("drift of the free response", change, error, "1", source))
+            found.append(EstimatedQuantity("drift of the free response", change, error, "1", source))
         return tuple(found)
 
-    def remarks(self, points: Sequence[Any]) -> tuple[str, ...]:
+    def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """What complete passes say against the way the membrane was stretched, and about drift."""
         told = []
         parts = [p.part for p in points]
-        passes = _passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])
+        passes = _group_passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])
         by_elongation = sorted(((e, p) for _, e, p in passes if e is not None), key=lambda pair: pair[0])
         free = [p for _, e, p in passes if e is None]
         for i, (elongation, stretched) in enumerate(by_elongation):
-            looser, where = (by_elongation[i - 1][1], label_of(by_elongation[i - 1][0])) if i else (None, "")
+            looser, where = (by_elongation[i - 1][1], elongation_label(by_elongation[i - 1][0])) if i else (None, "")
             if looser is None and free:
                 looser, where = free[0], "the free tactor"
             if looser is None:
                 continue
-            change, error = _change(looser, stretched, below=True)
-            if change > SIGMAS * error and change > DRIFT / 2:
+            change, error = _relative_change(looser, stretched, lowest_octave=True)
+            if change > SIGNIFICANCE_SIGMAS * error and change > DRIFT_LIMIT / 2:
                 told.append(
-                    f"At {label_of(elongation)} the tactor moves {100 * change:.1f} % further at low frequencies than at {where}: a "
+                    f"At {elongation_label(elongation)} the tactor moves {100 * change:.1f} % further at low frequencies than at {where}: a "
                     "membrane that is stretched more can only be stiffer. Was it stretched the wrong way, or did it slip?"
                 )
         if len(free) == 2:
-            change, error = _change(free[0], free[1])
-            if abs(change) > max(SIGMAS * error, DRIFT):
+            change, error = _relative_change(free[0], free[1])
+            if abs(change) > max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT):
                 told.append(
                     f"The free tactor moves {100 * change:+.1f} % after the series against before: something drifted or was "
                     "touched; what lies between is known no better than that"
                 )
         return tuple(told)
 
-    def _prompt(self, elongation: float | None) -> Prompt:
+    def _setup_prompt(self, elongation: float | None) -> Prompt:
         if elongation is None:
             return Prompt("remove-membrane", "Take the membrane off the tactor.", {}, hands_on=True)
         turns = f", {elongation / self.m_per_turn:.2f} turns of the micrometer from slack" if self.m_per_turn else ""
@@ -147,12 +147,12 @@ class MembraneSeries(SineDwell):
         return Prompt("stretch-membrane", text, {"elongation_m": elongation}, hands_on=True)
 
 
-def label_of(elongation: float | None) -> str:
+def elongation_label(elongation: float | None) -> str:
     """`free`, `2.54 mm`."""
     return FREE if elongation is None else f"{1e3 * elongation:g} mm"
 
 
-def _passes(points: Iterable[Any]) -> list[tuple[int, float | None, list[Any]]]:
+def _group_passes(points: Iterable[Any]) -> list[tuple[int, float | None, list[Any]]]:
     """Usable points by pass, in order: its number, the elongation (None: free), its points."""
     passes: dict[int, list[Any]] = {}
     for point in points:
@@ -168,16 +168,18 @@ def _compliance(point: Any) -> float:
     return float(point.fundamental / point.drive_amplitude)
 
 
-def _change(before: Sequence[Any], after: Sequence[Any], below: bool = False) -> tuple[float, float]:
+def _relative_change(
+    reference: Sequence[Any], points: Sequence[Any], lowest_octave: bool = False
+) -> tuple[float, float]:
     """Mean relative change of the response at the frequencies both have, and its error; `below`: in the lowest octave only.
 
     There a tactor answers with its stiffness alone; near its resonance less damping or mass could look like less stiffness.
     """
-    top_hz = 2 * min(point.frequency for point in before) if below else math.inf
+    top_hz = 2 * min(point.frequency for point in reference) if lowest_octave else math.inf
     pairs = [
         (b, a)
-        for b in before
-        for a in after
+        for b in reference
+        for a in points
         if abs(b.frequency - a.frequency) < 1e-3 * b.frequency and b.frequency <= top_hz
     ]
     if not pairs:

@@ -2,31 +2,33 @@
 
 import numpy as np
 
-from protocols.base.records import Column, Curve
+from protocols.base.records import CurveColumn, ResultCurve
 from protocols.signals.response import FrequencyResponse
 
-SEEN_SIGMAS = 5.0
+MIN_RESPONSE_SIGMAS = 5.0
 """A response whose strongest lines stand out by less than this is none."""
 
 
-def response_curve(response: FrequencyResponse, label: str = "") -> Curve:
+def frequency_response_curve(response: FrequencyResponse, label: str = "") -> ResultCurve:
     """Modulus, its error, phase and coherence over frequency: what any reader can draw."""
-    return Curve(
+    return ResultCurve(
         name="frequency response",
         label=label,
         x="frequency",
         y="response",
         columns={
-            "frequency": Column(response.frequency_hz, "Hz", "frequency"),
-            "response": Column(response.modulus, "m/V", "displacement per volt at the amplifier's input, modulus"),
-            "response_errors": Column(response.standard_error, "m/V", "standard error of the modulus"),
-            "phase": Column(response.phase, "rad", "phase against the recorded drive, delay removed"),
-            "coherence": Column(response.coherence, "1", "share of the displacement's power that follows the drive"),
+            "frequency": CurveColumn(response.frequency_hz, "Hz", "frequency"),
+            "response": CurveColumn(response.modulus, "m/V", "displacement per volt at the amplifier's input, modulus"),
+            "response_errors": CurveColumn(response.standard_error, "m/V", "standard error of the modulus"),
+            "phase": CurveColumn(response.phase, "rad", "phase against the recorded drive, delay removed"),
+            "coherence": CurveColumn(
+                response.coherence, "1", "share of the displacement's power that follows the drive"
+            ),
         },
     )
 
 
-def must_respond(response: FrequencyResponse) -> None:
+def check_response_present(response: FrequencyResponse) -> None:
     """Refuse to find a resonance in noise.
 
     Raises:
@@ -34,8 +36,8 @@ def must_respond(response: FrequencyResponse) -> None:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = np.nan_to_num(response.modulus / response.standard_error)
-    if float(np.percentile(seen, 90)) < SEEN_SIGMAS:
+    if float(np.percentile(seen, 90)) < MIN_RESPONSE_SIGMAS:
         raise ValueError(
-            f"no response: nine tenths of the lines lie within {SEEN_SIGMAS:g} standard errors of nothing. Check that the "
+            f"no response: nine tenths of the lines lie within {MIN_RESPONSE_SIGMAS:g} standard errors of nothing. Check that the "
             "amplifier's high voltage is on and the laser meets the tactor"
         )

@@ -20,14 +20,14 @@ from pydantic import model_validator
 from drivers.drive import Sine
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
-from protocols.base.steps import Note, Record, Settle, Step
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
+from protocols.base.steps import Log, Record, Settle, Step
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
 
-HARMONICS = 8
+HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
 
-SEEN_SIGMAS = 5.0
+MIN_RESPONSE_SIGMAS = 5.0
 """A fundamental of fewer standard uncertainties than this is no response."""
 
 
@@ -61,7 +61,7 @@ class SinePoint:
 
 
 @dataclass(frozen=True, slots=True)
-class _One:
+class _RecordingFit:
     """What one recording gives. `components` are turned so that the drive has phase 0; (K,), m."""
 
     frequency: float
@@ -85,7 +85,7 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     drive, rate = recordings[-1].drive, recordings[-1].rate_hz
     if not isinstance(drive, Sine):
         raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
-    each = [_one(recording, drive.frequency_hz) for recording in recordings]
+    each = [_fit_recording(recording, drive.frequency_hz) for recording in recordings]
     quality = Quality.SIMULATED if simulated else Quality.GOOD
     for recording, one in zip(recordings, each, strict=True):
         quality |= recording.quality
@@ -93,12 +93,12 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
             quality |= Quality.DRIVE_OFF
     components = np.mean([one.components for one in each], axis=0)
     fundamental, error = float(abs(components[0])), math.sqrt(sum(one.standard_error**2 for one in each)) / len(each)
-    if fundamental < SEEN_SIGMAS * error:
+    if fundamental < MIN_RESPONSE_SIGMAS * error:
         quality |= Quality.NO_RESPONSE
     frequency = float(np.mean([one.frequency for one in each]))
     noise = math.sqrt(sum(one.noise**2 for one in each) / len(each))
     turn = np.angle(components[0]) + 2 * np.pi * frequency * recordings[-1].sensor_delay_s
-    harmonics = np.full(HARMONICS, np.nan)
+    harmonics = np.full(HARMONIC_COUNT, np.nan)
     harmonics[: len(components)] = np.abs(components)
     return SinePoint(
         frequency=frequency,
@@ -126,13 +126,13 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     )
 
 
-def _one(recording: Recording, frequency_hz: float) -> _One:
+def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
     rate = recording.rate_hz
     frequency = fit_frequency(recording.drive_v, rate, frequency_hz)
     driven = fit_sine(recording.drive_v, rate, frequency)
-    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONICS)
+    moved = fit_sine(recording.displacement_m, rate, frequency, HARMONIC_COUNT)
     orders = np.arange(1, len(moved.components) + 1)
-    return _One(
+    return _RecordingFit(
         frequency=frequency,
         components=moved.components * np.exp(-1j * orders * np.angle(driven.fundamental)),
         standard_error=moved.standard_error,
@@ -146,13 +146,13 @@ def _one(recording: Recording, frequency_hz: float) -> _One:
     )
 
 
-SAMPLES_A_CYCLE = 20
+MIN_SAMPLES_PER_CYCLE = 20
 """Least samples in a cycle: what the paper has at 250 Hz and 5 kS/s."""
 
-MOST_RECORDINGS = 20
+MAX_RECORDINGS = 20
 """Recordings averaged at one frequency where no time budget says otherwise."""
 
-SAME_HZ = 0.05
+FREQUENCY_TOLERANCE_HZ = 0.05
 """Frequencies nearer than this are one."""
 
 PAPER_FREQUENCIES_HZ = (25, 50, 75, 100, 125, 150, 155, 160, 165, 170, 175, 180, 185, 190, 195, 200, 225, 250)
@@ -205,13 +205,13 @@ class SineDwell(Protocol):
     ] = 5000.0
 
     @model_validator(mode="after")
-    def _can_be_done(self) -> Self:
+    def _check_parameters(self) -> Self:
         highest = max(self.frequencies_hz)
         # Fewer samples a cycle would miss the extremes, and fold the amplifier's harmonics onto the fundamental.
-        if self.sample_rate_hz < SAMPLES_A_CYCLE * highest:
+        if self.sample_rate_hz < MIN_SAMPLES_PER_CYCLE * highest:
             raise ValueError(
                 f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low for a sine of {highest:g} Hz; "
-                f"at least {SAMPLES_A_CYCLE * highest:g} Hz is needed"
+                f"at least {MIN_SAMPLES_PER_CYCLE * highest:g} Hz is needed"
             )
         for f in self.frequencies_hz:
             if self.settle_limit_s < 3 * self._window_s(f) - 1e-9:
@@ -228,40 +228,40 @@ class SineDwell(Protocol):
             )
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        return tuple(self._entry(f, rest_v) for f in self.frequencies_hz)
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
+        return tuple(self._plan_entry(f, rest_v) for f in self.frequencies_hz)
 
-    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+    def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
         """Halve the gaps to either side of the highest point while they are wider than `refine_to_hz`."""
         if not self.refine_to_hz:
             return ()
         added, left_s = [], self.budget_s - sum(self._expected_s(p.frequency) for p in points)
-        for f in halved(points, self.refine_to_hz):
+        for f in refinement_frequencies(points, self.refine_to_hz):
             left_s -= self._expected_s(f)
             if left_s >= 0 or not self.budget_s:
-                added.append(self._entry(f, rest_v))
+                added.append(self._plan_entry(f, rest_v))
         return tuple(added)
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         f = float(entry.key[-1])
         yield Settle(entry.drives[0], self._window_s(f), self.settle_tolerance, self.settle_limit_s)
         have = [(yield Record(self._record_s(f)))]
         point = sine_point(have, simulated=False)
-        most = self._most_recordings(f)
+        most = self._max_recordings(f)
         while self.wanted and point.relative_uncertainty > self.wanted and len(have) < most:
             needed = math.ceil(len(have) * (point.relative_uncertainty / self.wanted) ** 2)
             missing = max(min(needed, most) - len(have), 1)
             limit = "" if needed <= most else f" of {needed - len(have)}, as many as the time allows,"
-            yield Note(
-                f"{entry.label}: {percent(point.relative_uncertainty)} after {len(have)}; {missing} more{limit} "
-                f"to reach {percent(self.wanted)}"
+            yield Log(
+                f"{entry.label}: {format_percent(point.relative_uncertainty)} after {len(have)}; {missing} more{limit} "
+                f"to reach {format_percent(self.wanted)}"
             )
             for _ in range(missing):
                 again = yield Record(self._record_s(f))
                 have.append(again)
             point = sine_point(have, simulated=False)
         if Quality.NO_RESPONSE in Quality(point.quality):
-            yield Note(
+            yield Log(
                 f"{entry.label}: no response. The displacement's fundamental is {1e6 * point.fundamental:.2g} µm, within 5 "
                 f"standard uncertainties of nothing ({1e6 * point.fundamental_errors:.2g} µm each), while the drive reads back "
                 f"{point.drive_amplitude:.3g} V. Check that the amplifier's high voltage is on and the laser meets the tactor"
@@ -270,27 +270,27 @@ class SineDwell(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> Any:
         return sine_point(recordings, simulated)
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
 
         return fit_resonance([p for p in points if Quality(p.quality).usable])
 
-    def _entry(self, f: float, rest_v: float) -> Planned:
-        return Planned(f"{f:g} Hz", (self._drive(f, rest_v),), self._expected_s(f), (f,))
+    def _plan_entry(self, f: float, rest_v: float) -> PlanEntry:
+        return PlanEntry(f"{f:g} Hz", (self._drive(f, rest_v),), self._expected_s(f), (f,))
 
     def _expected_s(self, f: float) -> float:
         return 0.4 + 4 * self._window_s(f) + self._record_s(f)
 
-    def _most_recordings(self, f: float) -> int:
+    def _max_recordings(self, f: float) -> int:
         if not self.wanted:
             return 1
         if not self.budget_s:
-            return MOST_RECORDINGS
+            return MAX_RECORDINGS
         spare_s = self.budget_s - sum(map(self._expected_s, self.frequencies_hz))
         return 1 + math.floor(spare_s / len(self.frequencies_hz) / self._record_s(f))
 
     def _drive(self, frequency_hz: float, rest_v: float) -> Sine:
         # Long enough for the worst case, finite so that a generator left alone comes to rest.
-        longest_s = self.settle_limit_s + self._most_recordings(frequency_hz) * self._record_s(frequency_hz) + 3.0
+        longest_s = self.settle_limit_s + self._max_recordings(frequency_hz) * self._record_s(frequency_hz) + 3.0
         cycles = math.ceil(longest_s * frequency_hz)
         return Sine(float(frequency_hz), self.peak_to_peak_v / 2, rest_v, cycles)
 
@@ -302,7 +302,7 @@ class SineDwell(Protocol):
         return max(self.min_cycles, math.ceil(self.record_s * frequency_hz)) / frequency_hz
 
 
-def halved(points: Sequence[Any], closest_hz: float) -> list[float]:
+def refinement_frequencies(points: Sequence[Any], resolution_hz: float) -> list[float]:
     """Frequencies in the middle between the highest usable point and its neighbours, where those are not close enough."""
     usable = sorted((p for p in points if Quality(p.quality).usable), key=lambda p: p.frequency)
     if len(usable) < 3:
@@ -310,25 +310,28 @@ def halved(points: Sequence[Any], closest_hz: float) -> list[float]:
     top = max(range(len(usable)), key=lambda i: usable[i].fundamental / usable[i].drive_amplitude)
     found = []
     for i in (top - 1, top + 1):
-        if 0 <= i < len(usable) and abs(usable[i].frequency - usable[top].frequency) > closest_hz + SAME_HZ:
+        if (
+            0 <= i < len(usable)
+            and abs(usable[i].frequency - usable[top].frequency) > resolution_hz + FREQUENCY_TOLERANCE_HZ
+        ):
             middle = round(0.5 * (usable[i].frequency + usable[top].frequency), 1)
             if all(
-                abs(p.frequency - middle) > SAME_HZ for p in points
+                abs(p.frequency - middle) > FREQUENCY_TOLERANCE_HZ for p in points
             ):  # one without a response is not asked for again
                 found.append(middle)
     return found
 
 
-def percent(share: float) -> str:
+def format_percent(fraction: float) -> str:
     """`2 %`, `0.031 %`."""
-    return f"{100 * share:.2g} %" if math.isfinite(share) else "no response"
+    return f"{100 * fraction:.2g} %" if math.isfinite(fraction) else "no response"
 
 
 SOURCE = "complex fit of one mode and what higher modes leave to the fundamentals of this run"
 
 
-def fit_resonance(points: Sequence[Any]) -> tuple[Estimate, ...]:
-    """One resonant mode and what the modes above it leave, by least squares; see `fit_mode`.
+def fit_resonance(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
+    """One resonant mode and what the modes above it leave, by least squares; see `fit_sdof`.
 
     Args:
         points: with `frequency`, `fundamental`, `phase`, `drive_amplitude` (see SinePoint); all usable.
@@ -336,15 +339,15 @@ def fit_resonance(points: Sequence[Any]) -> tuple[Estimate, ...]:
     Returns:
         Resonance frequency in hertz and damping ratio; empty where the points do not span a resonance.
     """
-    from protocols.signals.modal_fit import fit_mode  # imported here: slow to load
+    from protocols.signals.modal_fit import fit_sdof  # imported here: slow to load
 
     f = np.array([p.frequency for p in points])
     response = np.array([p.fundamental / p.drive_amplitude * np.exp(1j * p.phase) for p in points])
     try:
-        mode = fit_mode(f, response)
+        mode = fit_sdof(f, response)
     except ValueError:
         return ()
     return (
-        Estimate("resonance frequency", mode.natural_hz, mode.natural_error_hz, "Hz", SOURCE),
-        Estimate("damping ratio", mode.damping_ratio, mode.damping_error, "1", SOURCE),
+        EstimatedQuantity("resonance frequency", mode.natural_hz, mode.natural_error_hz, "Hz", SOURCE),
+        EstimatedQuantity("damping ratio", mode.damping_ratio, mode.damping_error, "1", SOURCE),
     )

@@ -15,32 +15,32 @@ from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.errors import BenchError
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
-from protocols.base.steps import Ask, Await, Record, Redo, Step
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
+from protocols.base.steps import Ask, Record, Repeat, Step, WaitForDetection
 from protocols.measurements.load_point import (
-    ATTEMPTS,
     KEEP,
+    MAX_ATTEMPTS,
     PREVIOUS,
     REPEAT,
-    SIDES,
-    Landed,
+    SIDE_LABELS,
     LoadPoint,
-    doubt,
-    estimates,
-    lift,
+    WeightStepWatcher,
+    compliance_estimates,
     load_point,
-    place,
-    turn_side,
+    place_weight_prompt,
+    remove_weight_prompt,
+    repeat_or_keep_prompt,
+    turn_side_prompt,
 )
-from protocols.measurements.weights import WeightClass, grams, uncertainty_kg
-from protocols.signals.levels import Level, level
+from protocols.measurements.weights import WeightClass, format_grams, uncertainty_kg
+from protocols.signals.levels import LevelEstimate, estimate_level
 
 PAPER_WEIGHTS_KG = (0.02, 0.05, 0.1, 0.2, 0.5)
 
-LEAST_SHARE = 0.2
+MIN_STEP_SHARE = 0.2
 """Of what the smallest weight should do: a smaller move is no landing."""
 
-HANDS_S = 3.0
+OPERATOR_ACTION_S = 3.0
 """About what a person needs to put a weight on, or to take it off."""
 
 
@@ -86,7 +86,7 @@ class StaticLoading(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
 
     @model_validator(mode="after")
-    def _weights_are_known(self) -> Self:
+    def _check_weights(self) -> Self:
         if self.weight_class == "own" and len(self.weight_errors_kg) != len(self.weights_kg):
             raise ValueError(
                 f"weight_errors_kg holds {len(self.weight_errors_kg)} uncertainties for {len(self.weights_kg)} weights; "
@@ -96,110 +96,119 @@ class StaticLoading(Protocol):
             raise ValueError("weights_kg names a weight twice; 'repeats' says how often each is measured")
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        each_s = 3 * (self.settle_s + self.record_s) + 2 * HANDS_S
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
+        each_s = 3 * (self.settle_s + self.record_s) + 2 * OPERATOR_ACTION_S
         return tuple(
-            Planned(
-                f"{SIDES[side]}, {grams(mass_kg)}, repeat {repeat}",
+            PlanEntry(
+                f"{SIDE_LABELS[side]}, {format_grams(mass_kg)}, repeat {repeat}",
                 (),
                 each_s,
                 (side, mass_kg, float(repeat)),
-                turn_side(side, self.offset_kg),
+                turn_side_prompt(side, self.offset_kg),
                 prompts=2,
             )
-            for side in SIDES
-            if self.sides in ("both", SIDES[side])
+            for side in SIDE_LABELS
+            if self.sides in ("both", SIDE_LABELS[side])
             for repeat in range(1, self.repeats + 1)
-            for mass_kg in self._shuffled(side, repeat)
+            for mass_kg in self._weight_order(side, repeat)
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
         side, mass_kg, attempt = float(entry.key[0]), float(entry.key[1]), 0
-        can_go_back = self._follows_one(entry, rest_v)
+        can_go_back = self._has_previous_entry(entry, rest_v)
         while True:
             attempt += 1
             # Whatever hands did before, or the key they pressed, has come to rest by the end of it.
             zero: Recording = yield Record(self.settle_s + self.record_s)
-            _rest_is_seen(zero, rest_v)
-            placed = yield Await(place(side, mass_kg, can_go_back), Landed(zero, self._least_m, self.record_s))
-            if placed.words == PREVIOUS:
-                return Redo.PREVIOUS
+            _check_rest(zero, rest_v)
+            placed = yield WaitForDetection(
+                place_weight_prompt(side, mass_kg, can_go_back),
+                WeightStepWatcher(zero, self._min_step_m, self.record_s),
+            )
+            if placed.answer == PREVIOUS:
+                return Repeat.PREVIOUS
             loaded: Recording = yield Record(self.settle_s + self.record_s)
-            _rest_is_seen(loaded, rest_v)
+            _check_rest(loaded, rest_v)
             again = False
-            if wrong := self._implausible(mass_kg, zero, loaded):
-                if attempt >= ATTEMPTS and self._backwards(mass_kg, zero, loaded):
+            if wrong := self._plausibility_message(mass_kg, zero, loaded):
+                if attempt >= MAX_ATTEMPTS and self._moved_backwards(mass_kg, zero, loaded):
                     raise BenchError(f"{wrong} So it was {attempt} times: correct gain_m_per_v in the bench file")
-                again = (yield Ask(doubt("implausible-step", wrong, attempt))) == REPEAT
-            lifted = yield Await(lift(side, mass_kg), Landed(loaded, self._least_m, self.record_s))
+                again = (yield Ask(repeat_or_keep_prompt("implausible-step", wrong, attempt))) == REPEAT
+            lifted = yield WaitForDetection(
+                remove_weight_prompt(side, mass_kg), WeightStepWatcher(loaded, self._min_step_m, self.record_s)
+            )
             after: Recording = yield Record(self.settle_s + self.record_s)
-            if not again and lifted.words != REPEAT:
-                moved = self._read(after).value - self._read(zero).value
+            if not again and lifted.answer != REPEAT:
+                moved = self._measure_level(after).value - self._measure_level(zero).value
                 if abs(moved) <= self.zero_limit_m:
                     return None
-                if (yield Ask(doubt("zero-moved", self._zero_moved(mass_kg, moved), attempt))) == KEEP:
+                if (
+                    yield Ask(repeat_or_keep_prompt("zero-moved", self._zero_shift_message(mass_kg, moved), attempt))
+                ) == KEEP:
                     return None
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> LoadPoint:
         side, mass_kg, repeat = (float(value) for value in key)
         load_n = mass_kg * self.gravity_m_per_s2, self._mass_error_kg(mass_kg) * self.gravity_m_per_s2
-        return load_point((side, mass_kg, repeat), recordings, self._read, load_n, self.zero_limit_m, simulated)
+        return load_point(
+            (side, mass_kg, repeat), recordings, self._measure_level, load_n, self.zero_limit_m, simulated
+        )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
-        return estimates([point for point in points if Quality(point.quality).usable])
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
+        return compliance_estimates([point for point in points if Quality(point.quality).usable])
 
-    def _shuffled(self, side: float, repeat: int) -> tuple[float, ...]:
+    def _weight_order(self, side: float, repeat: int) -> tuple[float, ...]:
         order = np.random.default_rng([self.seed, int(side > 0), repeat]).permutation(len(self.weights_kg))
         return tuple(self.weights_kg[i] for i in order)
 
-    def _follows_one(self, entry: Planned, rest_v: float) -> bool:
+    def _has_previous_entry(self, entry: PlanEntry, rest_v: float) -> bool:
         """Whether there is an entry before on the same side."""
         first = next(planned for planned in self.plan(rest_v) if planned.key[0] == entry.key[0])
         return first.key != entry.key
 
     @property
-    def _least_m(self) -> float:
-        return LEAST_SHARE * min(self.weights_kg) * self.gravity_m_per_s2 * self.expected_m_per_n
+    def _min_step_m(self) -> float:
+        return MIN_STEP_SHARE * min(self.weights_kg) * self.gravity_m_per_s2 * self.expected_m_per_n
 
     def _mass_error_kg(self, mass_kg: float) -> float:
         if self.weight_class == "own":
             return self.weight_errors_kg[self.weights_kg.index(mass_kg)]
         return uncertainty_kg(mass_kg, self.weight_class)
 
-    def _read(self, recording: Recording) -> Level:
+    def _measure_level(self, recording: Recording) -> LevelEstimate:
         """The level of the last `record_s` of a recording."""
-        return level(recording.displacement_m[-round(self.record_s * recording.rate_hz) :], recording.rate_hz)
+        return estimate_level(recording.displacement_m[-round(self.record_s * recording.rate_hz) :], recording.rate_hz)
 
-    def _implausible(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
+    def _plausibility_message(self, mass_kg: float, zero: Recording, loaded: Recording) -> str:
         """Why what happened is not what this weight does; empty where it is."""
-        weight = f"the {grams(mass_kg)} weight"
+        weight = f"the {format_grams(mass_kg)} weight"
         if (zero.quality | loaded.quality) & (Quality.OUT_OF_RANGE | Quality.CLIPPED):
             return f"The sensor is out of its range under {weight}: move it so that both ends are inside."
-        moved_m = self._read(loaded).value - self._read(zero).value
+        moved_m = self._measure_level(loaded).value - self._measure_level(zero).value
         expected_m = mass_kg * self.gravity_m_per_s2 * self.expected_m_per_n
         low_m, high_m = expected_m / self.plausible_factor, expected_m * self.plausible_factor
         if low_m <= moved_m <= high_m:
             return ""
         said = f"{1e6 * moved_m:+.1f} µm under {weight}, {1e6 * low_m:.0f} to {1e6 * high_m:.0f} µm are expected"
-        if self._backwards(mass_kg, zero, loaded):
+        if self._moved_backwards(mass_kg, zero, loaded):
             return f"{said}: the wrong way. Either something else moved, or the sensor's gain has the wrong sign."
         if moved_m < low_m:
             return f"{said}: too little. Is it {weight}, and does it lie free on the centre?"
         return f"{said}: too much. Is it {weight} alone, and was the sensor left untouched?"
 
-    def _backwards(self, mass_kg: float, zero: Recording, loaded: Recording) -> bool:
+    def _moved_backwards(self, mass_kg: float, zero: Recording, loaded: Recording) -> bool:
         """Whether the centre went the other way, as far as this weight moves it."""
         expected_m = mass_kg * self.gravity_m_per_s2 * self.expected_m_per_n
-        return self._read(loaded).value - self._read(zero).value < -expected_m / self.plausible_factor
+        return self._measure_level(loaded).value - self._measure_level(zero).value < -expected_m / self.plausible_factor
 
-    def _zero_moved(self, mass_kg: float, moved_m: float) -> str:
+    def _zero_shift_message(self, mass_kg: float, moved_m: float) -> str:
         return (
-            f"The zero moved by {1e6 * moved_m:+.1f} µm over the {grams(mass_kg)} weight (limit "
+            f"The zero moved by {1e6 * moved_m:+.1f} µm over the {format_grams(mass_kg)} weight (limit "
             f"{1e6 * self.zero_limit_m:.1f} µm): was the sensor touched, or did the clamp give?"
         )
 
 
-def _rest_is_seen(recording: Recording, rest_v: float) -> None:
+def _check_rest(recording: Recording, rest_v: float) -> None:
     seen_v = float(recording.drive_v.mean())
     if abs(seen_v - rest_v) > REST_TOLERANCE_V:
         raise BenchError(

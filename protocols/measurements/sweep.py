@@ -17,19 +17,19 @@ from pydantic import model_validator
 from drivers.drive import PeriodicSweep
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Curve, Estimate, Planned, Recording
-from protocols.base.rounding import figures
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.rounding import format_with_uncertainty
 from protocols.base.steps import Record, Step
-from protocols.measurements.response_curve import must_respond, response_curve
+from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
-EDGE_S = 0.5
+DRIVE_MARGIN_S = 0.5
 """How much longer than the recording the drive lasts: until it is begun, and until the card has told."""
 
 DRIVE_TOLERANCE = 0.05
-AROUND = (0.5, 1.8)
+FIT_BAND = (0.5, 1.8)
 """Share of the peak's frequency, below and above, within which one mode is fitted: its half-power width for damping up to 0.5."""
 
 
@@ -50,11 +50,11 @@ class SweepPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         return (
-            f"resonance {figures(self.resonance, self.resonance_errors)} Hz, damping ratio "
-            f"{figures(self.damping, self.damping_errors)}, "
+            f"resonance {format_with_uncertainty(self.resonance, self.resonance_errors)} Hz, damping ratio "
+            f"{format_with_uncertainty(self.damping, self.damping_errors)}, "
             f"Q {0.5 / self.damping:.2f}, coherence at least {self.coherence:.5f}"
         )
 
@@ -82,7 +82,7 @@ class Sweep(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
 
     @model_validator(mode="after")
-    def _can_be_done(self) -> Self:
+    def _check_parameters(self) -> Self:
         if self.stop_hz <= self.start_hz + 5 / self.sweep_s:
             raise ValueError(
                 f"stop_hz of {self.stop_hz:g} Hz must lie at least five lines, {5 / self.sweep_s:g} Hz, above start_hz"
@@ -94,23 +94,25 @@ class Sweep(Protocol):
             raise ValueError(f"two sweeps of {self.sweep_s:g} s are {samples:g} samples: it must be a whole number")
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drive = self._drive(rest_v)
-        return tuple(Planned(f"sweep {i}", (drive,), drive.duration_s + 0.5, (i,)) for i in range(1, self.repeats + 1))
+        return tuple(
+            PlanEntry(f"sweep {i}", (drive,), drive.duration_s + 0.5, (i,)) for i in range(1, self.repeats + 1)
+        )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         yield Record((self.periods + 1) * 2 * self.sweep_s, entry.drives[0])
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> SweepPoint:
-        from protocols.signals.modal_fit import fit_mode
+        from protocols.signals.modal_fit import fit_sdof
 
         recording = recordings[-1]
         response = self._response(recording)
-        must_respond(response)
+        check_response_present(response)
         top = int(response.modulus.argmax())
         peak_hz = float(response.frequency_hz[top])
-        near = response.within(AROUND[0] * peak_hz, AROUND[1] * peak_hz)
-        mode = fit_mode(near.frequency_hz, near.response, near.standard_error, near.correlation)
+        near = response.within(FIT_BAND[0] * peak_hz, FIT_BAND[1] * peak_hz)
+        mode = fit_sdof(near.frequency_hz, near.response, near.standard_error, near.correlation)
         half = mode.natural_hz * min(mode.damping_ratio, 0.5)
         core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
         amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
@@ -131,34 +133,40 @@ class Sweep(Protocol):
             quality=int(quality),
         )
 
-    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[Curve, ...]:
-        return (response_curve(self._response(recordings[-1]), f"of sweep {key[0]:g}" if self.repeats > 1 else ""),)
+    def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:
+        return (
+            frequency_response_curve(
+                self._response(recordings[-1]), f"of sweep {key[0]:g}" if self.repeats > 1 else ""
+            ),
+        )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         usable = [p for p in points if Quality(p.quality).usable]
         if not usable:
             return ()
-        natural, natural_error = _mean([p.resonance for p in usable], [p.resonance_errors for p in usable])
-        zeta, zeta_error = _mean([p.damping for p in usable], [p.damping_errors for p in usable])
+        natural, natural_error = _mean_with_error([p.resonance for p in usable], [p.resonance_errors for p in usable])
+        zeta, zeta_error = _mean_with_error([p.damping for p in usable], [p.damping_errors for p in usable])
         decay_s = 1 / (2 * math.pi * natural * zeta)
         relative = zeta_error / zeta
         return (
-            Estimate("resonance frequency", natural, natural_error, "Hz", SOURCE),
-            Estimate("damping ratio", zeta, zeta_error, "1", SOURCE),
-            Estimate("Q", 0.5 / zeta, 0.5 / zeta * relative, "1", SOURCE),
-            Estimate("decay time", decay_s, decay_s * math.hypot(relative, natural_error / natural), "s", SOURCE),
-            Estimate("lowest coherence", min(p.coherence for p in usable), 0.0, "1", SOURCE),
+            EstimatedQuantity("resonance frequency", natural, natural_error, "Hz", SOURCE),
+            EstimatedQuantity("damping ratio", zeta, zeta_error, "1", SOURCE),
+            EstimatedQuantity("Q", 0.5 / zeta, 0.5 / zeta * relative, "1", SOURCE),
+            EstimatedQuantity(
+                "decay time", decay_s, decay_s * math.hypot(relative, natural_error / natural), "s", SOURCE
+            ),
+            EstimatedQuantity("lowest coherence", min(p.coherence for p in usable), 0.0, "1", SOURCE),
         )
 
     def _response(self, recording: Recording) -> FrequencyResponse:
-        from protocols.signals.periodic_response import periodic_response
+        from protocols.signals.periodic_response import estimate_periodic_response
 
         drive = recording.drive
         if not isinstance(drive, PeriodicSweep):
             raise ValueError(f"a sweep cannot use a recording under {drive.kind}")
         # What was recorded before the drive began goes with the period that is dropped.
         surplus = len(recording.drive_v) - round((self.periods + 1) * drive.period_s * recording.rate_hz)
-        return periodic_response(
+        return estimate_periodic_response(
             recording.drive_v[max(surplus, 0) :],
             recording.displacement_m[max(surplus, 0) :],
             recording.rate_hz,
@@ -171,11 +179,11 @@ class Sweep(Protocol):
         # A whole number of cycles: the top gives way, by less than a line, because the period must not.
         cycles = round(0.5 * (self.start_hz + self.stop_hz) * self.sweep_s)
         stop_hz = 2 * cycles / self.sweep_s - self.start_hz
-        periods = self.periods + 1 + math.ceil(EDGE_S / (2 * self.sweep_s))
+        periods = self.periods + 1 + math.ceil(DRIVE_MARGIN_S / (2 * self.sweep_s))
         return PeriodicSweep(self.start_hz, stop_hz, self.sweep_s, periods, self.peak_to_peak_v / 2, rest_v)
 
 
-def _mean(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
+def _mean_with_error(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
     """Mean of repeats and its error: the repeats' own, which they share in part, or their spread, whichever is larger."""
     spread = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else 0.0
     return float(np.mean(values)), max(float(np.mean(errors)), spread)

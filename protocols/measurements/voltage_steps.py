@@ -19,20 +19,20 @@ from pydantic import model_validator
 from drivers.drive import Hold
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
 from protocols.base.steps import Play, Record, Step
 from protocols.signals.creep import fit_creep
-from protocols.signals.levels import Ramped, find_ramp, step_value
+from protocols.signals.levels import DetectedRamp, estimate_step, find_ramp
 
 UP, DOWN, RANDOM = "up", "down", "random"
-DIRECTION = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
+DIRECTION_CODES = {UP: 1.0, DOWN: -1.0, RANDOM: 0.0}
 """The order of levels as a column of a file: rising, falling, shuffled."""
 
 LEVEL_TOLERANCE_V = 0.02
 """How far the card may see a level from the one commanded: the supply's accuracy and its own."""
 
 
-def slope(points: Sequence[Any]) -> tuple[float, float] | None:
+def deflection_per_volt(points: Sequence[Any]) -> tuple[float, float] | None:
     """Deflection per volt of the recorded drive, a line through the origin, and its error from the scatter."""
     if len(points) < 2:
         return None
@@ -43,7 +43,7 @@ def slope(points: Sequence[Any]) -> tuple[float, float] | None:
     return slope, math.sqrt(max(spread / float(v @ v), noise))
 
 
-def creep_share(points: Sequence[Any]) -> tuple[float, float] | None:
+def relative_creep(points: Sequence[Any]) -> tuple[float, float] | None:
     """Creep per decade over the deflection, weighted, and its error from the scatter over the levels."""
     told = [p for p in points if abs(p.drive_step) > LEVEL_TOLERANCE_V and p.creep_errors > 0]
     if len(told) < 3:
@@ -58,7 +58,7 @@ def creep_share(points: Sequence[Any]) -> tuple[float, float] | None:
 def repeatability(points: Sequence[Any]) -> tuple[float, float] | None:
     """Standard deviation of a deflection from repeat to repeat, pooled over levels and directions, and its error."""
     squares, freedom = 0.0, 0
-    for group in _by(points, lambda p: (p.level, p.direction)).values():
+    for group in _group_by(points, lambda p: (p.level, p.direction)).values():
         values = np.array([p.deflection for p in group])
         squares += float(np.sum((values - values.mean()) ** 2))
         freedom += len(group) - 1
@@ -71,8 +71,8 @@ def repeatability(points: Sequence[Any]) -> tuple[float, float] | None:
 def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
     """Deflection with levels falling minus with levels rising, averaged over the levels that have both, and its error."""
     gaps, variances = [], []
-    for group in _by(points, lambda p: p.level).values():
-        up, down = ([p for p in group if p.direction == d] for d in (DIRECTION[UP], DIRECTION[DOWN]))
+    for group in _group_by(points, lambda p: p.level).values():
+        up, down = ([p for p in group if p.direction == d] for d in (DIRECTION_CODES[UP], DIRECTION_CODES[DOWN]))
         if up and down:
             gaps.append(np.mean([p.deflection for p in down]) - np.mean([p.deflection for p in up]))
             variances.append(sum(_mean_variance(row) for row in (up, down)))
@@ -81,14 +81,14 @@ def loop_width(points: Sequence[Any]) -> tuple[float, float] | None:
     return float(np.mean(gaps)), math.sqrt(sum(variances)) / len(gaps)
 
 
-def _mean_variance(row: Sequence[Any]) -> float:
+def _mean_variance(repeats: Sequence[Any]) -> float:
     """Of the mean of repeats: from their scatter where there are some, at least what their own errors make."""
-    own = sum(float(p.deflection_errors) ** 2 for p in row) / len(row) ** 2
-    scatter = float(np.var([p.deflection for p in row], ddof=1)) / len(row) if len(row) > 1 else 0.0
+    own = sum(float(p.deflection_errors) ** 2 for p in repeats) / len(repeats) ** 2
+    scatter = float(np.var([p.deflection for p in repeats], ddof=1)) / len(repeats) if len(repeats) > 1 else 0.0
     return max(own, scatter)
 
 
-def _by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
+def _group_by(points: Sequence[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
     groups: dict[Any, list[Any]] = defaultdict(list)
     for point in points:
         groups[key(point)].append(point)
@@ -102,10 +102,10 @@ PAPER_LEVELS_V = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 RAMP_V_PER_S = 5.0
 """The guard's slope unless the bench file says otherwise; only the expected duration hangs on it."""
 
-GUARD_S = 0.01
+ZERO_GUARD_S = 0.01
 """Kept free between the zero and the ramp: the ramp's begin is known to a few milliseconds."""
 
-RUNG_OUT_S = 0.1
+RINGDOWN_S = 0.1
 """After the ramp, before creep is looked at: the first mode has died down by then."""
 
 
@@ -129,7 +129,7 @@ class StepPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         arrow = {1.0: "rising", -1.0: "falling"}.get(self.direction, "random")
         return (
@@ -166,7 +166,7 @@ class VoltageSteps(Protocol):
     sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
 
     @model_validator(mode="after")
-    def _reading_fits(self) -> Self:
+    def _check_read_window(self) -> Self:
         if not self.window_s / 2 <= self.read_s <= self.hold_s - self.window_s / 2:
             raise ValueError(
                 f"read_s of {self.read_s:g} s must lie within hold_s of {self.hold_s:g} s, half of window_s "
@@ -174,20 +174,20 @@ class VoltageSteps(Protocol):
             )
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         return tuple(
-            Planned(
+            PlanEntry(
                 f"{level_v:g} V, repeat {repeat} {way}",
-                (self._rest(rest_v), Hold(level_v, self.hold_s)),
+                (self._rest_hold(rest_v), Hold(level_v, self.hold_s)),
                 self.rest_s + self._lead_s + self.hold_s + 2 * abs(level_v - rest_v) / RAMP_V_PER_S + 0.1,
                 (level_v, float(repeat), way),
             )
             for repeat in range(1, self.repeats + 1)
-            for way, levels in (self._row(repeat),)
+            for way, levels in (self._level_order(repeat),)
             for level_v in levels
         )
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         rest, level = entry.drives
         yield Play(rest, self.rest_s)
         yield Record(self.hold_s, level, self._lead_s)
@@ -197,19 +197,19 @@ class VoltageSteps(Protocol):
         level_v, repeat, way = float(key[0]), float(key[1]), str(key[2])
         rate, moved = recording.rate_hz, recording.displacement_m
         ramp = find_ramp(recording.drive_v, rate, self.hold_s, self.window_s)
-        seen = step_value(
-            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + GUARD_S
+        seen = estimate_step(
+            moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + ZERO_GUARD_S
         )  # fmt: skip
         creep, creep_errors = self._creep(moved, rate, ramp, seen.before.value)
         quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(ramp.level_v - level_v) > LEVEL_TOLERANCE_V:
+        if abs(ramp.end_level_v - level_v) > LEVEL_TOLERANCE_V:
             quality |= Quality.DRIVE_OFF
         return StepPoint(
             level=level_v,
             repeat=repeat,
-            direction=DIRECTION[way],
-            drive=ramp.level_v,
-            drive_step=ramp.level_v - ramp.before_v,
+            direction=DIRECTION_CODES[way],
+            drive=ramp.end_level_v,
+            drive_step=ramp.end_level_v - ramp.start_level_v,
             deflection=seen.value,
             deflection_errors=seen.standard_error,
             read_time=self.read_s,
@@ -221,29 +221,29 @@ class VoltageSteps(Protocol):
             quality=int(quality),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [point for point in points if Quality(point.quality).usable]
         scatter = repeatability(good)
         found = [
-            Estimate(f"deflection per volt {side}", *gain, "m/V", SOURCE)
+            EstimatedQuantity(f"deflection per volt {side}", *gain, "m/V", SOURCE)
             for side, gain in (
-                ("above rest", slope([p for p in good if p.drive_step > LEVEL_TOLERANCE_V])),
-                ("below rest", slope([p for p in good if p.drive_step < -LEVEL_TOLERANCE_V])),
+                ("above rest", deflection_per_volt([p for p in good if p.drive_step > LEVEL_TOLERANCE_V])),
+                ("below rest", deflection_per_volt([p for p in good if p.drive_step < -LEVEL_TOLERANCE_V])),
             )
             if gain is not None
         ]
-        if (creep := creep_share(good)) is not None:
-            found.append(Estimate("creep per decade", *creep, "1", SOURCE))
+        if (creep := relative_creep(good)) is not None:
+            found.append(EstimatedQuantity("creep per decade", *creep, "1", SOURCE))
         if scatter is not None:
-            found.append(Estimate("repeatability", *scatter, "m", SOURCE))
+            found.append(EstimatedQuantity("repeatability", *scatter, "m", SOURCE))
         if (loop := loop_width(good)) is not None:
-            found.append(Estimate("loop width", *loop, "m", SOURCE))
+            found.append(EstimatedQuantity("loop width", *loop, "m", SOURCE))
         if len(good) > 1:
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
-            found.append(Estimate("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))
+            found.append(EstimatedQuantity("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))
         return tuple(found)
 
-    def _row(self, repeat: int) -> tuple[str, tuple[float, ...]]:
+    def _level_order(self, repeat: int) -> tuple[str, tuple[float, ...]]:
         """The levels of one repeat in their order, and what that order is called."""
         if self.order == RANDOM:
             shuffled = np.random.default_rng([self.seed, repeat]).permutation(self.levels_v)
@@ -251,7 +251,7 @@ class VoltageSteps(Protocol):
         falls = self.order == DOWN or (self.order == "up-down" and repeat % 2 == 0)
         return (DOWN if falls else UP), tuple(sorted(self.levels_v, reverse=falls))
 
-    def _rest(self, rest_v: float) -> Hold:
+    def _rest_hold(self, rest_v: float) -> Hold:
         return Hold(rest_v, self.rest_s + self._lead_s + 1.0)
 
     @property
@@ -259,12 +259,12 @@ class VoltageSteps(Protocol):
         """Recorded before the ramp: the window of the zero, and something to spare."""
         return self.window_s + 0.05
 
-    def _creep(self, moved: Any, rate: float, ramp: Ramped, zero: float) -> tuple[float, float]:
+    def _creep(self, moved: Any, rate: float, ramp: DetectedRamp, zero: float) -> tuple[float, float]:
         """Growth per decade and its error; NaN where the hold is too short to tell."""
-        first = math.ceil((ramp.end_s + RUNG_OUT_S) * rate)
+        first = math.ceil((ramp.end_s + RINGDOWN_S) * rate)
         since_s = np.arange(first, moved.size) / rate - ramp.end_s
         try:
-            creep = fit_creep(ramp.effective_s(since_s), moved[first:], zero)
+            creep = fit_creep(ramp.effective_time_s(since_s), moved[first:], zero)
         except ValueError:
             return math.nan, math.nan
         return creep.per_decade, creep.per_decade_error

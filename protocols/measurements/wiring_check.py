@@ -16,7 +16,7 @@ from pydantic import model_validator
 from drivers.drive import Drive, Hold, Sine
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
 from protocols.base.steps import Play, Record, Step
 from protocols.signals import fit_frequency, fit_sine
 
@@ -43,7 +43,7 @@ class WiringPoint:
     quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The point in a line, for a log."""
         drive = f"{self.commanded:.3f} V" if math.isnan(self.frequency) else f"sine of {self.commanded_frequency:g} Hz"
         seen = f"drive reads back {self.drive:.4f} V, displacement {1e6 * self.displacement:+.2f} µm"
@@ -104,7 +104,7 @@ class WiringCheck(Protocol):
     frequency_limit: Annotated[float, Unit("1"), Interval(gt=0), "relative difference of the two clocks"] = 2e-4
 
     @model_validator(mode="after")
-    def _limits_are_open(self) -> Self:
+    def _check_limits(self) -> Self:
         if self.sample_rate_hz < 20 * self.frequency_hz:
             raise ValueError(
                 f"sample_rate_hz of {self.sample_rate_hz:g} Hz is too low to see the latency of a sine of "
@@ -115,13 +115,13 @@ class WiringCheck(Protocol):
                 raise ValueError(f"{low} must lie below {high}")
         return self
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         each_s = self.wait_s + self.record_s + 0.2
-        return tuple(Planned(label, (drive,), each_s, (label,)) for label, drive in self._drives(rest_v))
+        return tuple(PlanEntry(label, (drive,), each_s, (label,)) for label, drive in self._drives(rest_v))
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         yield Play(entry.drives[0], self.wait_s)
-        yield Record(self._recorded_s)
+        yield Record(self._record_duration_s)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> WiringPoint:
         recording = recordings[-1]
@@ -130,7 +130,7 @@ class WiringCheck(Protocol):
         seen_v, moved = float(recording.drive_v.mean()), float(recording.displacement_m.mean())
         drive_noise, noise = float(recording.drive_v.std()), float(recording.displacement_m.std())
         amplitude_v = amplitude = 0.0
-        commanded_v, commanded_amplitude_v, commanded_hz = drive.ends_v[0], 0.0, math.nan
+        commanded_v, commanded_amplitude_v, commanded_hz = drive.end_levels_v[0], 0.0, math.nan
         frequency = latency = latency_errors = math.nan
         if isinstance(drive, Sine):
             commanded_v, commanded_amplitude_v, commanded_hz = drive.offset_v, drive.amplitude_v, drive.frequency_hz
@@ -165,20 +165,20 @@ class WiringCheck(Protocol):
             quality=int(quality),
         )
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
-        found = _Found.of(list(points))
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
+        found = _CheckMeasurements.from_points(list(points))
         if found is None:
             return ()
         return (
-            Estimate("gain above rest", *found.above, "m/V", SOURCE),
-            Estimate("gain below rest", *found.below, "m/V", SOURCE),
-            Estimate("latency", found.sine.latency, found.sine.latency_errors, "s", SOURCE),
-            Estimate("noise floor", found.rest.noise, 0.0, "m", SOURCE),
+            EstimatedQuantity("gain above rest", *found.above, "m/V", SOURCE),
+            EstimatedQuantity("gain below rest", *found.below, "m/V", SOURCE),
+            EstimatedQuantity("latency", found.sine.latency, found.sine.latency_errors, "s", SOURCE),
+            EstimatedQuantity("noise floor", found.rest.noise, 0.0, "m", SOURCE),
         )
 
     def verdicts(self, points: Sequence[Any]) -> tuple[Verdict, ...]:
         """The table; empty where the check was not carried to its end."""
-        found = _Found.of(points)
+        found = _CheckMeasurements.from_points(points)
         if found is None:
             return ()
         rest, sine = found.rest, found.sine
@@ -217,7 +217,7 @@ class WiringCheck(Protocol):
         )  # fmt: skip
 
     def _drives(self, rest_v: float) -> tuple[tuple[str, Drive], ...]:
-        hold_s = self.wait_s + self._recorded_s + 1.0
+        hold_s = self.wait_s + self._record_duration_s + 1.0
         cycles = math.ceil(hold_s * self.frequency_hz)
         return (
             ("rest", Hold(rest_v, hold_s)),
@@ -227,13 +227,13 @@ class WiringCheck(Protocol):
         )
 
     @property
-    def _recorded_s(self) -> float:
+    def _record_duration_s(self) -> float:
         """Whole cycles of the sine."""
         return math.ceil(self.record_s * self.frequency_hz) / self.frequency_hz
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _CheckMeasurements:
     """The recordings by what they were for, and displacement per volt on either side with its standard error."""
 
     rest: WiringPoint
@@ -242,7 +242,7 @@ class _Found:
     below: tuple[float, float]
 
     @classmethod
-    def of(cls, points: Sequence[Any]) -> "_Found | None":
+    def from_points(cls, points: Sequence[Any]) -> "_CheckMeasurements | None":
         if len(points) < 4:
             return None
         rest, above, below, sine = points[:4]

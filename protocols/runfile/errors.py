@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 
-class StoreError(Exception):
+class StorageError(Exception):
     """The run file cannot be written. The sentence says where and why; what was written before stays readable."""
 
 
 @dataclass(frozen=True, slots=True)
-class Storing:
+class WriteErrorTranslation:
     """Turns what HDF5 raises into one sentence."""
 
     path: Path
@@ -20,12 +20,12 @@ class Storing:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
-            raise StoreError(
-                f"the run file {self.path} cannot be written: {reason_of(error)}; everything before this moment is in it"
+            raise StorageError(
+                f"the run file {self.path} cannot be written: {os_error_text(error)}; everything before this moment is in it"
             ) from error
 
 
-def reason_of(error: BaseException) -> str:
+def os_error_text(error: BaseException) -> str:
     """The system's words for it where it has a number, else its own."""
     number = getattr(error, "errno", None)
     if number:

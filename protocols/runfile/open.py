@@ -8,30 +8,30 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.runfile.schema import is_hdf5
 
 if TYPE_CHECKING:
     import h5py
 
-ATTEMPTS = 24
+READ_ATTEMPTS = 24
 """At reading a piece of a growing file; together they take some ten milliseconds."""
 
 
-class RunError(Exception):
+class RunReadError(Exception):
     """A file cannot be read as a run. The sentence says which and why."""
 
 
-class NoRunError(RunError):
+class NotARunError(RunReadError):
     """An HDF5 file of another kind."""
 
 
-class NewerRunError(RunError):
+class NewerFormatError(RunReadError):
     """A run from a newer version of this program."""
 
 
 @contextmanager
-def intact(path: Path) -> Iterator[None]:
+def translate_read_errors(path: Path) -> Iterator[None]:
     """Around all that reads a run: what a damaged file raises, wherever it is touched, becomes a RunError."""
     try:
         yield
@@ -45,16 +45,16 @@ def intact(path: Path) -> Iterator[None]:
         TypeError,
         ValueError,
     ) as error:
-        raise RunError(f"{path} is damaged inside ({_line(error)}); take another copy of it") from error
+        raise RunReadError(f"{path} is damaged inside ({_first_line(error)}); take another copy of it") from error
 
 
-def opened(path: Path) -> "h5py.File":
+def open_run(path: Path) -> "h5py.File":
     """The file, read-only: finished, being written, or left behind by a crash.
 
     Raises:
         RunError: it is missing, no HDF5 file, cut off, or damaged.
     """
-    _check(path)
+    _check_readable(path)
     import h5py  # the window is painted, and many a command done, before a file is opened
 
     # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
@@ -66,9 +66,11 @@ def opened(path: Path) -> "h5py.File":
     cut_off = re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", str(failure))
     file = None
     try:
-        file = h5py.File(h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _patience()))
+        file = h5py.File(
+            h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _bounded_retry_access())
+        )
         # A full disk leaves a short file too, but never one that says it ended in order.
-        if not cut_off or file["entry/status"][()].decode() in (Status.RUNNING, Status.FAILED):
+        if not cut_off or file["entry/status"][()].decode() in (RunStatus.RUNNING, RunStatus.FAILED):
             return file
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         failure = failure if cut_off else error
@@ -76,25 +78,27 @@ def opened(path: Path) -> "h5py.File":
         file.close()  # HDF5 would give it again, damaged as it is, to whoever opens it next
     if cut_off:
         have, want = cut_off.groups()
-        raise RunError(f"{path} is cut off, as a half-copied file is: {have} of {want} bytes are there; copy it again")
-    raise RunError(f"{path} is damaged and cannot be opened ({_line(failure)}); take another copy of it")
+        raise RunReadError(
+            f"{path} is cut off, as a half-copied file is: {have} of {want} bytes are there; copy it again"
+        )
+    raise RunReadError(f"{path} is damaged and cannot be opened ({_first_line(failure)}); take another copy of it")
 
 
-def _check(path: Path) -> None:
+def _check_readable(path: Path) -> None:
     """Refuse what HDF5 need not be asked about."""
     if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a name is too long
-        raise RunError(f"there is no file {path}")
+        raise RunReadError(f"there is no file {path}")
     if not path.is_file():
-        raise RunError(f"{path} is {'a folder' if path.is_dir() else 'no file'}; give a run file")
+        raise RunReadError(f"{path} is {'a folder' if path.is_dir() else 'no file'}; give a run file")
     try:
         path.open("rb").close()
     except OSError as error:
-        raise RunError(f"{path} cannot be read: {error.strerror or error}") from error
+        raise RunReadError(f"{path} cannot be read: {error.strerror or error}") from error
     if not is_hdf5(path):
-        raise RunError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
+        raise RunReadError(f"{path} is {'no HDF5 file' if path.stat().st_size else 'empty'}; give a run file")
 
 
-def _patience() -> "h5py.h5p.PropFAID":
+def _bounded_retry_access() -> "h5py.h5p.PropFAID":
     """How a growing file is read: what does not fit together is read again a few times, and then given up.
 
     HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
@@ -111,10 +115,10 @@ def _patience() -> "h5py.h5p.PropFAID":
         except (OSError, AttributeError):
             continue
         limit.argtypes, limit.restype = (ctypes.c_int64, ctypes.c_uint), ctypes.c_int
-        limit(access.id, ATTEMPTS)
+        limit(access.id, READ_ATTEMPTS)
         break
     return access
 
 
-def _line(error: BaseException) -> str:
+def _first_line(error: BaseException) -> str:
     return (str(error) or type(error).__name__).splitlines()[0]

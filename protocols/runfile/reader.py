@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.closing import Closing
+from drivers.closing import Closeable
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import EntryBegan, Status
-from protocols.base.records import Column, Curve, Estimate, Recording
-from protocols.runfile.open import NewerRunError, NoRunError, RunError, intact, opened
-from protocols.runfile.schema import ENTRY, FORMAT, FORMAT_VERSION
-from protocols.runfile.trace import Trace, sensor_of
+from protocols.base.events import EntryStarted, RunStatus
+from protocols.base.records import CurveColumn, EstimatedQuantity, Recording, ResultCurve
+from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
+from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION
+from protocols.runfile.trace import RunTrace, read_sensor
 
 if TYPE_CHECKING:
     import h5py
 
-__all__ = ["Happened", "NewerRunError", "NoRunError", "Run", "RunError", "intact"]
+__all__ = ["LoggedEvent", "NewerFormatError", "NotARunError", "Run", "RunReadError", "translate_read_errors"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Happened:
+class LoggedEvent:
     """One event as the file tells it."""
 
     time_s: float
@@ -38,14 +38,14 @@ class Happened:
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class StartedEntry:
     """An entry of the plan as it was begun."""
 
     label: str
     key: tuple[float | str, ...]
 
 
-class Run(Closing):
+class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
@@ -54,18 +54,18 @@ class Run(Closing):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = opened(path)
+        self._file = open_run(path)
         try:
-            with intact(path):
+            with translate_read_errors(path):
                 kind, version = self._file.attrs.get("format"), int(self._file.attrs.get("format_version", 0))
-        except RunError:
+        except RunReadError:
             self.close()
             raise
         if kind != FORMAT or version > FORMAT_VERSION:
             self.close()
             if kind != FORMAT:
-                raise NoRunError(f"{path} is an HDF5 file, but not a run of this program")
-            raise NewerRunError(
+                raise NotARunError(f"{path} is an HDF5 file, but not a run of this program")
+            raise NewerFormatError(
                 f"{path} has run format {version}; this program reads up to {FORMAT_VERSION}: install a newer version"
             )
 
@@ -74,21 +74,21 @@ class Run(Closing):
         self._file.close()
 
     @property
-    def status(self) -> Status:
+    def status(self) -> RunStatus:
         """How it stands, as the file says."""
-        return Status(self._text("status"))
+        return RunStatus(self._text("status"))
 
     @property
     def crashed(self) -> bool:
         """Whether the file says `running` but the program that wrote it is gone (told on the same computer only)."""
-        if self.status is not Status.RUNNING or self._text("host") != socket.gethostname():
+        if self.status is not RunStatus.RUNNING or self._text("host") != socket.gethostname():
             return False
-        return not _alive(int(self._entry["process_id"][()]))
+        return not _process_is_alive(int(self._entry["process_id"][()]))
 
     @property
     def state(self) -> str:
         """The status in words, a crash included; `imported` where nothing was run."""
-        if self.imported and self.status is Status.COMPLETED:
+        if self.imported and self.status is RunStatus.COMPLETED:
             return "imported"
         return "crashed" if self.crashed else str(self.status)
 
@@ -103,7 +103,7 @@ class Run(Closing):
         return self._text("reason")
 
     @property
-    def continues(self) -> Path | None:
+    def resumed_from(self) -> Path | None:
         """The run this one goes on with."""
         earlier = self._text("continues") if "continues" in self._entry else ""
         return self.path.parent / earlier if earlier else None
@@ -151,16 +151,16 @@ class Run(Closing):
     @property
     def sensor(self) -> LaserSensor:
         """The displacement sensor with its calibration."""
-        return sensor_of(self._entry)
+        return read_sensor(self._entry)
 
     @property
-    def trace(self) -> Trace:
+    def trace(self) -> RunTrace:
         """What the card sampled."""
-        return Trace(self._entry, lambda: self.sensor)
+        return RunTrace(self._entry, lambda: self.sensor)
 
     def recordings(self) -> Iterator[Recording]:
         """What was kept, in order, exactly as the live run had it; first that of the run this one goes on with."""
-        if (earlier := self.continues) is not None and earlier.exists():
+        if (earlier := self.resumed_from) is not None and earlier.exists():
             with Run(earlier) as before:
                 yield from before.recordings()
         yield from self.trace.recordings()
@@ -170,7 +170,7 @@ class Run(Closing):
         group = self._entry["points"]
         length = min((data.shape[0] for data in group.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in group.items()}
-        columns.setdefault(ENTRY, np.arange(length))  # format 1: one after the other
+        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: one after the other
         return columns
 
     @property
@@ -188,7 +188,7 @@ class Run(Closing):
         """Units of the points' columns."""
         return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}
 
-    def events(self) -> Iterator[Happened]:
+    def events(self) -> Iterator[LoggedEvent]:
         """What happened, in order."""
         pending: tuple[Any, bytes] | None = None
         for row in self._entry["events"][:]:
@@ -196,32 +196,32 @@ class Run(Closing):
                 pending = (pending[0], pending[1] + row["text"])
                 continue
             if pending:
-                yield _happened(*pending)
+                yield _logged_event(*pending)
             pending = (row, bytes(row["text"]))
         if pending:
-            yield _happened(*pending)
+            yield _logged_event(*pending)
 
-    def entries(self) -> dict[int, Begun]:
+    def entries(self) -> dict[int, StartedEntry]:
         """The entries that were begun, by their place in the plan, those of the run this one goes on with included."""
-        found: dict[int, Begun] = {}
-        if (earlier := self.continues) is not None and earlier.exists():
+        found: dict[int, StartedEntry] = {}
+        if (earlier := self.resumed_from) is not None and earlier.exists():
             with Run(earlier) as before:
                 found = before.entries()
         for event in self.events():
-            if event.kind == EntryBegan.kind:
-                found[event.fields["index"]] = Begun(event.fields["label"], tuple(event.fields["key"]))
+            if event.kind == EntryStarted.kind:
+                found[event.fields["index"]] = StartedEntry(event.fields["label"], tuple(event.fields["key"]))
         return found
 
-    def curves(self) -> tuple[Curve, ...]:
+    def curves(self) -> tuple[ResultCurve, ...]:
         """What entries gave beside their points; none in a run that was never finished."""
         return tuple(
-            Curve(
+            ResultCurve(
                 name=str(group.attrs["name"]),
                 label=str(group.attrs["label"]),
                 x=str(group.attrs["axes"][0]),
                 y=str(group.attrs["signal"]),
                 columns={
-                    name: Column(
+                    name: CurveColumn(
                         np.asarray(data[:], float),
                         str(data.attrs["units"]),
                         str(data.attrs["long_name"]).rpartition(" (")[0],
@@ -234,10 +234,10 @@ class Run(Closing):
             for group in self._entry.get("curves", {}).values()
         )
 
-    def estimates(self) -> tuple[Estimate, ...]:
+    def estimates(self) -> tuple[EstimatedQuantity, ...]:
         group = self._entry.get("estimates", {})
         return tuple(
-            Estimate(
+            EstimatedQuantity(
                 name.replace("_", " "),
                 float(one["value"][()]),
                 float(one["standard_error"][()]),
@@ -256,11 +256,11 @@ class Run(Closing):
         return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _happened(row: Any, text: bytes) -> Happened:
-    return Happened(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
+def _logged_event(row: Any, text: bytes) -> LoggedEvent:
+    return LoggedEvent(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
 
 
-def _alive(pid: int) -> bool:
+def _process_is_alive(pid: int) -> bool:
     if os.name == "nt":  # no harmless signal there: a stale number is then taken for a living program
         return True
     try:

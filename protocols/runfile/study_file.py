@@ -19,24 +19,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from model.specimen import variables
-from model.studies.parameter_study import UNITS, Axis, Study
-from protocols.runfile.errors import StoreError
+from model.specimen import variable_specs
+from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
+from protocols.runfile.errors import StorageError
 from protocols.runfile.schema import RESERVE_BYTES
-from protocols.runfile.writer import software
+from protocols.runfile.writer import software_versions
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class StudyParameter:
     """One parameter that was not varied: SI value, unit, meaning."""
 
     name: str
     value: float
     unit: str
-    words: str = ""
+    description: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +48,20 @@ class StudyHeader:
     unit: str
     axes: tuple[Axis, ...]
     complex: bool = False
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[StudyParameter, ...] = ()
     description: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, study: Study) -> Self:
         """Return the header of a study."""
-        known = variables()
+        known = variable_specs()
         return cls(
             title=study.title,
             signal=study.measure,
-            unit=UNITS[study.measure],
+            unit=MEASURE_UNITS[study.measure],
             axes=study.axes,
             complex=study.measure == "receptance",
-            parameters=tuple(Parameter(n, v, known[n].unit, known[n].words) for n, v in study.fixed.items()),
+            parameters=tuple(StudyParameter(n, v, known[n].unit, known[n].description) for n, v in study.fixed.items()),
             description={
                 "measure": study.measure,
                 "n": study.n,
@@ -77,7 +77,7 @@ class StudyHeader:
         return tuple(len(axis.values) for axis in self.axes)
 
 
-class StudyFile:
+class StudyFileWriter:
     """The writer, a context manager: left in order it puts the file in place, left by an error it leaves nothing."""
 
     def __init__(self, path: Path, header: StudyHeader) -> None:
@@ -86,21 +86,21 @@ class StudyFile:
         Raises:
             StoreError: the folder, the disk or what stands there already does not allow it.
         """
-        check_place(path)
+        check_output_path(path)
         names = [header.signal, *(axis.name for axis in header.axes)]
         if len({*names}) < len(names):
-            raise StoreError(f"a study file needs names that differ, not {', '.join(names)}; rename one")
+            raise StorageError(f"a study file needs names that differ, not {', '.join(names)}; rename one")
         need = prod(header.shape) * (16 if header.complex else 8) + RESERVE_BYTES
         free = shutil.disk_usage(path.parent).free
         if free < need:
-            raise StoreError(
+            raise StorageError(
                 f"the study needs {need / 1e6:.0f} MB but the disk of {path.parent} has {free / 1e6:.0f} MB left; "
                 "free some space, choose another folder, or vary less"
             )
-        self.path, self._part = path, path.with_name(path.name + ".part")
+        self.path, self._partial_path = path, path.with_name(path.name + ".part")
         self._shape = header.shape
-        with self._storing():
-            self._file = h5py.File(self._part, "w")
+        with self._translate_write_errors():
+            self._file = h5py.File(self._partial_path, "w")
             self._values = self._create(header)
 
     def __enter__(self) -> Self:
@@ -108,12 +108,12 @@ class StudyFile:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         try:
-            with self._storing():
+            with self._translate_write_errors():
                 self._file.close()
                 if error is None:
-                    self._part.replace(self.path)
+                    self._partial_path.replace(self.path)
         finally:
-            self._part.unlink(missing_ok=True)
+            self._partial_path.unlink(missing_ok=True)
 
     def write(self, start: int, block: NDArray[Any]) -> None:
         """Store rows `start`.. of the values seen as (sets, last axis), in the order of their index.
@@ -121,9 +121,9 @@ class StudyFile:
         Raises:
             StoreError: the disk does not take it.
         """
-        with self._storing():
+        with self._translate_write_errors():
             row = 0
-            for box in boxes(start, start + len(block), self._shape[:-1]):
+            for box in index_slices(start, start + len(block), self._shape[:-1]):
                 shape = tuple(s.stop - s.start for s in box)
                 count = prod(shape)
                 self._values[(*box, slice(None))] = block[row : row + count].reshape(*shape, self._shape[-1])
@@ -133,18 +133,18 @@ class StudyFile:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "tactor-bench", "file_time": now})
         self._file.attrs.update({"format": FORMAT, "format_version": FORMAT_VERSION})
-        entry = _group(self._file, "entry", "NXentry", default="data")
+        entry = _create_group(self._file, "entry", "NXentry", default="data")
         entry["title"] = header.title
-        process = _group(entry, "process", "NXprocess")
-        versions = software()
+        process = _create_group(entry, "process", "NXprocess")
+        versions = software_versions()
         process["program"], process["version"] = "tactor-bench", versions["tactor-bench"]
         process["software"] = json.dumps(versions)
         process["study"] = json.dumps(dict(header.description or {}))
-        parameters = _group(entry, "parameters", "NXcollection")
+        parameters = _create_group(entry, "parameters", "NXcollection")
         for p in header.parameters:
             parameters[p.name] = p.value
-            parameters[p.name].attrs.update({"units": p.unit, "long_name": p.words})
-        data = _group(entry, "data", "NXdata", signal=header.signal, axes=[axis.name for axis in header.axes])
+            parameters[p.name].attrs.update({"units": p.unit, "long_name": p.description})
+        data = _create_group(entry, "data", "NXdata", signal=header.signal, axes=[axis.name for axis in header.axes])
         for i, axis in enumerate(header.axes):
             data[axis.name] = np.asarray(axis.values, float)
             data[axis.name].attrs.update({"units": axis.unit, "long_name": _long_name(axis.name, axis.unit)})
@@ -153,12 +153,12 @@ class StudyFile:
         values.attrs.update({"units": header.unit, "long_name": _long_name(header.signal, header.unit)})
         return values
 
-    def _storing(self) -> "_Storing":
-        return _Storing(self.path)
+    def _translate_write_errors(self) -> "_WriteErrorTranslation":
+        return _WriteErrorTranslation(self.path)
 
 
 @dataclass(frozen=True, slots=True)
-class StoredStudy:
+class LoadedStudy:
     """A study as it was read: values over `axes`, the last of them frequency."""
 
     title: str
@@ -166,12 +166,12 @@ class StoredStudy:
     unit: str
     axes: tuple[Axis, ...]
     values: NDArray[Any]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[StudyParameter, ...]
     description: Mapping[str, Any]
     software: Mapping[str, str]
 
 
-def read_study(path: Path) -> StoredStudy:
+def read_study(path: Path) -> LoadedStudy:
     """All of a study file.
 
     Raises:
@@ -180,19 +180,19 @@ def read_study(path: Path) -> StoredStudy:
     try:
         with h5py.File(path) as file:
             if file.attrs.get("format") != FORMAT:
-                raise StoreError(
+                raise StorageError(
                     f"{path} is no study of this program; give a file that 'tactor-bench study --out' wrote"
                 )
             if file.attrs["format_version"] > FORMAT_VERSION:
-                raise StoreError(f"{path} was written by a newer version of this program; update it")
+                raise StorageError(f"{path} was written by a newer version of this program; update it")
             entry, data = file["entry"], file["entry/data"]
             signal = str(data.attrs["signal"])
             axes = (Axis(n, str(data[n].attrs["units"]), tuple(data[n][:].tolist())) for n in data.attrs["axes"])
             parameters = (
-                Parameter(n, float(p[()]), str(p.attrs["units"]), str(p.attrs["long_name"]))
+                StudyParameter(n, float(p[()]), str(p.attrs["units"]), str(p.attrs["long_name"]))
                 for n, p in entry["parameters"].items()
             )
-            return StoredStudy(
+            return LoadedStudy(
                 entry["title"].asstr()[()],
                 signal,
                 str(data[signal].attrs["units"]),
@@ -203,17 +203,17 @@ def read_study(path: Path) -> StoredStudy:
                 json.loads(entry["process/software"].asstr()[()]),
             )
     except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise StoreError(f"{path} cannot be read as a study: {error}") from error
+        raise StorageError(f"{path} cannot be read as a study: {error}") from error
 
 
-def check_place(path: Path) -> None:
+def check_output_path(path: Path) -> None:
     """Refuse a place where a study cannot go: no folder, or a file there that is none (a run is never overwritten).
 
     Raises:
         StoreError: why not, and what to do.
     """
     if not path.parent.is_dir():
-        raise StoreError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
+        raise StorageError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
     if path.exists():
         try:
             with h5py.File(path) as file:
@@ -221,10 +221,10 @@ def check_place(path: Path) -> None:
         except OSError:
             ours = False
         if not ours:
-            raise StoreError(f"{path} exists and is no study, so it is left as it is; choose another name")
+            raise StorageError(f"{path} exists and is no study, so it is left as it is; choose another name")
 
 
-def boxes(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
+def index_slices(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
     """The flat indices start..stop of an array as few slices of it, in order."""
     if start >= stop:
         return
@@ -234,17 +234,19 @@ def boxes(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, 
     row = prod(shape[1:])
     first, last = -(-start // row), stop // row
     if first > last:  # all within one row
-        yield from ((slice(last, last + 1), *box) for box in boxes(start - last * row, stop - last * row, shape[1:]))
+        yield from (
+            (slice(last, last + 1), *box) for box in index_slices(start - last * row, stop - last * row, shape[1:])
+        )
         return
     if start < first * row:
-        yield from ((slice(first - 1, first), *box) for box in boxes(start - (first - 1) * row, row, shape[1:]))
+        yield from ((slice(first - 1, first), *box) for box in index_slices(start - (first - 1) * row, row, shape[1:]))
     if first < last:
         yield (slice(first, last), *(slice(0, n) for n in shape[1:]))
-    yield from ((slice(last, last + 1), *box) for box in boxes(0, stop - last * row, shape[1:]))
+    yield from ((slice(last, last + 1), *box) for box in index_slices(0, stop - last * row, shape[1:]))
 
 
 @dataclass(frozen=True, slots=True)
-class _Storing:
+class _WriteErrorTranslation:
     """Turns what HDF5 raises into one sentence."""
 
     path: Path
@@ -255,12 +257,14 @@ class _Storing:
         if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
             number = getattr(error, "errno", None)
             reason = os.strerror(number) if number else str(error)
-            raise StoreError(f"the study file {self.path} cannot be written: {reason}; choose another place") from error
+            raise StorageError(
+                f"the study file {self.path} cannot be written: {reason}; choose another place"
+            ) from error
 
 
-def _group(parent: h5py.Group, name: str, kind: str, **attributes: Any) -> h5py.Group:
+def _create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
     group = parent.create_group(name)
-    group.attrs["NX_class"] = kind
+    group.attrs["NX_class"] = nx_class
     group.attrs.update(attributes)
     return group
 

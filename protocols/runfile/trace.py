@@ -12,8 +12,8 @@ from drivers.drive import from_record
 from drivers.interfaces import Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from protocols.base.quality import Quality
-from protocols.base.records import Recording, converted
-from protocols.runfile.schema import CHANNELS, ENTRY
+from protocols.base.records import Recording, scale_counts
+from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
 
 if TYPE_CHECKING:
     import h5py
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def sensor_of(entry: "h5py.Group") -> LaserSensor:
+def read_sensor(entry: "h5py.Group") -> LaserSensor:
     """The displacement sensor as a run's file has it."""
     group = entry["instrument/displacement_sensor"]
     number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
@@ -38,7 +38,7 @@ def sensor_of(entry: "h5py.Group") -> LaserSensor:
     )
 
 
-class Trace:
+class RunTrace:
     """The samples of one run file. Rows are counted from its first sample; a growing file has more of them each time.
 
     Args:
@@ -55,7 +55,7 @@ class Trace:
         return float(self._entry["trace/sample_rate"][()])
 
     @property
-    def samples(self) -> int:
+    def sample_count(self) -> int:
         """Rows that every channel has."""
         return min(int(self._entry[f"trace/{name}"].shape[0]) for name in CHANNELS)
 
@@ -63,22 +63,22 @@ class Trace:
     def duration_s(self) -> float:
         """How much was sampled; where nothing was kept no time passes."""
         rate_hz = self.rate_hz
-        return self.samples / rate_hz if rate_hz else 0.0
+        return self.sample_count / rate_hz if rate_hz else 0.0
 
-    def scale(self, channel: str) -> Scale:
+    def channel_scale(self, channel: str) -> Scale:
         """From the card's counts to volts."""
         coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
         skew = f"trace/{channel}_skew"  # not in files of format 1
         return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
 
-    def raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
+    def read_raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
         """Integers as the card gave them, rows start..stop, (N,)."""
-        stop = self.samples if stop is None else min(stop, self.samples)
+        stop = self.sample_count if stop is None else min(stop, self.sample_count)
         return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
 
     def time_s(self, start: int = 0, stop: int | None = None) -> Array:
         """When rows start..stop were scanned, seconds since the stream began, (N,); where nothing was kept it jumps."""
-        rows = np.arange(start, self.samples if stop is None else min(stop, self.samples))
+        rows = np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count))
         blocks = self._entry["blocks"][:]
         if not len(blocks):
             return rows / self.rate_hz
@@ -87,29 +87,29 @@ class Trace:
 
     def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
         """Volts at the amplifier's input, rows start..stop, (N,)."""
-        return converted(self.scale("drive").volts, self.raw("drive", start, stop))
+        return scale_counts(self.channel_scale("drive").to_volts, self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
         """Displacement as the sensor tells it, (N,); a Recording's quality says where not to believe it."""
-        sensor, scale = self._sensor(), self.scale("displacement")
-        return converted(
-            lambda counts: sensor.displacement_m(scale.volts(counts)), self.raw("displacement", start, stop)
+        sensor, scale = self._sensor(), self.channel_scale("displacement")
+        return scale_counts(
+            lambda counts: sensor.displacement_m(scale.to_volts(counts)), self.read_raw("displacement", start, stop)
         )
 
     def recordings(self) -> Iterator[Recording]:
         """What was recorded in this very file, in order, exactly as the live run had it."""
-        delay_s = self._delay_s()
+        delay_s = self._displacement_delay_s()
         for index, row in enumerate(self._entry["recordings"][:]):
             yield self._recording(index, row, delay_s)
 
     def last_recording(self) -> Recording | None:
         """The last of what was recorded, without reading the rest; None where nothing was."""
         table = self._entry["recordings"]
-        return self._recording(len(table) - 1, table[-1], self._delay_s()) if len(table) else None
+        return self._recording(len(table) - 1, table[-1], self._displacement_delay_s()) if len(table) else None
 
-    def _delay_s(self) -> float:
+    def _displacement_delay_s(self) -> float:
         """How late displacement is against the drive: the sensor's delay, less what the card converts it later."""
-        return self._sensor().delay_s - channel_skew_s([self.scale(name) for name in CHANNELS])
+        return self._sensor().delay_s - channel_skew_s([self.channel_scale(name) for name in CHANNELS])
 
     def _recording(self, index: int, row: Any, delay_s: float) -> Recording:
         rows = (int(row["start_row"]), int(row["stop_row"]))
@@ -122,5 +122,5 @@ class Trace:
             displacement_m=self.displacement_m(*rows),
             quality=Quality(int(row["quality"])),
             sensor_delay_s=delay_s,
-            entry=int(row[ENTRY]) if ENTRY in row.dtype.names else index,  # format 1: one each
+            entry=int(row[ENTRY_COLUMN]) if ENTRY_COLUMN in row.dtype.names else index,  # format 1: one each
         )

@@ -3,38 +3,38 @@
 from collections.abc import Collection
 from typing import Any
 
-from protocols.base.events import PointMeasured, Progressed
-from protocols.base.protocol import Protocol, extended
-from protocols.base.records import Curve, Planned
-from protocols.base.steps import Redo
-from protocols.runfile.writer import RunFile
+from protocols.base.events import PointMeasured, ProgressUpdated
+from protocols.base.protocol import Protocol, extend_plan
+from protocols.base.records import PlanEntry, ResultCurve
+from protocols.base.steps import Repeat
+from protocols.runfile.writer import RunFileWriter
 
 
-class Ledger:
+class PlanProgress:
     """Keeps the points of one run, in memory by entry and in its file by row; an entry measured again supersedes.
 
     Args:
         rest_v: the level of rest at the amplifier's input, which plans depend on.
     """
 
-    def __init__(self, protocol: Protocol, store: RunFile, rest_v: float) -> None:
-        self._protocol, self._store, self._rest_v = protocol, store, rest_v
-        self._plan: list[Planned] = []
-        self._left: list[int] = []
+    def __init__(self, protocol: Protocol, run_file: RunFileWriter, rest_v: float) -> None:
+        self._protocol, self._run_file, self._rest_v = protocol, run_file, rest_v
+        self._plan: list[PlanEntry] = []
+        self._queue: list[int] = []
         self._measured: dict[int, tuple[int, Any]] = {}
         """Row in the file and point, by entry."""
-        self._curves: dict[int, list[Curve]] = {}
-        self._without: list[str] = []
+        self._curves: dict[int, list[ResultCurve]] = {}
+        self._failed_labels: list[str] = []
         """Labels of the entries that gave no point."""
-        self._remarked: set[str] = set()
+        self._reported_warnings: set[str] = set()
 
     @property
-    def planned(self) -> int:
+    def planned_count(self) -> int:
         """How many entries the plan has so far."""
         return len(self._plan)
 
     @property
-    def measured(self) -> int:
+    def measured_count(self) -> int:
         """How many of them have a point."""
         return len(self._measured)
 
@@ -44,11 +44,11 @@ class Ledger:
         return [self._measured[i][1] for i in sorted(self._measured)]
 
     @property
-    def curves(self) -> list[Curve]:
+    def curves(self) -> list[ResultCurve]:
         """What the entries gave beside their points, by their place in the plan."""
         return [curve for i in sorted(self._curves) for curve in self._curves[i]]
 
-    def entry(self, index: int) -> Planned:
+    def entry(self, index: int) -> PlanEntry:
         """An entry of the plan."""
         return self._plan[index]
 
@@ -58,73 +58,77 @@ class Ledger:
 
     # -- what is left --------------------------------------------------------------------------------------------------
 
-    def begin(self) -> None:
+    def build_plan(self) -> None:
         """Open the plan as it is known beforehand."""
         self._plan = list(self._protocol.plan(self._rest_v))
 
-    def leave(self, again: Collection[int]) -> None:
+    def queue_remaining(self, repeat_entries: Collection[int]) -> None:
         """All that has no point yet is left to be measured, and the entries `again`."""
-        self._extend()
-        self._left = [i for i in range(len(self._plan)) if i not in self._measured or i in again]
+        self._extend_plan()
+        self._queue = [i for i in range(len(self._plan)) if i not in self._measured or i in repeat_entries]
 
-    def next(self) -> int | None:
+    def next_entry(self) -> int | None:
         """The entry to measure now; None where nothing is left."""
-        return self._left.pop(0) if self._left else None
+        return self._queue.pop(0) if self._queue else None
 
-    def done(self, index: int, redo: Redo | None) -> None:
+    def complete(self, index: int, repeat: Repeat | None) -> None:
         """An entry is through; what follows it may be the entry before once more, or what the points now ask for."""
-        if redo is Redo.PREVIOUS and index > 0:
-            self._left[:0] = [index - 1, index]
-        if not self._left:
+        if repeat is Repeat.PREVIOUS and index > 0:
+            self._queue[:0] = [index - 1, index]
+        if not self._queue:
             known = len(self._plan)
-            self._extend()
-            self._left = list(range(known, len(self._plan)))
+            self._extend_plan()
+            self._queue = list(range(known, len(self._plan)))
 
-    def _extend(self) -> None:
+    def _extend_plan(self) -> None:
         """Ask the protocol for further entries while all so far are measured."""
         points = {entry: point for entry, (_, point) in self._measured.items()}
-        self._plan = list(extended(self._protocol, self._plan, points, self._rest_v))
+        self._plan = list(extend_plan(self._protocol, self._plan, points, self._rest_v))
 
     # -- what was measured ---------------------------------------------------------------------------------------------
 
-    def keep(self, index: int, point: Any) -> PointMeasured:
+    def add_point(self, index: int, point: Any) -> PointMeasured:
         """Append a point to the file, flagging the one that it supersedes; what is to be published.
 
         Raises:
             StoreError: the file cannot be written.
         """
-        row = self._store.point(point, index)
+        row = self._run_file.append_point(point, index)
         replaces, _ = self._measured.get(index, (None, None))
         if replaces is not None:
-            self._store.supersede(replaces)
+            self._run_file.flag_superseded(replaces)
         self._measured[index] = (row, point)
         self._curves[index] = []  # those of an older point fell with it
         return PointMeasured(row, point, index, replaces)
 
-    def keep_curve(self, curve: Curve) -> None:
+    def add_curve(self, curve: ResultCurve) -> None:
         """Keep what an entry gave beside its point. The file gets it when the run ends."""
         self._curves[curve.entry].append(curve)
 
-    def give_up(self, index: int) -> None:
+    def mark_failed(self, index: int) -> None:
         """Note that an entry gave no point."""
-        self._without.append(self._plan[index].label)
+        self._failed_labels.append(self._plan[index].label)
 
     # -- what is said of it --------------------------------------------------------------------------------------------
 
-    def remarks(self) -> list[str]:
+    def new_warnings(self) -> list[str]:
         """What the protocol says of the points so far and was not said before."""
-        new = [words for words in dict.fromkeys(self._protocol.remarks(self.points)) if words not in self._remarked]
-        self._remarked.update(new)
+        new = [
+            words
+            for words in dict.fromkeys(self._protocol.warnings(self.points))
+            if words not in self._reported_warnings
+        ]
+        self._reported_warnings.update(new)
         return new
 
-    def progress(self) -> Progressed:
+    def progress_event(self) -> ProgressUpdated:
         """Where the run stands; what is to be published."""
-        left = [self._plan[i] for i in self._left]
+        left = [self._plan[i] for i in self._queue]
         left_s = sum(entry.expected_s for entry in left)
-        return Progressed(len(self._plan) - len(left), len(self._plan), left_s, left[0].label if left else "done")
+        return ProgressUpdated(len(self._plan) - len(left), len(self._plan), left_s, left[0].label if left else "done")
 
-    def outcome(self) -> str:
+    def outcome_message(self) -> str:
         """What a run that came to its end has measured, in words."""
-        if not self._without:
+        if not self._failed_labels:
             return "all points measured"
-        return f"{len(self._measured)} of {len(self._plan)} points; none from {', '.join(self._without)}"
+        return f"{len(self._measured)} of {len(self._plan)} points; none from {', '.join(self._failed_labels)}"

@@ -6,16 +6,16 @@ from queue import SimpleQueue
 
 from drivers.clock import Clock
 from drivers.interfaces import Block
-from protocols.base.events import BlockTaken, Event
-from protocols.runfile.errors import StoreError
-from protocols.runfile.writer import RunFile
+from protocols.base.events import BlockStored, Event
+from protocols.runfile.errors import StorageError
+from protocols.runfile.writer import RunFileWriter
 
 log = logging.getLogger(__name__)
 
 Observer = Callable[[Event], None]
 
 
-class Publisher:
+class RunRecorder:
     """The way of every event and block of a run: into its file, then to the observers.
 
     A store error fails the run; an observer's error is logged and never does. Times are seconds since this was made.
@@ -23,12 +23,16 @@ class Publisher:
     """
 
     def __init__(
-        self, store: RunFile, observers: Sequence[Observer], clock: Clock, outside: SimpleQueue[Event] | None = None
+        self,
+        run_file: RunFileWriter,
+        observers: Sequence[Observer],
+        clock: Clock,
+        external_events: SimpleQueue[Event] | None = None,
     ) -> None:
-        self._store, self._observers, self._clock = store, tuple(observers), clock
-        self._begin_s = clock.now()
-        self._outside: SimpleQueue[Event] = SimpleQueue() if outside is None else outside
-        self._broken = False
+        self._run_file, self._observers, self._clock = run_file, tuple(observers), clock
+        self._start_s = clock.now()
+        self._external_events: SimpleQueue[Event] = SimpleQueue() if external_events is None else external_events
+        self._store_failed = False
 
     def publish(self, event: Event) -> None:
         """Store an event, then tell it. After the store failed once, only tell.
@@ -36,38 +40,38 @@ class Publisher:
         Raises:
             StoreError: the file cannot be written; nobody was told.
         """
-        if not self._broken:
+        if not self._store_failed:
             try:
-                self._store.event(event, self._now())
-            except StoreError:
-                self._broken = True
+                self._run_file.append_event(event, self._elapsed_s())
+            except StorageError:
+                self._store_failed = True
                 raise
-        self.tell(event)
+        self.notify(event)
 
-    def publish_outside(self) -> None:
+    def publish_external(self) -> None:
         """Store and tell what happened from outside meanwhile.
 
         Raises:
             StoreError: the file cannot be written; it was told all the same.
         """
-        while not self._outside.empty():
-            event = self._outside.get()
+        while not self._external_events.empty():
+            event = self._external_events.get()
             try:
                 self.publish(event)
-            except StoreError:
-                self.tell(event)
+            except StorageError:
+                self.notify(event)
                 raise
 
-    def take(self, block: Block) -> None:
+    def store_block(self, block: Block) -> None:
         """Append a block of samples, then tell it: the sink of an armed bench.
 
         Raises:
             StoreError: the file cannot be written; nobody was told.
         """
-        row = self._store.block(block, self._now())
-        self.tell(BlockTaken(block, row))
+        row = self._run_file.append_block(block, self._elapsed_s())
+        self.notify(BlockStored(block, row))
 
-    def tell(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Tell what need not be kept, or cannot."""
         for observer in self._observers:
             try:
@@ -75,5 +79,5 @@ class Publisher:
             except Exception:
                 log.exception("an observer failed on %s", event.kind)
 
-    def _now(self) -> float:
-        return self._clock.now() - self._begin_s
+    def _elapsed_s(self) -> float:
+        return self._clock.now() - self._start_s

@@ -11,48 +11,48 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
-from drivers.bench.bench import Armed as ArmedBench
+from drivers.bench.bench import ArmedBench as ArmedBench
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError, UnsafeError
 from protocols.base.events import (
-    Armed,
-    AtRest,
+    BenchArmed,
     CurveReady,
-    EntryBegan,
+    EntryStarted,
     Event,
-    GoingToRest,
-    Noted,
-    Paused,
-    Resumed,
+    LogMessage,
+    RestMeasured,
     RunEnded,
+    RunPaused,
+    RunResumed,
     RunStarted,
-    Status,
+    RunStatus,
+    ShutdownStarted,
     StreamStarted,
 )
 from protocols.base.operator import Operator
 from protocols.base.protocol import Protocol
-from protocols.base.records import Curve, Estimate, Planned, Recording
-from protocols.base.steps import Prompt, Redo
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
+from protocols.base.steps import Prompt, Repeat
 from protocols.rehearsal import rehearse
-from protocols.resume import Continuation, drifted
-from protocols.runfile.errors import StoreError
-from protocols.runfile.writer import RunFile
-from protocols.runner.executor import Executor
-from protocols.runner.ledger import Ledger
-from protocols.runner.operator_actions import Hands
-from protocols.runner.publisher import Observer, Publisher
+from protocols.resume import ResumeState, assess_drift
+from protocols.runfile.errors import StorageError
+from protocols.runfile.writer import RunFileWriter
+from protocols.runner.executor import StepExecutor
+from protocols.runner.ledger import PlanProgress
+from protocols.runner.operator_actions import OperatorActions
+from protocols.runner.publisher import Observer, RunRecorder
 
 log = logging.getLogger(__name__)
 
-NUMERICS = ("scipy.fft", "scipy.optimize")
+PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
 """Imported before the card runs: the first fit in mid-run would hold everything up for a second or two."""
 
 
-class Cancelled(Exception):
+class RunCancelled(Exception):
     """Somebody asked the run to stop."""
 
 
-class PauseAsked(Exception):
+class PauseInterrupt(Exception):
     """Somebody asked the run to pause."""
 
 
@@ -76,190 +76,202 @@ class Runner:
         self,
         protocol: Protocol,
         bench: Bench,
-        store: RunFile,
+        run_file: RunFileWriter,
         operator: Operator,
         observers: Sequence[Observer] = (),
         cancel: threading.Event | None = None,
         pause: threading.Event | None = None,
-        continuation: Continuation | None = None,
-        prepare: Sequence[Prompt] = (),
-        outside: SimpleQueue[Event] | None = None,
+        resume_state: ResumeState | None = None,
+        preparation: Sequence[Prompt] = (),
+        external_events: SimpleQueue[Event] | None = None,
     ) -> None:
-        self._protocol, self._bench, self._store = protocol, bench, store
+        self._protocol, self._bench, self._run_file = protocol, bench, run_file
         self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
-        self._continuation = continuation or Continuation()
-        self._prepare = tuple(prepare)
+        self._resume_state = resume_state or ResumeState()
+        self._preparation = tuple(preparation)
         self._armed: ArmedBench | None = None
         self._pausable = False
-        self._expired = bench.sensor.expired(datetime.now(UTC).date())
-        self._events = Publisher(store, observers, bench.clock, outside)
-        self._ledger = Ledger(protocol, store, bench.amplifier.map.rest_v)
-        self._executor = Executor(bench, store, operator, self._events, self._look_up, self._expired)
-        self._hands = Hands(self._executor, protocol.high_voltage)
+        self._calibration_warning = bench.sensor.expiry_warning(datetime.now(UTC).date())
+        self._recorder = RunRecorder(run_file, observers, bench.clock, external_events)
+        self._plan_progress = PlanProgress(protocol, run_file, bench.amplifier.map.rest_v)
+        self._executor = StepExecutor(
+            bench, run_file, operator, self._recorder, self._check_interrupts, self._calibration_warning
+        )
+        self._operator_actions = OperatorActions(self._executor, protocol.high_voltage)
 
-    def run(self) -> tuple[Status, str]:
+    def run(self) -> tuple[RunStatus, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
         try:
-            self._begin()
+            self._start()
             protocol = self._protocol
             with self._bench.armed(
-                protocol.sample_rate_hz, self._events.take, self._hands, self._started, protocol.high_voltage
+                protocol.sample_rate_hz,
+                self._recorder.store_block,
+                self._operator_actions,
+                self._on_stream_started,
+                protocol.high_voltage,
             ) as armed:
-                self._events.publish(Armed(protocol.high_voltage))
+                self._recorder.publish(BenchArmed(protocol.high_voltage))
                 try:
-                    self._carry_out(armed)
+                    self._run_entries(armed)
                 finally:
-                    with contextlib.suppress(StoreError):
-                        self._events.publish_outside()
-                    self._events.tell(GoingToRest())
-            status, reason = Status.COMPLETED, self._ledger.outcome()
-        except Cancelled:
-            done = f"{self._ledger.measured} of {self._ledger.planned} points"
-            status, reason = Status.STOPPED, f"stopped by the operator after {done}"
+                    with contextlib.suppress(StorageError):
+                        self._recorder.publish_external()
+                    self._recorder.notify(ShutdownStarted())
+            status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
+        except RunCancelled:
+            done = f"{self._plan_progress.measured_count} of {self._plan_progress.planned_count} points"
+            status, reason = RunStatus.STOPPED, f"stopped by the operator after {done}"
         except UnsafeError as error:
-            status, reason = Status.UNSAFE, str(error)
-            if isinstance(error.__cause__, (BenchError, StoreError)):
+            status, reason = RunStatus.UNSAFE, str(error)
+            if isinstance(error.__cause__, (BenchError, StorageError)):
                 reason += f" The run had failed before: {error.__cause__}"
-        except (BenchError, StoreError) as error:
-            status, reason = Status.FAILED, str(error)
+        except (BenchError, StorageError) as error:
+            status, reason = RunStatus.FAILED, str(error)
         except KeyboardInterrupt:
-            status, reason = Status.STOPPED, f"interrupted after {self._ledger.measured} points"
+            status, reason = RunStatus.STOPPED, f"interrupted after {self._plan_progress.measured_count} points"
         except Exception as error:
             log.exception("the run failed by an error of this program")
-            status, reason = Status.FAILED, f"an error of this program: {type(error).__name__}: {error}"
+            status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
         return self._finish(status, reason)
 
-    def _begin(self) -> None:
+    def _start(self) -> None:
         rehearsal = rehearse(
-            self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._store.path.parent
+            self._protocol, self._bench.amplifier, meters=self._bench.meters, folder=self._run_file.path.parent
         )
-        self._ledger.begin()
-        path = str(self._store.path)
-        self._events.publish(
+        self._plan_progress.build_plan()
+        path = str(self._run_file.path)
+        self._recorder.publish(
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
-        self._events.publish_outside()  # what was broken before
-        for words in (self._bench.watchdog.words, self._expired, self._continuation.words):
+        self._recorder.publish_external()  # what was broken before
+        for words in (self._bench.watchdog.inactive_reason, self._calibration_warning, self._resume_state.message):
             if words:
-                self._events.publish(Noted(words))
-        for numerics in NUMERICS:
+                self._recorder.publish(LogMessage(words))
+        for numerics in PRELOADED_MODULES:
             importlib.import_module(numerics)
-        for entry, point in self._continuation.points:
-            self._events.publish(self._ledger.keep(entry, point))
-        self._keep_curves(self._continuation.curves)
+        for entry, point in self._resume_state.points:
+            self._recorder.publish(self._plan_progress.add_point(entry, point))
+        self._add_curves(self._resume_state.curves)
 
-    def _carry_out(self, armed: ArmedBench) -> None:
-        self._ledger.leave(self._continuation.again)
-        self._events.publish(self._ledger.progress())
-        self._hands.prepare(armed, self._prepare)
+    def _run_entries(self, armed: ArmedBench) -> None:
+        self._plan_progress.queue_remaining(self._resume_state.repeat_entries)
+        self._recorder.publish(self._plan_progress.progress_event())
+        self._operator_actions.prepare(armed, self._preparation)
         self._check_drift(armed)
-        while (index := self._ledger.next()) is not None:
-            self._ledger.done(index, self._entry(armed, index))
-            self._events.publish(self._ledger.progress())
+        while (index := self._plan_progress.next_entry()) is not None:
+            self._plan_progress.complete(index, self._measure_entry(armed, index))
+            self._recorder.publish(self._plan_progress.progress_event())
 
-    def _entry(self, armed: ArmedBench, index: int) -> Redo | None:
+    def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
         """Measure one entry, as often as pauses and the protocol ask for it."""
-        entry = self._ledger.entry(index)
+        entry = self._plan_progress.entry(index)
         while True:
             try:
-                self._hands.set_up(armed, entry.setup)
-                self._events.publish(EntryBegan(index, entry.label, entry.key))
+                self._operator_actions.set_up(armed, entry.setup)
+                self._recorder.publish(EntryStarted(index, entry.label, entry.key))
                 self._pausable = True
-                recordings, redo = self._executor.carry_out(self._protocol, index, entry, armed)
-            except PauseAsked:
+                recordings, redo = self._executor.run_entry(self._protocol, index, entry, armed)
+            except PauseInterrupt:
                 self._pausable = False
                 self._wait_at_rest(armed)
                 continue
             finally:
                 self._pausable = False
-            if redo is not Redo.THIS:
+            if redo is not Repeat.THIS:
                 break
         if redo is None:
-            self._make_point(armed, index, entry, recordings)
+            self._analyze_entry(armed, index, entry, recordings)
         return redo
 
-    def _make_point(self, armed: ArmedBench, index: int, entry: Planned, recordings: Sequence[Recording]) -> None:
+    def _analyze_entry(self, armed: ArmedBench, index: int, entry: PlanEntry, recordings: Sequence[Recording]) -> None:
         results = self._protocol.results(entry.key, recordings, self._bench.simulated)
         try:
-            point = self._executor.think(armed, partial(next, results))
+            point = self._executor.run_analysis(armed, partial(next, results))
         except ValueError as error:
-            self._ledger.give_up(index)
-            self._events.publish(Noted(f"{entry.label} gives no point: {error}"))
+            self._plan_progress.mark_failed(index)
+            self._recorder.publish(LogMessage(f"{entry.label} gives no point: {error}"))
         else:
-            self._events.publish(self._ledger.keep(index, point))
-            self._keep_curves(self._curves_of(armed, index, entry, results))
-            for words in self._ledger.remarks():
-                self._events.publish(Noted(words))
+            self._recorder.publish(self._plan_progress.add_point(index, point))
+            self._add_curves(self._analyze_curves(armed, index, entry, results))
+            for words in self._plan_progress.new_warnings():
+                self._recorder.publish(LogMessage(words))
 
-    def _curves_of(self, armed: ArmedBench, index: int, entry: Planned, results: Iterator[Any]) -> tuple[Curve, ...]:
+    def _analyze_curves(
+        self, armed: ArmedBench, index: int, entry: PlanEntry, results: Iterator[Any]
+    ) -> tuple[ResultCurve, ...]:
         try:
-            return tuple(replace(curve, entry=index) for curve in self._executor.think(armed, partial(tuple, results)))
+            return tuple(
+                replace(curve, entry=index) for curve in self._executor.run_analysis(armed, partial(tuple, results))
+            )
         except ValueError as error:
-            self._events.publish(Noted(f"{entry.label} gives no curve: {error}"))
+            self._recorder.publish(LogMessage(f"{entry.label} gives no curve: {error}"))
             return ()
 
-    def _keep_curves(self, curves: Sequence[Curve]) -> None:
+    def _add_curves(self, curves: Sequence[ResultCurve]) -> None:
         for curve in curves:
-            self._ledger.keep_curve(curve)
-            self._events.tell(CurveReady(curve))
+            self._plan_progress.add_curve(curve)
+            self._recorder.notify(CurveReady(curve))
 
     def _wait_at_rest(self, armed: ArmedBench) -> None:
-        rest = armed.to_rest()
-        self._events.publish(Paused(rest.words, self._protocol.high_voltage))
+        rest = armed.return_to_verified_rest()
+        self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
         while self._pause.is_set():
-            self._look_up()
-            self._executor.skip(armed)
-        self._events.publish(Resumed())
+            self._check_interrupts()
+            self._executor.discard_block(armed)
+        self._recorder.publish(RunResumed())
 
     def _check_drift(self, armed: ArmedBench) -> None:
         """After an interruption, measure the last good entry again before going on."""
-        last = self._continuation.check
-        if last is None or last in self._continuation.again:
+        last = self._resume_state.drift_check_entry
+        if last is None or last in self._resume_state.repeat_entries:
             return
-        before = self._ledger.point(last)
-        self._entry(armed, last)
-        words, question = drifted(self._protocol, self._ledger.entry(last).label, before, self._ledger.point(last))
-        self._events.publish(Noted(words))
-        if question is not None and self._executor.ask(question) != question.choices[0]:
-            raise Cancelled
+        before = self._plan_progress.point(last)
+        self._measure_entry(armed, last)
+        words, question = assess_drift(
+            self._protocol, self._plan_progress.entry(last).label, before, self._plan_progress.point(last)
+        )
+        self._recorder.publish(LogMessage(words))
+        if question is not None and self._executor.ask_operator(question) != question.choices[0]:
+            raise RunCancelled
 
-    def _started(self, armed: ArmedBench) -> None:
+    def _on_stream_started(self, armed: ArmedBench) -> None:
         self._armed = armed
-        self._executor.started(armed)
-        self._store.begin(armed.rate_hz, armed.scales)
-        self._events.publish(StreamStarted(armed.rate_hz, armed.scales))
+        self._executor.attach(armed)
+        self._run_file.start_stream(armed.rate_hz, armed.scales)
+        self._recorder.publish(StreamStarted(armed.rate_hz, armed.scales))
 
-    def _look_up(self) -> None:
+    def _check_interrupts(self) -> None:
         """Whether somebody wants something else than to go on."""
-        self._events.publish_outside()
+        self._recorder.publish_external()
         if self._cancel.is_set():
-            raise Cancelled
+            raise RunCancelled
         if self._pausable and self._pause.is_set():
-            raise PauseAsked
+            raise PauseInterrupt
 
-    def _finish(self, status: Status, reason: str) -> tuple[Status, str]:
+    def _finish(self, status: RunStatus, reason: str) -> tuple[RunStatus, str]:
         """Say how it ended: in the file while it can be written, to the observers in any case."""
-        with contextlib.suppress(StoreError):
-            self._events.publish_outside()
-        rest = self._armed.rest if self._armed is not None else None
+        with contextlib.suppress(StorageError):
+            self._recorder.publish_external()
+        rest = self._armed.final_rest if self._armed is not None else None
         if rest is not None:
-            event = AtRest(rest.confirmed, rest.measured_v, rest.words)
+            event = RestMeasured(rest.confirmed, rest.measured_v, rest.message)
             try:
-                self._events.publish(event)
-            except StoreError:
-                self._events.tell(event)  # whether it is safe must be heard, full disk or not
-        estimates: tuple[Estimate, ...] = ()
+                self._recorder.publish(event)
+            except StorageError:
+                self._recorder.notify(event)  # whether it is safe must be heard, full disk or not
+        estimates: tuple[EstimatedQuantity, ...] = ()
         try:
-            estimates = self._protocol.estimates(self._ledger.points)
+            estimates = self._protocol.estimates(self._plan_progress.points)
         except Exception as error:
             log.exception("the analysis failed")
             reason += f"; the analysis failed: {type(error).__name__}: {error}"
         try:
-            reason = self._store.finish(status, reason, estimates, self._ledger.curves)
-        except StoreError as error:
-            if status in (Status.COMPLETED, Status.STOPPED):
-                status, reason = Status.FAILED, str(error)
-            with contextlib.suppress(StoreError):
-                self._store.abandon()
-        self._events.tell(RunEnded(status, reason, str(self._store.path), estimates))
+            reason = self._run_file.finish(status, reason, estimates, self._plan_progress.curves)
+        except StorageError as error:
+            if status in (RunStatus.COMPLETED, RunStatus.STOPPED):
+                status, reason = RunStatus.FAILED, str(error)
+            with contextlib.suppress(StorageError):
+                self._run_file.close_after_error()
+        self._recorder.notify(RunEnded(status, reason, str(self._run_file.path), estimates))
         return status, reason

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def check_samples(what: str, samples: ArrayLike, least: int) -> Array:
+def check_samples(name: str, samples: ArrayLike, min_size: int) -> Array:
     """One row of finite samples, (N,).
 
     Raises:
@@ -14,12 +14,12 @@ def check_samples(what: str, samples: ArrayLike, least: int) -> Array:
     """
     x = np.asarray(samples, float)
     if x.ndim != 1:
-        raise ValueError(f"{what} has {x.ndim} axes: give one row of samples")
-    if x.size < least:
-        raise ValueError(f"{what} has {x.size} samples, at least {least} are needed: record longer")
+        raise ValueError(f"{name} has {x.ndim} axes: give one row of samples")
+    if x.size < min_size:
+        raise ValueError(f"{name} has {x.size} samples, at least {min_size} are needed: record longer")
     if not np.isfinite(x.sum()):  # one pass without a mask; the count is only for the sentence
         bad = x.size - int(np.count_nonzero(np.isfinite(x)))
-        raise ValueError(f"{what}: {bad} of {x.size} samples are not finite numbers; cut them away or measure again")
+        raise ValueError(f"{name}: {bad} of {x.size} samples are not finite numbers; cut them away or measure again")
     return x
 
 
@@ -41,14 +41,14 @@ def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
     return float(stdtrit(degrees_of_freedom, 0.5 + level / 2))
 
 
-def check_both(drive: ArrayLike, displacement: ArrayLike, least: int, rate_hz: float) -> tuple[Array, Array]:
+def check_pair(drive: ArrayLike, displacement: ArrayLike, min_size: int, rate_hz: float) -> tuple[Array, Array]:
     """Drive and displacement of the same scans, (N,) each.
 
     Raises:
         ValueError: they differ in length, have fewer than `least` samples, or one that is no finite number.
     """
     check_positive(rate_hz=rate_hz)
-    x, y = check_samples("the drive", drive, least), check_samples("the displacement", displacement, least)
+    x, y = check_samples("the drive", drive, min_size), check_samples("the displacement", displacement, min_size)
     if x.size != y.size:
         raise ValueError(
             f"the drive has {x.size} samples and the displacement {y.size}: they must be of the same scans"

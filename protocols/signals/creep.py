@@ -12,11 +12,11 @@ Array = NDArray[np.float64]
 BINS_PER_DECADE = 20
 """Samples are averaged in bins of the logarithm of time: the late decades hold nearly all samples, and say no more."""
 
-LEAST_BINS = 8
+MIN_BINS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Creep:
+class CreepFit:
     """x(t) = value + per_decade log10(t / reference) (+ drift t), in the unit of the samples.
 
     Attributes:
@@ -41,7 +41,7 @@ class Creep:
 
 def fit_creep(
     time_s: ArrayLike, samples: ArrayLike, zero: float = 0.0, reference_s: float = 1.0, with_drift: bool = False
-) -> Creep:
+) -> CreepFit:
     """Fit creep to what followed a step.
 
     The errors come from how the bins scatter about the line, each weighted with its count of samples; slow noise scatters
@@ -58,7 +58,7 @@ def fit_creep(
         ValueError: not finite, a time <= 0, or less than half a decade.
     """
     check_positive(reference_s=reference_s)
-    t, x = check_samples("time", time_s, LEAST_BINS), check_samples("the creep", samples, LEAST_BINS)
+    t, x = check_samples("time", time_s, MIN_BINS), check_samples("the creep", samples, MIN_BINS)
     if t.size != x.size:
         raise ValueError(f"{t.size} times and {x.size} samples are given: they must be as many")
     if not t[0] > 0 or np.any(np.diff(t) <= 0):
@@ -77,9 +77,9 @@ def fit_creep(
     basis = np.stack([np.add.reduceat(c, starts) / counts for c in columns], axis=1)
     binned = np.add.reduceat(x - zero, starts) / counts
     freedom = counts.size - basis.shape[1]
-    if counts.size < LEAST_BINS:
+    if counts.size < MIN_BINS:
         raise ValueError(
-            f"{t.size} samples fill {counts.size} bins of time, at least {LEAST_BINS} are needed: sample faster"
+            f"{t.size} samples fill {counts.size} bins of time, at least {MIN_BINS} are needed: sample faster"
         )
     weight = np.sqrt(counts)
     q, r = np.linalg.qr(basis * weight[:, None])
@@ -88,7 +88,7 @@ def fit_creep(
     inverse = np.linalg.inv(r)
     errors = np.sqrt((inverse**2).sum(1) * float(left @ left) / freedom)
     drift, drift_error = (float(solution[2]), float(errors[2])) if with_drift else (0.0, 0.0)
-    return Creep(
+    return CreepFit(
         value=float(solution[0]) + drift * reference_s,
         value_error=float(
             np.linalg.norm(inverse.T @ np.array([1.0, 0.0, *([reference_s] if with_drift else [])]))

@@ -9,8 +9,8 @@ from protocols.signals.checks import check_positive, check_samples
 
 Array = NDArray[np.float64]
 
-LEAST = 16
-LARGEST_DAMPING = 0.8
+MIN_SAMPLES = 16
+MAX_DAMPING = 0.8
 """Above it hardly anything rings, and frequency and damping cannot be told apart."""
 
 GRID_DAMPING = (0.003, 0.01, 0.03, 0.08, 0.15, 0.25, 0.4)
@@ -18,7 +18,7 @@ GRID_SAMPLES = 2048
 
 
 @dataclass(frozen=True, slots=True)
-class Decay:
+class DecayFit:
     """x(t) = offset + amplitude exp(-zeta w0 t) cos(w0 sqrt(1 - zeta^2) t + phase), t from the first sample fitted.
 
     Attributes:
@@ -44,7 +44,7 @@ class Decay:
     degrees_of_freedom: int
 
 
-def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> Decay:
+def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], skip_s: float = 0.0) -> DecayFit:
     """Fit one decaying oscillation.
 
     A grid of frequencies and dampings, at each of which the rest is linear, finds the valley; Gauss and Newton its bottom.
@@ -63,9 +63,9 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     check_positive(rate_hz=rate_hz, **{"lowest frequency": band_hz[0]})
     if not band_hz[0] < band_hz[1] <= 0.45 * rate_hz:
         raise ValueError(f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz must rise and end below {0.45 * rate_hz:g} Hz")
-    x = check_samples("the decay", np.asarray(samples, float)[round(skip_s * rate_hz) :], LEAST)
+    x = check_samples("the decay", np.asarray(samples, float)[round(skip_s * rate_hz) :], MIN_SAMPLES)
     t = np.arange(x.size) / rate_hz
-    w, zeta = _valley(x, t, band_hz)
+    w, zeta = _coarse_search(x, t, band_hz)
     basis = _basis(t, w, zeta)
     linear = np.linalg.lstsq(basis, x, rcond=None)[0]
     scale = float(np.hypot(linear[1], linear[2])) or 1.0
@@ -85,7 +85,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     fit = least_squares(misfit, start, slopes, method="lm", x_scale=np.array([0.01, 0.01, 1, 1, 1]), max_nfev=200)
     freedom = x.size - 5
     natural, damping = float(fit.x[0]) * w / (2 * np.pi), float(fit.x[1])
-    if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < LARGEST_DAMPING:
+    if not fit.success or not band_hz[0] < natural < band_hz[1] or not 0 < damping < MAX_DAMPING:
         raise ValueError(
             f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the fit went to {natural:.4g} Hz, damping {damping:.3g}"
         )
@@ -102,7 +102,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
             f"nothing rings between {band_hz[0]:g} and {band_hz[1]:g} Hz: the amplitude, {scale * amplitude:.3g}, "
             f"is within 5 standard errors of zero ({scale * amplitude_error:.2g} each)"
         )
-    return Decay(
+    return DecayFit(
         natural_hz=natural,
         natural_error_hz=float(errors[0]) * w / (2 * np.pi),
         damping_ratio=damping,
@@ -117,7 +117,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
     )
 
 
-def _valley(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, float]:
+def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[float, float]:
     """Angular frequency and damping, of a coarse grid, that explain most of the beginning of the record."""
     x, t = x[:GRID_SAMPLES], t[:GRID_SAMPLES]
     span, told_apart = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]

@@ -22,15 +22,15 @@ MAINS_HZ = 50.0
 MAINS_ORDERS = 3
 """Mains and its harmonics that are fitted; the third is strong where transformers saturate."""
 
-COMPONENTS = 12
+MAX_COSINE_COMPONENTS = 12
 """Most cosine components that tell the noise: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
 
-LEAST = 24
+MIN_SAMPLES = 24
 """Fewest samples of a level."""
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class LevelEstimate:
     """The level of a stretch of samples at its middle, in the unit of the samples.
 
     Attributes:
@@ -49,7 +49,7 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
-class StepValue:
+class StepEstimate:
     """What a step did at a stated time after it, against the level just before; in the unit of the samples.
 
     Attributes:
@@ -62,11 +62,11 @@ class StepValue:
     value: float
     standard_error: float
     degrees_of_freedom: float
-    before: Level
-    after: Level
+    before: LevelEstimate
+    after: LevelEstimate
 
 
-def level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ) -> Level:
+def estimate_level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ) -> LevelEstimate:
     """The level of a stretch, (N,), with its standard error.
 
     Args:
@@ -80,15 +80,15 @@ def level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ)
     from scipy.fft import dct
 
     check_positive(rate_hz=rate_hz)
-    x = check_samples("the level", samples, LEAST)
+    x = check_samples("the level", samples, MIN_SAMPLES)
     n = x.size
-    q, inverse, components, freedom = _design(n, rate_hz, mains_hz)
+    q, inverse, components, freedom = _regression_design(n, rate_hz, mains_hz)
     middle = float(x.mean())
     projected = q.T @ (x - middle)
     residual = x - middle - q @ projected
     power = float((dct(residual, norm="ortho")[1 : components + 1] ** 2).sum())
     value, slope = (inverse[:2] @ projected).tolist()
-    return Level(
+    return LevelEstimate(
         value=middle + value,
         standard_error=math.sqrt(power / freedom) * float(np.linalg.norm(inverse[0])),
         degrees_of_freedom=freedom,
@@ -97,7 +97,7 @@ def level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = MAINS_HZ)
     )
 
 
-def step_value(
+def estimate_step(
     samples: ArrayLike,
     rate_hz: float,
     step_s: float,
@@ -105,7 +105,7 @@ def step_value(
     window_s: float = 0.1,
     guard_s: float = 0.0,
     mains_hz: float | None = MAINS_HZ,
-) -> StepValue:
+) -> StepEstimate:
     """What stands `read_s` after a step, against what stood just before it.
 
     Creep is logarithmic, so a step has no end value: the time at which it is read belongs to the number.
@@ -139,12 +139,12 @@ def step_value(
         raise ValueError(
             f"the record ends {x.size / rate_hz - step_s:g} s after the step, {read_s + window_s / 2:g} s are needed to read it"
         )
-    before = level(x[end_before - length : end_before], rate_hz, mains_hz)
-    after = level(x[begin_after : begin_after + length], rate_hz, mains_hz)
-    return StepValue(after.value - before.value, *combined(before, after), before, after)
+    before = estimate_level(x[end_before - length : end_before], rate_hz, mains_hz)
+    after = estimate_level(x[begin_after : begin_after + length], rate_hz, mains_hz)
+    return StepEstimate(after.value - before.value, *combine_errors(before, after), before, after)
 
 
-def combined(first: Level, second: Level) -> tuple[float, float]:
+def combine_errors(first: LevelEstimate, second: LevelEstimate) -> tuple[float, float]:
     """Standard error and degrees of freedom of a sum or difference of two levels (Welch, Satterthwaite)."""
     one, two = first.standard_error**2, second.standard_error**2
     if one + two == 0:
@@ -154,7 +154,7 @@ def combined(first: Level, second: Level) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=8)
-def _design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Array, int, float]:
+def _regression_design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Array, int, float]:
     """What the length alone decides: an orthogonal basis (n, k), the inverse of its triangle, components and freedom.
 
     Line and mains took their share of the lowest cosine components: what is left counts, in power and in freedom.
@@ -162,7 +162,7 @@ def _design(n: int, rate_hz: float, mains_hz: float | None) -> tuple[Array, Arra
     from scipy.fft import dct
 
     q, r = np.linalg.qr(_basis(n, rate_hz, mains_hz))
-    components = min(COMPONENTS, max(4, int(0.4 * n ** (2 / 3))))
+    components = min(MAX_COSINE_COMPONENTS, max(4, int(0.4 * n ** (2 / 3))))
     taken = float((dct(q, norm="ortho", axis=0)[1 : components + 1] ** 2).sum())
     return q, np.linalg.inv(r), components, components - taken
 
@@ -183,32 +183,32 @@ def _basis(n: int, rate_hz: float, mains_hz: float | None) -> Array:
     return np.stack(columns, axis=1)
 
 
-NEAR_SHARE = 0.01
+LEVEL_TOLERANCE = 0.01
 """Of the step: as near as that counts as there, if noise is less."""
 
 NOISE_FACTOR = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Ramped:
+class DetectedRamp:
     """A ramp in a record; times from its first sample.
 
     Attributes:
         begin_s, end_s: the last moment at the old level, the first at the new one. Equal where nothing moved.
-        before_v, level_v: the two levels.
+        start_level_v, end_level_v: the two levels.
     """
 
     begin_s: float
     end_s: float
-    before_v: float
-    level_v: float
+    start_level_v: float
+    end_level_v: float
 
     @property
     def duration_s(self) -> float:
         """How long the way took."""
         return self.end_s - self.begin_s
 
-    def effective_s(self, since_s: Array) -> Array:
+    def effective_time_s(self, since_s: Array) -> Array:
         """Times since an ideal step that would have crept as far as the ramp did by `since_s` after its end.
 
         What creeps as the logarithm of time under a step, creeps under a straight ramp as its average over the ramp:
@@ -221,35 +221,35 @@ class Ramped:
         return np.asarray(np.exp((whole * np.log(whole) - since_s * np.log(since_s)) / ramp - 1))
 
 
-def find_ramp(drive_v: Array, rate_hz: float, held_s: float, rest_s: float) -> Ramped:
-    """The one ramp of a record that begins with at least `rest_s` at one level and ends with `held_s` at another.
+def find_ramp(drive_v: Array, rate_hz: float, hold_s: float, rest_s: float) -> DetectedRamp:
+    """The one ramp of a record that begins with at least `rest_s` at one level and ends with `hold_s` at another.
 
     Args:
         drive_v: (N,), volts.
         rate_hz: samples per second.
-        held_s: how much of its end surely is at a level.
+        hold_s: how much of its end surely is at a level.
         rest_s: how much of its begin surely is.
 
     Raises:
         ValueError: the record is shorter than that.
     """
-    first, last = round(rest_s * rate_hz), round(held_s * rate_hz)
+    first, last = round(rest_s * rate_hz), round(hold_s * rate_hz)
     if first < 2 or last < 4 or first + last > drive_v.size:
         raise ValueError(
-            f"a record of {drive_v.size / rate_hz:g} s holds no {rest_s:g} s of rest and {held_s:g} s of level"
+            f"a record of {drive_v.size / rate_hz:g} s holds no {rest_s:g} s of rest and {hold_s:g} s of level"
         )
     before, after = drive_v[:first], drive_v[-(last // 2) :]
     before_v, level_v = float(before.mean()), float(after.mean())
     step_v = level_v - before_v
     noise_v = max(float(before.std()), float(after.std()))
-    near_v = max(NOISE_FACTOR * noise_v, NEAR_SHARE * abs(step_v))
+    near_v = max(NOISE_FACTOR * noise_v, LEVEL_TOLERANCE * abs(step_v))
     if abs(step_v) <= 2 * near_v:  # a level that is rest itself: taken to begin where the hold does
         at_s = (drive_v.size - last) / rate_hz
-        return Ramped(at_s, at_s, before_v, level_v)
+        return DetectedRamp(at_s, at_s, before_v, level_v)
     half = int(np.argmax(np.sign(step_v) * (drive_v - before_v) > abs(step_v) / 2))
     left = np.flatnonzero(np.abs(drive_v[:half] - before_v) <= near_v)
     reached = np.flatnonzero(np.abs(drive_v[half:] - level_v) <= near_v)
     begin_s, end_s = float(left[-1] + 1) / rate_hz, float(half + reached[0]) / rate_hz
     # As near as can be told from noise is a little inside the ramp: the straight line is drawn out to its ends.
     inside_s = (end_s - begin_s) * near_v / (abs(step_v) - 2 * near_v)
-    return Ramped(max(begin_s - inside_s, 0.0), end_s + inside_s, before_v, level_v)
+    return DetectedRamp(max(begin_s - inside_s, 0.0), end_s + inside_s, before_v, level_v)

@@ -9,18 +9,18 @@ from protocols.signals.checks import check_positive, check_samples
 
 Array = NDArray[np.float64]
 
-LEAST_POINTS = 8
-GRID = 64
+MIN_POINTS = 8
+GRID_LEVELS = 64
 """Drive levels at which rising and falling branch are compared."""
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class HysteresisLoop:
     """Hysteresis, averaged over cycles; each figure with its standard error from the spread over the cycles.
 
     Attributes:
         width, width_error: falling minus rising branch at the middle of the drive's range, unit of the displacement.
-        largest, largest_error: the width where it is largest.
+        max_width, max_width_error: the width where it is largest.
         stroke, stroke_error: displacement at the top of the drive - at its bottom.
         area, area_error: integral of the width over the drive, displacement times drive; positive where it lags.
         asymmetry, asymmetry_error: area above the middle of the drive minus area below it, over the area; -1..1.
@@ -29,8 +29,8 @@ class Loop:
 
     width: float
     width_error: float
-    largest: float
-    largest_error: float
+    max_width: float
+    max_width_error: float
     stroke: float
     stroke_error: float
     area: float
@@ -40,7 +40,7 @@ class Loop:
     degrees_of_freedom: int
 
     @property
-    def share(self) -> float:
+    def relative_width(self) -> float:
         """Width over stroke: the hysteresis as data sheets tell it."""
         return self.width / self.stroke
 
@@ -61,21 +61,21 @@ def fold(samples: ArrayLike, rate_hz: float, period_s: float, points: int = 128,
         ValueError: no cycle remains, or a phase holds no sample.
     """
     check_positive(rate_hz=rate_hz, period_s=period_s)
-    x = check_samples("the record", samples, LEAST_POINTS)
+    x = check_samples("the record", samples, MIN_POINTS)
     per_cycle = period_s * rate_hz
     cycles = int((x.size + 1e-6) / per_cycle) - dropped
     if dropped < 0 or cycles < 1:
         raise ValueError(
             f"{x.size / per_cycle:.3g} cycles of {period_s:g} s were recorded and {dropped} are dropped: none remains"
         )
-    if points < LEAST_POINTS or per_cycle < 2 * points:
+    if points < MIN_POINTS or per_cycle < 2 * points:
         raise ValueError(f"a cycle has {per_cycle:g} samples: not enough for {points} phases, at least two each")
     edges = np.ceil((dropped + np.arange(cycles * points + 1) / points) * per_cycle - 1e-6).astype(int)
     sums = np.add.reduceat(x[: edges[-1]], edges[:-1])
     return np.asarray(sums / np.diff(edges)).reshape(cycles, points)
 
 
-def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> Loop:
+def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> HysteresisLoop:
     """Width, area and asymmetry of loops that were gone through several times.
 
     Args:
@@ -89,36 +89,36 @@ def measure_loops(drive: ArrayLike, displacement: ArrayLike) -> Loop:
     if x.shape != y.shape or x.ndim != 2:
         raise ValueError(f"drive {x.shape} and displacement {y.shape} must both be (cycles, points)")
     cycles, points = x.shape
-    if cycles < 2 or points < LEAST_POINTS:
+    if cycles < 2 or points < MIN_POINTS:
         raise ValueError(
-            f"{cycles} cycles of {points} points are given: at least 2 of {LEAST_POINTS} are needed, "
+            f"{cycles} cycles of {points} points are given: at least 2 of {MIN_POINTS} are needed, "
             "because only repetition shows the error"
         )
     check_samples("the drive", x.ravel(), 1)
     check_samples("the displacement", y.ravel(), 1)
     if not np.ptp(x, axis=1).min() > 0:
         raise ValueError(f"the drive stands at {x.flat[0]:g} for a whole cycle: there is no loop")
-    figures = np.array([_one(*cycle) for cycle in zip(x, y, strict=True)])
+    figures = np.array([_measure_cycle(*cycle) for cycle in zip(x, y, strict=True)])
     values: list[float] = figures.mean(0).tolist()
     errors: list[float] = (figures.std(0, ddof=1) / np.sqrt(cycles)).tolist()
     width, largest, stroke, area, asymmetry = zip(values, errors, strict=True)
-    return Loop(*width, *largest, *stroke, *area, *asymmetry, cycles - 1)
+    return HysteresisLoop(*width, *largest, *stroke, *area, *asymmetry, cycles - 1)
 
 
-def _one(x: Array, y: Array) -> tuple[float, ...]:
+def _measure_cycle(x: Array, y: Array) -> tuple[float, ...]:
     """Width in the middle, largest width, stroke, area, asymmetry of one cycle."""
     low = int(x.argmin())
     x, y = np.roll(x, -low), np.roll(y, -low)
     x, y = np.append(x, x[0]), np.append(y, y[0])
     top = int(x.argmax())
-    level = np.linspace(x[0], x[top], GRID + 1)
+    level = np.linspace(x[0], x[top], GRID_LEVELS + 1)
     width = _branch(level, x[top:], y[top:]) - _branch(level, x[: top + 1], y[: top + 1])
     # The loop is a polygon: its area is exact (Gauss), while a grid misses where the branches part steeply at the ends.
     area = 0.5 * float(np.sum(y[:-1] * x[1:] - y[1:] * x[:-1])) * -1
     largest = float(width[np.abs(width).argmax()])
-    lower, upper = float(width[: GRID // 2].sum()), float(width[GRID // 2 + 1 :].sum())
+    lower, upper = float(width[: GRID_LEVELS // 2].sum()), float(width[GRID_LEVELS // 2 + 1 :].sum())
     asymmetry = (upper - lower) / (upper + lower) if upper + lower else 0.0
-    return float(width[GRID // 2]), largest, float(y[top] - y[0]), area, asymmetry
+    return float(width[GRID_LEVELS // 2]), largest, float(y[top] - y[0]), area, asymmetry
 
 
 def _branch(level: Array, x: Array, y: Array) -> Array:

@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-LEAST_LINES = 5
+MIN_LINES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
+class ModalFit:
     """A mode of a real system, (a + i b r) / (1 - r^2 + 2 i zeta r), r = f / f0, over what the modes above it leave.
 
     Attributes:
@@ -36,9 +36,9 @@ class Mode:
         return self.natural_hz * float(np.sqrt(max(1 - 2 * self.damping_ratio**2, 0.0)))
 
 
-def fit_mode(
+def fit_sdof(
     frequency_hz: ArrayLike, response: ArrayLike, standard_error: ArrayLike | None = None, correlation: float = 0.0
-) -> Mode:
+) -> ModalFit:
     """Fit one mode, and what higher modes leave, to a complex response.
 
     A pair of poles of a real system has real a and b; far below their resonance, higher modes leave c + i d f + e f^2: their
@@ -50,14 +50,14 @@ def fit_mode(
         frequency_hz: (F,), of the lines; they must enclose the resonance.
         response: (F,), complex.
         standard_error: (F,), of real and imaginary part; equal where None.
-        correlation: of neighbouring lines, see `FrequencyResponse`.
+        correlation: of neighbouring lines, see `FrequencyResponseObservation`.
 
     Raises:
         ValueError: fewer than 5 lines, or no resonance within them.
     """
     f, H = np.asarray(frequency_hz, float), np.asarray(response, complex)
-    if f.size < LEAST_LINES:
-        raise ValueError(f"{f.size} lines are given, a mode needs at least {LEAST_LINES}: measure more frequencies")
+    if f.size < MIN_LINES:
+        raise ValueError(f"{f.size} lines are given, a mode needs at least {MIN_LINES}: measure more frequencies")
     if not np.isfinite(H).all():
         raise ValueError(
             f"{np.count_nonzero(~np.isfinite(H))} of {f.size} lines of the response are not finite numbers"
@@ -67,7 +67,7 @@ def fit_mode(
     weight = weight / weight.max()
 
     none = f"no resonance between {f.min():g} and {f.max():g} Hz: measure a band that encloses it"
-    fitted, simpler = (_fitted(f / peak, np.asarray(H / scale, complex), weight, unknowns) for unknowns in (7, 6))
+    fitted, simpler = (_fit_poles(f / peak, np.asarray(H / scale, complex), weight, unknowns) for unknowns in (7, 6))
     if fitted is None or simpler is None:
         raise ValueError(none)
     values, errors, freedom, terms = fitted
@@ -76,7 +76,7 @@ def fit_mode(
     natural = float(values[0]) * peak
     if not f.min() < natural < f.max():
         raise ValueError(none)
-    return Mode(
+    return ModalFit(
         natural_hz=natural,
         natural_error_hz=float(errors[0]) * peak,
         damping_ratio=float(values[1]),
@@ -87,7 +87,7 @@ def fit_mode(
     )
 
 
-def _fitted(
+def _fit_poles(
     g: Array, H: NDArray[np.complex128], weight: Array, unknowns: int
 ) -> tuple[Array, Array, int, Array] | None:
     """f0 and zeta, their standard errors, the degrees of freedom, and the linear terms a, b, c ... of 6 or 7 unknowns.

@@ -28,14 +28,16 @@ class Multisine:
     period_s: float
 
     @classmethod
-    def between(cls, low_hz: float, high_hz: float, period_s: float, peak: float, every: int = 1) -> Self:
+    def between(cls, low_hz: float, high_hz: float, period_s: float, peak: float, line_step: int = 1) -> Self:
         """Equal lines from low to high; `every` 2 with an odd first line leaves the even ones free, to see distortion there.
 
         Raises:
             ValueError: no line lies between.
         """
-        check_positive(low_hz=low_hz, high_hz=high_hz, period_s=period_s, peak=peak, every=every)
-        lines = np.arange(int(np.ceil(low_hz * period_s - 1e-9)), int(np.floor(high_hz * period_s + 1e-9)) + 1, every)
+        check_positive(low_hz=low_hz, high_hz=high_hz, period_s=period_s, peak=peak, every=line_step)
+        lines = np.arange(
+            int(np.ceil(low_hz * period_s - 1e-9)), int(np.floor(high_hz * period_s + 1e-9)) + 1, line_step
+        )
         if not lines.size:
             raise ValueError(
                 f"no line of a period of {period_s:g} s lies between {low_hz:g} and {high_hz:g} Hz: take a longer period"

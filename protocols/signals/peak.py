@@ -20,24 +20,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, bins_of, blocks_for, padded
+from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum, fast_length, make_block_averager
 
 Array = NDArray[np.float64]
 
-BAND_HZ = (125.0, 500.0)
+PEAK_BAND_HZ = (125.0, 500.0)
 """Where the paper looks for the peak."""
 
 CUTOFF_HZ = 600.0
 DEGREE = 3
-LEAST_LINES = 10
+MIN_LINES = 10
 """Lines within the half-power width; 4 unknowns are fitted to them."""
 
-LEAST_BINS = 8
+MIN_BINS_PER_LINE = 8
 """Bins under a line below which the Hann window is none."""
 
 
 @dataclass(frozen=True, slots=True)
-class Peak:
+class SpectralPeak:
     """A maximum of a spectrum or of a response.
 
     Attributes:
@@ -76,8 +76,8 @@ def low_pass(samples: ArrayLike, rate_hz: float, cutoff_hz: float = CUTOFF_HZ) -
 
 
 def spectrum_peak(
-    displacement: ArrayLike, rate_hz: float, band_hz: tuple[float, float] = BAND_HZ, resolution_hz: float = 0.5
-) -> Peak:
+    displacement: ArrayLike, rate_hz: float, band_hz: tuple[float, float] = PEAK_BAND_HZ, resolution_hz: float = 0.5
+) -> SpectralPeak:
     """The peak of the displacement's spectrum: under a linear sweep of constant amplitude, the peak of |H|.
 
     Args:
@@ -91,65 +91,69 @@ def spectrum_peak(
     """
     check_positive(rate_hz=rate_hz, resolution_hz=resolution_hz)
     y = check_samples("the displacement", displacement, 256)
-    n = padded(y.size)
+    n = fast_length(y.size)
     bin_hz = rate_hz / n
-    band = blocks_for(band_hz, 2 * bin_hz, bin_hz, rate_hz / 2)
-    Y = bins_of(y, n, band)
+    band = make_block_averager(band_hz, 2 * bin_hz, bin_hz, rate_hz / 2)
+    Y = band_spectrum(y, n, band)
     power = (Y.real**2 + Y.imag**2) / np.float32(rate_hz) ** 2
-    resolution = max(resolution_hz, LEAST_BINS * bin_hz)
+    resolution = max(resolution_hz, MIN_BINS_PER_LINE * bin_hz)
     while True:
-        blocks = blocks_for(band_hz, resolution, bin_hz, rate_hz / 2)
-        lines = np.asarray(blocks.of(power) @ blocks.window, float)
-        finer = resolution / 2 >= LEAST_BINS * bin_hz
-        found = _largest(blocks.frequency_hz, lines, band_hz, "spectrum of the displacement")
-        if found.stop - found.start >= 2 * LEAST_LINES or not finer:
-            return _peak(blocks.frequency_hz[found], lines[found], OVERLAP_CORRELATION)
+        blocks = make_block_averager(band_hz, resolution, bin_hz, rate_hz / 2)
+        lines = np.asarray(blocks.windows(power) @ blocks.window, float)
+        finer = resolution / 2 >= MIN_BINS_PER_LINE * bin_hz
+        found = _half_power_lines(blocks.frequency_hz, lines, band_hz, "spectrum of the displacement")
+        if found.stop - found.start >= 2 * MIN_LINES or not finer:
+            return _fit_peak(blocks.frequency_hz[found], lines[found], OVERLAP_CORRELATION)
         resolution /= 2
 
 
-def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = BAND_HZ) -> Peak:
+def response_peak(response: FrequencyResponse, band_hz: tuple[float, float] = PEAK_BAND_HZ) -> SpectralPeak:
     """The peak of |H| in a band: as `spectrum_peak`, but divided by the drive that was really there.
 
     Raises:
         ValueError: no peak that stands out of the band, or lines too coarse to fit it.
     """
     part = response.within(*band_hz)
-    found = _largest(part.frequency_hz, part.modulus**2, band_hz, "response")
-    return _peak(part.frequency_hz[found], part.modulus[found] ** 2, part.correlation)
+    found = _half_power_lines(part.frequency_hz, part.modulus**2, band_hz, "response")
+    return _fit_peak(part.frequency_hz[found], part.modulus[found] ** 2, part.correlation)
 
 
-def _largest(f: Array, power: Array, band_hz: tuple[float, float], what: str) -> slice:
+def _half_power_lines(f: Array, power: Array, band_hz: tuple[float, float], quantity_name: str) -> slice:
     """Lines within the half-power width of the largest."""
     band = f"{band_hz[0]:g}..{band_hz[1]:g} Hz"
-    if f.size < LEAST_LINES:
+    if f.size < MIN_LINES:
         raise ValueError(
-            f"{band} holds {f.size} lines of the {what}, at least {LEAST_LINES} are needed: widen the band or record longer"
+            f"{band} holds {f.size} lines of the {quantity_name}, at least {MIN_LINES} are needed: widen the band or record longer"
         )
     top = int(power.argmax())
     if not power[top] > 0:
-        raise ValueError(f"the {what} is zero in {band}: check the sensor's cable and the drive")
+        raise ValueError(f"the {quantity_name} is zero in {band}: check the sensor's cable and the drive")
     below = power < power[top] / 2
     if not below.any():
-        raise ValueError(f"no peak stands out in {band}: the {what} nowhere falls to half of its largest power")
+        raise ValueError(
+            f"no peak stands out in {band}: the {quantity_name} nowhere falls to half of its largest power"
+        )
     before, after = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
     start = int(before[-1]) + 1 if before.size else 0
     stop = top + int(after[0]) if after.size else f.size
     if top - start < 2 or stop - top < 3:
-        if stop - start < LEAST_LINES and start > 0 and stop < f.size:
+        if stop - start < MIN_LINES and start > 0 and stop < f.size:
             raise ValueError(
-                f"the {what} is largest at {f[top]:.6g} Hz, in a peak only {stop - start} lines wide: "
+                f"the {quantity_name} is largest at {f[top]:.6g} Hz, in a peak only {stop - start} lines wide: "
                 "take a finer resolution, or look for a line of the mains"
             )
-        raise ValueError(f"no peak within {band}: the {what} is largest at its edge, {f[top]:.6g} Hz; move the band")
+        raise ValueError(
+            f"no peak within {band}: the {quantity_name} is largest at its edge, {f[top]:.6g} Hz; move the band"
+        )
     return slice(start, stop)
 
 
-def _peak(f: Array, power: Array, correlation: float) -> Peak:
+def _fit_peak(f: Array, power: Array, correlation: float) -> SpectralPeak:
     """Fit log power = -log q(u), q of third degree in u = f^2, by Gauss and Newton; the minimum of q is the peak."""
     freedom = f.size - DEGREE - 1
-    if f.size < LEAST_LINES:
+    if f.size < MIN_LINES:
         raise ValueError(
-            f"only {f.size} lines lie within the peak at {f[power.argmax()]:.6g} Hz, {LEAST_LINES} are needed: resolve finer"
+            f"only {f.size} lines lie within the peak at {f[power.argmax()]:.6g} Hz, {MIN_LINES} are needed: resolve finer"
         )
     u = f * f
     middle, half = 0.5 * (u[0] + u[-1]), 0.5 * (u[-1] - u[0])
@@ -184,7 +188,7 @@ def _peak(f: Array, power: Array, correlation: float) -> Peak:
     gradient = -slopes[0] * v ** np.maximum(slopes[1] - 1, 0) / bend(v)
     error_v = float(np.sqrt(gradient @ covariance @ gradient))
     frequency = float(np.sqrt(middle + half * v))
-    return Peak(
+    return SpectralPeak(
         frequency_hz=frequency,
         standard_error_hz=error_v * half / (2 * frequency),
         degrees_of_freedom=freedom / (1 + 2 * correlation**2),

@@ -13,31 +13,31 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.checks import check_both, check_positive
+from protocols.signals.checks import check_pair, check_positive
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.spectral_blocks import POOLED_LINES, blocks_for, pooled
+from protocols.signals.spectral_blocks import POOLED_LINES, make_block_averager, pool_lines
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-LINES, DEGREE = 15, 6
+WINDOW_LINES, POLYNOMIAL_DEGREE = 15, 6
 """A piece of the response, and the degree of the polynomial that must fit its inverse."""
 
-FREEDOM = 2 * (LINES - DEGREE - 1)
-MEDIAN = (1 - 2 / (9 * FREEDOM)) ** 3
+DEGREES_OF_FREEDOM = 2 * (WINDOW_LINES - POLYNOMIAL_DEGREE - 1)
+CHI_SQUARE_MEDIAN = (1 - 2 / (9 * DEGREES_OF_FREEDOM)) ** 3
 """Of chi square over its degrees of freedom (Wilson and Hilferty)."""
 
-AROUND = 61
+MEDIAN_WINDOW_LINES = 61
 """Lines over whose median the share is found."""
 
-CLEAR = 10.0
+MIN_SIGNAL_TO_NOISE = 10.0
 """Lines that stand out of their noise by less tell nothing of a share."""
 
-EVERY = 8
-STEPS = 40
+MEDIAN_WINDOW_STEP = 8
+BISECTION_STEPS = 40
 
 
-def repeating_share(frequency_hz: Array, response: Complex, noise: Array) -> Array:
+def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) -> Array:
     """(F,) standard deviation of what repeats, of real and of imaginary part, as a share of the response's modulus.
 
     Args:
@@ -45,35 +45,35 @@ def repeating_share(frequency_hz: Array, response: Complex, noise: Array) -> Arr
         response: (F,), its errors independent from line to line.
         noise: (F,), standard errors of real and imaginary part that the spread over periods tells; none is 0.
     """
-    clear = np.abs(response) > CLEAR * noise
-    if np.count_nonzero(clear) < 2 * LINES:
+    clear = np.abs(response) > MIN_SIGNAL_TO_NOISE * noise
+    if np.count_nonzero(clear) < 2 * WINDOW_LINES:
         return np.zeros(frequency_hz.size)
     inverse, error = 1 / response[clear], noise[clear] / np.abs(response[clear]) ** 2
-    f, G, s = (sliding_window_view(values, LINES) for values in (frequency_hz[clear], inverse, error))
+    f, G, s = (sliding_window_view(values, WINDOW_LINES) for values in (frequency_hz[clear], inverse, error))
     place = 2 * (f - f[:, :1]) / (f[:, -1:] - f[:, :1]) - 1
-    q, _ = np.linalg.qr(legvander(place, DEGREE) / s[..., None])
+    q, _ = np.linalg.qr(legvander(place, POLYNOMIAL_DEGREE) / s[..., None])
     target = (G / s)[..., None]
     left = target - q @ (q.swapaxes(1, 2) @ target)
-    excess = (np.abs(left[..., 0]) ** 2).sum(1) / FREEDOM  # 1 where there is noise alone
+    excess = (np.abs(left[..., 0]) ** 2).sum(1) / DEGREES_OF_FREEDOM  # 1 where there is noise alone
     strength = np.mean(np.abs(G / s) ** 2, axis=1)
-    wide = min(AROUND, excess.size)
-    at = np.arange(0, excess.size - wide + 1, EVERY)
+    wide = min(MEDIAN_WINDOW_LINES, excess.size)
+    at = np.arange(0, excess.size - wide + 1, MEDIAN_WINDOW_STEP)
     excess, strength = (sliding_window_view(values, wide)[at] for values in (excess, strength))
     # The share whose variance brings the median excess down to what noise alone would give; looked for by halving.
     low, high = np.zeros(at.size), (excess / strength).max(1)
-    for _ in range(STEPS):
+    for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)
-        more = np.median(excess / (1 + middle[:, None] * strength), axis=1) > MEDIAN
+        more = np.median(excess / (1 + middle[:, None] * strength), axis=1) > CHI_SQUARE_MEDIAN
         low, high = np.where(more, middle, low), np.where(more, high, middle)
-    centre = frequency_hz[clear][at + (wide + LINES) // 2 - 1]
+    centre = frequency_hz[clear][at + (wide + WINDOW_LINES) // 2 - 1]
     return np.sqrt(np.interp(frequency_hz, centre, low))
 
 
-EXCITED = 1e-4
+EXCITED_POWER_SHARE = 1e-4
 """Share of the strongest line's power from which a line counts as excited."""
 
 
-def periodic_response(
+def estimate_periodic_response(
     drive: ArrayLike,
     displacement: ArrayLike,
     rate_hz: float,
@@ -100,7 +100,7 @@ def periodic_response(
     Raises:
         ValueError: fewer than two periods remain, a period is no whole number of samples, or nothing is driven.
     """
-    x, y = check_both(drive, displacement, 2, rate_hz)
+    x, y = check_pair(drive, displacement, 2, rate_hz)
     check_positive(period_s=period_s)
     n = round(period_s * rate_hz)
     if n < 4 or abs(period_s * rate_hz - n) > 1e-3:
@@ -116,20 +116,20 @@ def periodic_response(
 
     kept = slice(dropped * n, (dropped + periods) * n)
     X, Y = rfft(x[kept].reshape(periods, n)), rfft(y[kept].reshape(periods, n))
-    blocks = blocks_for(band_hz, 2 * rate_hz / n, rate_hz / n, rate_hz / 2)
+    blocks = make_block_averager(band_hz, 2 * rate_hz / n, rate_hz / n, rate_hz / 2)
     lines = blocks.first + np.arange(blocks.size)
     power = (np.abs(X[:, lines]) ** 2).sum(0)
     if not power.size or not power.max() > 0:
         raise ValueError(
             f"there is no drive between {band_hz[0]:g} and {band_hz[1]:g} Hz: check the drive channel's cable"
         )
-    lines, power = lines[power > EXCITED * power.max()], power[power > EXCITED * power.max()]
+    lines, power = lines[power > EXCITED_POWER_SHARE * power.max()], power[power > EXCITED_POWER_SHARE * power.max()]
     X, Y = X[:, lines], Y[:, lines]
     cross = (Y * X.conj()).sum(0)
     H = cross / power
     # The displacement's noise is alike at neighbouring lines; what follows the drive is not, and is left out of it.
     alike = min(POOLED_LINES, lines.size)
-    left = pooled((np.abs(Y - H * X) ** 2).sum(0) / (periods - 1), alike)
+    left = pool_lines((np.abs(Y - H * X) ** 2).sum(0) / (periods - 1), alike)
     modulus = np.abs(H)
     noise = np.maximum(np.sqrt(left / power / 2), np.finfo(float).eps * modulus.max())
     moved = (np.abs(Y) ** 2).sum(0)
@@ -137,7 +137,7 @@ def periodic_response(
     return FrequencyResponse(
         frequency_hz=f,
         response=H * np.exp(2j * np.pi * f * delay_s),
-        standard_error=np.hypot(noise, repeating_share(f, H, noise) * modulus),
+        standard_error=np.hypot(noise, repeating_error_share(f, H, noise) * modulus),
         coherence=np.divide(np.abs(cross) ** 2, power * moved, out=np.zeros(f.size), where=moved > 0),
         degrees_of_freedom=2.0 * (periods - 1) * alike,
         resolution_hz=rate_hz / n,

@@ -1,6 +1,6 @@
 """A frequency response of displacement over drive, with coherence and a standard error per line.
 
-Two excitations, two ways to an error bar: periods that repeat show their noise by not repeating (`periodic_response`); a
+Two excitations, two ways to an error bar: periods that repeat show their noise by not repeating (`estimate_periodic_response`); a
 long sweep does not repeat, but it is known (`swept_response`). Both are H1 = S_yx / S_xx, the right one of the two here: the
 noise is the laser's; the recorded drive has a thousandth of it. H2 would take the harmonics for response.
 """
@@ -55,7 +55,7 @@ class FrequencyResponse:
         return replace(self, **rows)
 
 
-def joined(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+def concatenate_responses(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Responses of one resolution over bands that follow each other, as one."""
     if len(parts) == 1:
         return parts[0]

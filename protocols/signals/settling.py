@@ -20,14 +20,14 @@ class SettlingDetector:
     are below `tolerance`, or below what the noise alone would make, and the drive is the one commanded.
 
     Args:
-        window: samples in a window.
+        window_samples: samples in a window.
         drive_amplitude_v: the commanded amplitude.
         tolerance: relative change of the response between windows.
     """
 
     rate_hz: float
     frequency_hz: float
-    window: int
+    window_samples: int
     drive_amplitude_v: float
     tolerance: float
     drive_seen_v: float = 0.0
@@ -49,16 +49,16 @@ class SettlingDetector:
         """Take more samples; True once the response is steady."""
         self._drive = np.concatenate([self._drive, drive_v])
         self._displacement = np.concatenate([self._displacement, displacement])
-        while len(self._drive) >= self.window:
+        while len(self._drive) >= self.window_samples:
             if self._window_is_steady():
                 return True
-            self._drive = self._drive[self.window :]
-            self._displacement = self._displacement[self.window :]
+            self._drive = self._drive[self.window_samples :]
+            self._displacement = self._displacement[self.window_samples :]
         return False
 
     def _window_is_steady(self) -> bool:
-        drive = fit_sine(self._drive[: self.window], self.rate_hz, self.frequency_hz)
-        response = fit_sine(self._displacement[: self.window], self.rate_hz, self.frequency_hz, 3)
+        drive = fit_sine(self._drive[: self.window_samples], self.rate_hz, self.frequency_hz)
+        response = fit_sine(self._displacement[: self.window_samples], self.rate_hz, self.frequency_hz, 3)
         self.drive_seen_v = abs(drive.fundamental)
         if not self.drive_is_on:
             self._responses.clear()

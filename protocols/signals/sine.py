@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 NYQUIST_SHARE = 0.45
 """Harmonics above this share of the sample rate are not fitted: they cannot be told from aliases."""
 
-PIECE = 1 << 16
+CHUNK_SAMPLES = 1 << 16
 """Samples of a basis held in memory at once."""
 
 
@@ -67,12 +67,12 @@ def fit_sine(samples: Array, rate_hz: float, frequency_hz: float, harmonics: int
         raise ValueError(f"a sine fit with {orders} harmonics needs more than {unknowns} samples, not {n}")
     # The basis is nearly orthogonal over whole cycles, so the normal equations lose nothing.
     gram, moment = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    for part, basis in _pieces(n, rate_hz, frequency_hz, orders):
+    for part, basis in _basis_chunks(n, rate_hz, frequency_hz, orders):
         gram += basis @ basis.T
         moment += basis @ samples[part]
     solution = np.linalg.solve(gram, moment)
     left = 0.0
-    for part, basis in _pieces(n, rate_hz, frequency_hz, orders):
+    for part, basis in _basis_chunks(n, rate_hz, frequency_hz, orders):
         residual = samples[part] - solution @ basis
         left += float(residual @ residual)
     noise = float(np.sqrt(left / (n - unknowns)))
@@ -97,7 +97,7 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
         amplitude = fit_sine(samples, rate_hz, frequency_hz).fundamental
         s, c = amplitude.real, amplitude.imag
         gram, moment = np.zeros((5, 5)), np.zeros(5)
-        for part, basis in _pieces(n, rate_hz, frequency_hz, 1):
+        for part, basis in _basis_chunks(n, rate_hz, frequency_hz, 1):
             centred = (np.arange(part.start, part.stop) - 0.5 * (n - 1)) / rate_hz
             slope = 2 * np.pi * centred * (s * basis[3] - c * basis[2])
             extended = np.vstack([basis, slope])
@@ -110,16 +110,16 @@ def fit_frequency(samples: Array, rate_hz: float, frequency_hz: float) -> float:
     return frequency_hz
 
 
-def _pieces(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Iterator[tuple[slice, Array]]:
+def _basis_chunks(n: int, rate_hz: float, frequency_hz: float, orders: int) -> Iterator[tuple[slice, Array]]:
     """The fit's basis in pieces, so that a long record at a high rate costs no memory.
 
     Rows of a piece: 1, t scaled to -1..1 over the whole record, then sin and cos of each order.
     """
     order = np.arange(1, orders + 1)
     step = 2j * np.pi * frequency_hz / rate_hz
-    first = np.exp(np.multiply.outer(step * order, np.arange(min(n, PIECE))))
-    for start in range(0, n, PIECE):
-        part = slice(start, min(start + PIECE, n))
+    first = np.exp(np.multiply.outer(step * order, np.arange(min(n, CHUNK_SAMPLES))))
+    for start in range(0, n, CHUNK_SAMPLES):
+        part = slice(start, min(start + CHUNK_SAMPLES, n))
         length = part.stop - part.start
         # A later piece is the first one turned on: one multiplication in place of a sine.
         turned = first[:, :length] * np.exp(step * order * start)[:, np.newaxis]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Bin = TypeVar("Bin", bound=np.inexact[Any])
 
-ROWS = 8
+INTERLEAVED_ROWS = 8
 
 POOLED_LINES = 5
 """Neighbouring lines whose noise is taken together."""
@@ -25,7 +25,7 @@ OVERLAP_CORRELATION = 1 / 6
 
 
 @dataclass(frozen=True, slots=True)
-class Blocks:
+class BlockAverager:
     """Hann blocks of `length` bins (even) that overlap by half, over bins `first` .. `first + size`."""
 
     first: int
@@ -48,15 +48,15 @@ class Blocks:
         """(count,), the lines' frequencies; the window is symmetric about its bin length / 2."""
         return np.asarray((self.first + self.length // 2 * (1 + np.arange(self.count))) * self.bin_hz)
 
-    def of(self, bins: NDArray[Bin]) -> NDArray[Bin]:
+    def windows(self, bins: NDArray[Bin]) -> NDArray[Bin]:
         """(count, length) view of the bins `first` .. `first + size`."""
         return sliding_window_view(bins, self.length)[:: self.length // 2]
 
 
-def bins_of(samples: Array, n: int, blocks: Blocks, faded: int = 0) -> NDArray[np.complex64]:
-    """The blocks' bins of the spectrum of the samples without their mean, followed by zeros up to n = `padded`; (size,).
+def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: int = 0) -> NDArray[np.complex64]:
+    """The blocks' bins of the spectrum of the samples without their mean, followed by zeros up to n = `fast_length`; (size,).
 
-    The first and last `faded` samples are faded in and out with half a cosine.
+    The first and last `taper_samples` samples are faded in and out with half a cosine.
 
     Every eighth sample is a row; the rows' spectra fit the processor's cache, and only the bins that are wanted are put
     together of them (the first step of any fast transform): two thirds of the time of a transform of the whole. Single
@@ -66,12 +66,12 @@ def bins_of(samples: Array, n: int, blocks: Blocks, faded: int = 0) -> NDArray[n
 
     x = np.zeros(n, np.float32)
     np.subtract(samples, samples.mean(), out=x[: samples.size], casting="same_kind")
-    if faded:
-        edge = 0.5 - 0.5 * np.cos(np.pi * (np.arange(faded) + 0.5) / faded)
-        x[:faded] *= edge
-        x[samples.size - faded : samples.size] *= edge[::-1]
-    rows = rfft(np.ascontiguousarray(x.reshape(-1, ROWS).T))
-    period, start, stop = n // ROWS, blocks.first, blocks.first + blocks.size
+    if taper_samples:
+        edge = 0.5 - 0.5 * np.cos(np.pi * (np.arange(taper_samples) + 0.5) / taper_samples)
+        x[:taper_samples] *= edge
+        x[samples.size - taper_samples : samples.size] *= edge[::-1]
+    rows = rfft(np.ascontiguousarray(x.reshape(-1, INTERLEAVED_ROWS).T))
+    period, start, stop = n // INTERLEAVED_ROWS, blocks.first, blocks.first + blocks.size
     turn = np.exp(-2j * np.pi / n * np.arange(start, stop)).astype(np.complex64)
     whole = np.empty(blocks.size, np.complex64)
     while start < stop:
@@ -92,14 +92,16 @@ def bins_of(samples: Array, n: int, blocks: Blocks, faded: int = 0) -> NDArray[n
     return whole
 
 
-def padded(size: int) -> int:
-    """A length of at least `size` that is transformed fast by `bins_of`."""
+def fast_length(size: int) -> int:
+    """A length of at least `size` that is transformed fast by `band_spectrum`."""
     from scipy.fft import next_fast_len
 
-    return ROWS * int(next_fast_len(-(-size // ROWS), real=True))
+    return INTERLEAVED_ROWS * int(next_fast_len(-(-size // INTERLEAVED_ROWS), real=True))
 
 
-def blocks_for(band_hz: tuple[float, float], resolution_hz: float, bin_hz: float, nyquist_hz: float) -> Blocks:
+def make_block_averager(
+    band_hz: tuple[float, float], resolution_hz: float, bin_hz: float, nyquist_hz: float
+) -> BlockAverager:
     """Blocks of `resolution_hz` within a band.
 
     Raises:
@@ -112,10 +114,10 @@ def blocks_for(band_hz: tuple[float, float], resolution_hz: float, bin_hz: float
         )
     first, last = int(np.ceil(low / bin_hz)), int(np.floor(high / bin_hz))
     length = max(2 * round(resolution_hz / bin_hz / 2), 2)
-    return Blocks(first, last - first + 1, length, bin_hz)
+    return BlockAverager(first, last - first + 1, length, bin_hz)
 
 
-def pooled(noise: Array, lines: int) -> Array:
+def pool_lines(noise: Array, count: int) -> Array:
     """Each line's mean, (F,), with its neighbours'; at the ends over those that are there."""
-    pool = np.ones(lines)
+    pool = np.ones(count)
     return np.asarray(np.convolve(noise, pool, "same") / np.convolve(np.ones(noise.size), pool, "same"))

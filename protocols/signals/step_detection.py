@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.signals.checks import check_positive
-from protocols.signals.levels import MAINS_HZ, combined, level
+from protocols.signals.levels import MAINS_HZ, combine_errors, estimate_level
 
 Array = NDArray[np.float64]
 
 
-class LandingState(StrEnum):
-    """What the detector is doing; see `LandingDetector`."""
+class StepDetectionState(StrEnum):
+    """What the detector is doing; see `WeightStepDetector`."""
 
     ZEROING = "zeroing"
     READY = "ready"
@@ -29,11 +29,11 @@ class LandingState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Landing:
+class WeightStep:
     """A mass has landed (or was lifted) and the trace has settled. Times in s since the first sample that was fed.
 
     Attributes:
-        landed_at_s: when the trace crossed the middle between the two levels for the last time.
+        crossed_at_s: when the trace crossed the middle between the two levels for the last time.
         settled_at_s: from when on it was quiet.
         size: level after - level before, in the unit of the samples.
         standard_error: of the size, mains and slow noise included.
@@ -41,7 +41,7 @@ class Landing:
         bumps: moves since the detector was ready that came back.
     """
 
-    landed_at_s: float
+    crossed_at_s: float
     settled_at_s: float
     size: float
     standard_error: float
@@ -50,142 +50,146 @@ class Landing:
 
 
 @dataclass
-class LandingDetector:
-    """Feed it the trace; it answers once, with a `Landing`.
+class WeightStepDetector:
+    """Feed it the trace; it answers once, with a `WeightStep`.
 
         ZEROING -- quiet --> READY -- leaves the zero --> MOVING -- quiet elsewhere --> SETTLED
                                ^------- quiet at the zero, a bump -------/
 
     Args:
         rate_hz: samples per second.
-        least_step: smallest change that counts as a landing, in the unit of the samples.
-        tolerance: windows that agree this well are quiet; None: a twentieth of `least_step`. Creep after the landing is
+        min_step: smallest change that counts as a landing, in the unit of the samples.
+        tolerance: windows that agree this well are quiet; None: a twentieth of `min_step`. Creep after the landing is
             forgiven up to a hundredth of the step besides.
         window_s: of one window; 0.1 s is whole cycles of both 50 and 60 Hz.
-        windows: that must agree.
+        window_count: that must agree.
         mains_hz: see `level`.
-        keep_s: of a move are kept; one that lasts longer loses its beginning, and its landing is told too late at worst.
+        history_s: of a move are kept; one that lasts longer loses its beginning, and its landing is told too late at worst.
     """
 
     rate_hz: float
-    least_step: float
+    min_step: float
     tolerance: float | None = None
     window_s: float = 0.1
-    windows: int = 5
+    window_count: int = 5
     mains_hz: float | None = MAINS_HZ
-    keep_s: float = 60.0
-    state: LandingState = LandingState.ZEROING
+    history_s: float = 60.0
+    state: StepDetectionState = StepDetectionState.ZEROING
 
-    _rest: Array = field(default_factory=lambda: np.empty(0))
-    _quiet: deque[Array] = field(default_factory=deque)
-    _levels: deque[tuple[float, float]] = field(default_factory=deque)
+    _pending: Array = field(default_factory=lambda: np.empty(0))
+    _quiet_windows: deque[Array] = field(default_factory=deque)
+    _window_statistics: deque[tuple[float, float]] = field(default_factory=deque)
     """Mean and standard deviation of each of the quiet windows: a trace may be watched for hours."""
-    _moved: deque[Array] = field(default_factory=deque)
-    _zero: Array = field(default_factory=lambda: np.empty(0))
+    _moving_windows: deque[Array] = field(default_factory=deque)
+    _zero_samples: Array = field(default_factory=lambda: np.empty(0))
     _zero_level: float = math.nan
-    _seen: int = 0
+    _samples_seen: int = 0
     _bumps: int = 0
 
     CREEP_SHARE = 0.01
 
     def __post_init__(self) -> None:
-        check_positive(rate_hz=self.rate_hz, least_step=self.least_step, window_s=self.window_s)
+        check_positive(rate_hz=self.rate_hz, min_step=self.min_step, window_s=self.window_s)
         if self.tolerance is None:
-            self.tolerance = self.least_step / 20
-        if not 0 < 2 * self.tolerance < self.least_step:
+            self.tolerance = self.min_step / 20
+        if not 0 < 2 * self.tolerance < self.min_step:
             raise ValueError(
-                f"tolerance {self.tolerance:g} must be positive and less than half of the smallest step, {self.least_step:g}"
+                f"tolerance {self.tolerance:g} must be positive and less than half of the smallest step, {self.min_step:g}"
             )
-        if self._length < 8 or self.windows < 3:
+        if self._window_length < 8 or self.window_count < 3:
             raise ValueError(
-                f"{self.windows} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot tell quiet: "
+                f"{self.window_count} windows of {self.window_s:g} s at {self.rate_hz:g} Hz cannot tell quiet: "
                 "at least 3 windows of 8 samples are needed"
             )
 
     @property
-    def _length(self) -> int:
+    def _window_length(self) -> int:
         return round(self.window_s * self.rate_hz)
 
     @property
-    def zero(self) -> float:
+    def zero_level(self) -> float:
         """The level taken as zero; NaN before there is one."""
         return self._zero_level
 
     @property
-    def last(self) -> float:
+    def latest_mean(self) -> float:
         """Mean of the latest window, for a display; NaN before there is one."""
-        return float(self._quiet[-1].mean()) if self._quiet else math.nan
+        return float(self._quiet_windows[-1].mean()) if self._quiet_windows else math.nan
 
-    def feed(self, samples: Array) -> Landing | None:
+    def feed(self, samples: Array) -> WeightStep | None:
         """Take more samples, (N,); NaN where the sensor was out of range. The landing, once it is settled."""
-        if self.state is LandingState.SETTLED:
+        if self.state is StepDetectionState.SETTLED:
             return None
-        self._rest = np.concatenate([self._rest, np.asarray(samples, float)])
-        while len(self._rest) >= self._length:
-            window, self._rest = self._rest[: self._length], self._rest[self._length :]
-            self._seen += self._length
-            if landing := self._take(window):
-                self.state = LandingState.SETTLED
+        self._pending = np.concatenate([self._pending, np.asarray(samples, float)])
+        while len(self._pending) >= self._window_length:
+            window, self._pending = self._pending[: self._window_length], self._pending[self._window_length :]
+            self._samples_seen += self._window_length
+            if landing := self._process_window(window):
+                self.state = StepDetectionState.SETTLED
                 return landing
         return None
 
-    def _take(self, window: Array) -> Landing | None:
+    def _process_window(self, window: Array) -> WeightStep | None:
         mean = float(window.mean())
         about = window - mean
-        self._quiet.append(window)
-        self._levels.append((mean, math.sqrt(float(about @ about) / window.size)))
-        if len(self._quiet) > self.windows:
-            self._quiet.popleft()
-            self._levels.popleft()
-        means, spreads = zip(*self._levels, strict=True)
+        self._quiet_windows.append(window)
+        self._window_statistics.append((mean, math.sqrt(float(about @ about) / window.size)))
+        if len(self._quiet_windows) > self.window_count:
+            self._quiet_windows.popleft()
+            self._window_statistics.popleft()
+        means, spreads = zip(*self._window_statistics, strict=True)
         together = sum(means) / len(means)
-        gap = abs(mean - self.zero)  # NaN, out of range, is not within any tolerance
+        gap = abs(mean - self.zero_level)  # NaN, out of range, is not within any tolerance
         assert self.tolerance is not None
-        if self.state is LandingState.READY and not gap <= self.tolerance:
-            self.state = LandingState.MOVING
-            self._moved = deque([*list(self._quiet)[-2:-1]], maxlen=math.ceil(self.keep_s / self.window_s))
-        if self.state is LandingState.MOVING:
-            self._moved.append(window)
-        step = abs(together - self.zero) if self._zero.size else 0.0
+        if self.state is StepDetectionState.READY and not gap <= self.tolerance:
+            self.state = StepDetectionState.MOVING
+            self._moving_windows = deque(
+                [*list(self._quiet_windows)[-2:-1]], maxlen=math.ceil(self.history_s / self.window_s)
+            )
+        if self.state is StepDetectionState.MOVING:
+            self._moving_windows.append(window)
+        step = abs(together - self.zero_level) if self._zero_samples.size else 0.0
         allowed = (
-            self.tolerance if self.state is not LandingState.MOVING else max(self.tolerance, self.CREEP_SHARE * step)
+            self.tolerance
+            if self.state is not StepDetectionState.MOVING
+            else max(self.tolerance, self.CREEP_SHARE * step)
         )
         if (
-            len(means) < self.windows
+            len(means) < self.window_count
             or math.isnan(together)
             or max(means) - min(means) > allowed
             or max(spreads) - min(spreads) > min(spreads) + self.tolerance
         ):
             return None
         match self.state:
-            case LandingState.MOVING if step >= self.least_step:
-                return self._landed()
-            case LandingState.MOVING:
+            case StepDetectionState.MOVING if step >= self.min_step:
+                return self._measure_step()
+            case StepDetectionState.MOVING:
                 # Back at the zero, or near it: too little for a landing. The zero starts anew from here.
                 self._bumps += 1
-                self._ready()
+                self._set_zero()
             case _:
-                self._ready()
+                self._set_zero()
         return None
 
-    def _ready(self) -> None:
-        self.state = LandingState.READY
-        self._zero = np.concatenate(self._quiet)
-        self._zero_level = float(self._zero.mean())
+    def _set_zero(self) -> None:
+        self.state = StepDetectionState.READY
+        self._zero_samples = np.concatenate(self._quiet_windows)
+        self._zero_level = float(self._zero_samples.mean())
 
-    def _landed(self) -> Landing:
+    def _measure_step(self) -> WeightStep:
         before, after = (
-            level(self._zero, self.rate_hz, self.mains_hz),
-            level(np.concatenate(self._quiet), self.rate_hz, self.mains_hz),
+            estimate_level(self._zero_samples, self.rate_hz, self.mains_hz),
+            estimate_level(np.concatenate(self._quiet_windows), self.rate_hz, self.mains_hz),
         )
-        trace = np.concatenate(self._moved)
+        trace = np.concatenate(self._moving_windows)
         side = np.sign(after.value - before.value)
         short = np.flatnonzero(~(side * (trace - 0.5 * (before.value + after.value)) > 0))
-        crossed = self._seen - trace.size + (int(short[-1]) + 1 if short.size else 0)
-        error, freedom = combined(before, after)
-        return Landing(
-            landed_at_s=crossed / self.rate_hz,
-            settled_at_s=(self._seen - self.windows * self._length) / self.rate_hz,
+        crossed = self._samples_seen - trace.size + (int(short[-1]) + 1 if short.size else 0)
+        error, freedom = combine_errors(before, after)
+        return WeightStep(
+            crossed_at_s=crossed / self.rate_hz,
+            settled_at_s=(self._samples_seen - self.window_count * self._window_length) / self.rate_hz,
             size=after.value - before.value,
             standard_error=error,
             degrees_of_freedom=freedom,

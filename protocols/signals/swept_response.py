@@ -12,25 +12,25 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
-from protocols.signals.checks import check_both
+from protocols.signals.checks import check_pair
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import (
     OVERLAP_CORRELATION,
     POOLED_LINES,
-    Blocks,
-    bins_of,
-    blocks_for,
-    padded,
-    pooled,
+    BlockAverager,
+    band_spectrum,
+    fast_length,
+    make_block_averager,
+    pool_lines,
 )
 
 Array = NDArray[np.float64]
 
-SEARCHED = 1 << 14
+SEARCH_CHUNK = 1 << 14
 """Samples looked at in one go."""
 
 
-def driven(drive: Array) -> slice:
+def sweep_extent(drive: Array) -> slice:
     """From where to where the drive, (N,), is away from the middle of its range.
 
     Raises:
@@ -43,8 +43,8 @@ def driven(drive: Array) -> slice:
 
     def first(samples: Array) -> int:
         """The first sample that is away; looked for piece by piece, since it is mostly near the end."""
-        for start in range(0, samples.size, SEARCHED):
-            away = np.abs(samples[start : start + SEARCHED] - middle) > least
+        for start in range(0, samples.size, SEARCH_CHUNK):
+            away = np.abs(samples[start : start + SEARCH_CHUNK] - middle) > least
             if away.any():
                 return start + int(away.argmax())
         return samples.size
@@ -52,7 +52,7 @@ def driven(drive: Array) -> slice:
     return slice(first(drive), drive.size - first(drive[::-1]))
 
 
-def rises(X: NDArray[np.complex64]) -> bool:
+def is_rising(X: NDArray[np.complex64]) -> bool:
     """Whether the sweep goes up: whether its upper half of bins arrives later than its lower half (group delay)."""
     few = slice(None, None, 16)
     delay = np.mod(-np.angle(X[1:][few] * X[:-1][few].conj()), 2 * np.pi)
@@ -60,13 +60,13 @@ def rises(X: NDArray[np.complex64]) -> bool:
     return bool(np.median(delay[half:]) >= np.median(delay[:half]))
 
 
-def stands_out(drive: Array, power: float, width: float, n: int, band_hz: tuple[float, float]) -> None:
+def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, band_hz: tuple[float, float]) -> None:
     """Refuse a drive that is no stronger in the band than noise would be.
 
     Args:
         drive: (N,), as it was transformed.
         power: sum of its squared bins within the band.
-        width: of the band, as a share of half the sample rate; noise has that share of its power there.
+        band_share: of the band, as a share of half the sample rate; noise has that share of its power there.
         n: length of the transform.
         band_hz: for the sentence.
 
@@ -75,7 +75,7 @@ def stands_out(drive: Array, power: float, width: float, n: int, band_hz: tuple[
     """
     centred = drive - drive.mean()
     share = 2 * power / (n * float(centred @ centred))
-    if width < 0.4 and share < 2 * width:
+    if band_share < 0.4 and share < 2 * band_share:
         raise ValueError(
             f"only {100 * share:.2g} % of the recorded drive's power lies between {band_hz[0]:g} and {band_hz[1]:g} Hz, "
             "as with noise: check the drive channel's cable, and that the sweep went through this band"
@@ -84,32 +84,36 @@ def stands_out(drive: Array, power: float, width: float, n: int, band_hz: tuple[
 
 Complex = NDArray[np.complex128]
 
-LEAST_BINS = 32
+MIN_BINS_PER_LINE = 32
 """Bins under one line of a sweep: fewer leave no room beside the gate to see the noise."""
 
-FADED_CYCLES = 6
+TAPER_CYCLES = 6
 """Cycles of the lowest frequency over which a sweep is faded in and out."""
 
-GATES = np.arange(3, 11)
+NOISE_LAGS = np.arange(3, 11)
 """Lags, in units of 1 / resolution, at which the noise is seen: beyond the Hann window's main lobe, which ends at 2."""
 
-HARMONIC_GATES = -np.arange(2, 9)
+HARMONIC_LAGS = -np.arange(2, 9)
 """Lags on the other side, where the harmonics arrive; under a fast sweep some come close and leak through the gate."""
 
-SWEEP_FREEDOM = 40.0
+SWEEP_DEGREES_OF_FREEDOM = 40.0
 """Degrees of freedom of a sweep's standard error: 8 gates of which 4.4 are independent, times 4.8 lines, times 2."""
 
-BLUNTED = 2 * (1 / 12 - 1 / (2 * np.pi**2))
+CURVATURE_BIAS = 2 * (1 / 12 - 1 / (2 * np.pi**2))
 """What a Hann line adds to a response that bends, as a share of its second difference over the lines: taken out again."""
 
-SHARP_VARIANCE = (1 + 2 * BLUNTED) ** 2 + 2 * BLUNTED**2 - 4 * BLUNTED * (1 + 2 * BLUNTED) * OVERLAP_CORRELATION
+CORRECTED_VARIANCE = (
+    (1 + 2 * CURVATURE_BIAS) ** 2
+    + 2 * CURVATURE_BIAS**2
+    - 4 * CURVATURE_BIAS * (1 + 2 * CURVATURE_BIAS) * OVERLAP_CORRELATION
+)
 """By how much that raises the variance of a line."""
 
-SHARP_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / SHARP_VARIANCE - 1) / 2
+CORRECTED_CORRELATION = ((1 + 2 * OVERLAP_CORRELATION) / CORRECTED_VARIANCE - 1) / 2
 """Of neighbouring lines then: their mean is as noisy as before."""
 
 
-def sweep_response(
+def estimate_swept_response(
     drive: ArrayLike,
     displacement: ArrayLike,
     rate_hz: float,
@@ -130,60 +134,62 @@ def sweep_response(
     Raises:
         ValueError: records that differ in length, are too short for the resolution, or hold no drive in the band.
     """
-    x, y = check_both(drive, displacement, 4 * LEAST_BINS, rate_hz)
-    swept = driven(x)
+    x, y = check_pair(drive, displacement, 4 * MIN_BINS_PER_LINE, rate_hz)
+    swept = sweep_extent(x)
     duration = swept.stop - swept.start
-    if duration < 4 * LEAST_BINS:
+    if duration < 4 * MIN_BINS_PER_LINE:
         raise ValueError(f"the drive moves for {duration} of {x.size} samples only: check the drive channel's cable")
     # With the sweep begins the mean that the amplifier's two slopes make: a step, as broad as the band. Faded in over a few
     # cycles of the lowest frequency it has nothing in the band; the response, which lasts milliseconds, does not notice.
-    faded = min(round(FADED_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
-    n = padded(duration)
+    faded = min(round(TAPER_CYCLES * rate_hz / max(band_hz[0], 1.0)), duration // 20)
+    n = fast_length(duration)
     bin_hz = rate_hz / n
-    least_hz = LEAST_BINS * bin_hz
+    least_hz = MIN_BINS_PER_LINE * bin_hz
     width = max(0.5, least_hz) if resolution_hz is None else resolution_hz
     if width < least_hz * (1 - 1e-9):
         raise ValueError(
             f"a sweep of {duration / rate_hz:.3g} s gives lines of {least_hz:.3g} Hz, not {width:g} Hz: "
             "ask for a coarser resolution or sweep longer"
         )
-    blocks = blocks_for(band_hz, width, bin_hz, rate_hz / 2)
+    blocks = make_block_averager(band_hz, width, bin_hz, rate_hz / 2)
     if blocks.count < POOLED_LINES:
         raise ValueError(
             f"the band {band_hz[0]:g}..{band_hz[1]:g} Hz holds {blocks.count} lines of {width:g} Hz, at least {POOLED_LINES} are needed"
         )
-    X, Y = bins_of(x[swept], n, blocks, faded), bins_of(y[swept], n, blocks, faded)
+    X, Y = band_spectrum(x[swept], n, blocks, faded), band_spectrum(y[swept], n, blocks, faded)
     cross, power = Y * X.conj(), X.real**2 + X.imag**2
-    stands_out(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
-    S_xx = np.asarray(blocks.of(power) @ blocks.window)
+    check_drive_in_band(x[swept], float(power.sum()), blocks.size / (n / 2), n, band_hz)
+    S_xx = np.asarray(blocks.windows(power) @ blocks.window)
     # Outside its band, and where it fades, the sweep is weak; the outermost lines feel that through their window.
     strong = np.flatnonzero(S_xx > 0.8 * np.median(S_xx[S_xx > 0.1 * S_xx.max()]))
     used = np.zeros(S_xx.size, bool)
     used[strong[0] + 2 : strong[-1] - 1] = True
     with np.errstate(divide="ignore", invalid="ignore"):
-        H = np.asarray(blocks.of(cross) @ blocks.window) / S_xx
+        H = np.asarray(blocks.windows(cross) @ blocks.window) / S_xx
     # Beyond the outermost of the strong lines the response is taken as it is there.
     H = H[np.clip(np.arange(H.size), strong[0] + 1, strong[-1] - 1)]
-    variance = _noise(cross, power, H, blocks, rises(X)) / np.where(used, S_xx, np.inf) ** 2
+    variance = _noise_variance(cross, power, H, blocks, is_rising(X)) / np.where(used, S_xx, np.inf) ** 2
     S_nn = variance * S_xx / np.sum(blocks.window**2)
     signal = np.abs(H) ** 2 * S_xx
     f = blocks.frequency_hz
-    H[1:-1] -= BLUNTED * (H[2:] - 2 * H[1:-1] + H[:-2])
+    H[1:-1] -= CURVATURE_BIAS * (H[2:] - 2 * H[1:-1] + H[:-2])
     with np.errstate(divide="ignore", invalid="ignore"):
         coherence = signal / (signal + S_nn)
     turn = np.exp(2j * np.pi * f * delay_s)
     return FrequencyResponse(
         frequency_hz=f[used],
         response=(H * turn)[used],
-        standard_error=np.sqrt(SHARP_VARIANCE * variance / 2)[used],
+        standard_error=np.sqrt(CORRECTED_VARIANCE * variance / 2)[used],
         coherence=np.nan_to_num(coherence[used]),
-        degrees_of_freedom=SWEEP_FREEDOM,
+        degrees_of_freedom=SWEEP_DEGREES_OF_FREEDOM,
         resolution_hz=blocks.length * bin_hz,
-        correlation=SHARP_CORRELATION,
+        correlation=CORRECTED_CORRELATION,
     )
 
 
-def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: Blocks, rising: bool) -> Array:
+def _noise_variance(
+    cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
+) -> Array:
     """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
     # Straight lines between the lines, which stand half a block apart; beyond the outermost the response is taken as it is there.
     hop = blocks.length // 2
@@ -194,12 +200,14 @@ def _noise(cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex,
     left = cross[within] - straight * power[within]
     # A harmonic passes a frequency before the fundamental does when the sweep rises: at negative lags.
     side = 1 if rising else -1
-    gates = np.concatenate((GATES, HARMONIC_GATES))
+    gates = np.concatenate((NOISE_LAGS, HARMONIC_LAGS))
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
-    seen = blocks.of(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
-    at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [GATES.size], axis=1)
+    seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
+    at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [NOISE_LAGS.size], axis=1)
     # What stands at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
-    m = np.abs(HARMONIC_GATES)
+    m = np.abs(HARMONIC_LAGS)
     leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
     reach = np.pad(leaked, POOLED_LINES, "edge")
-    return np.asarray(pooled(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1))
+    return np.asarray(
+        pool_lines(at_gates.mean(1), POOLED_LINES) + sliding_window_view(reach, 2 * POOLED_LINES + 1).max(1)
+    )

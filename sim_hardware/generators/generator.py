@@ -13,9 +13,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from sim_hardware.plant.segments import Chirp, Glitch, Level, Open, Segment, Tone, Wave
+from sim_hardware.plant.segments import (
+    ArbitraryWaveform,
+    ChirpSegment,
+    ConstantSegment,
+    OpenOutputSegment,
+    PeriodicSegment,
+    RelayGlitchSegment,
+    Segment,
+)
 
-Make = Callable[[float], Segment]
+SegmentFactory = Callable[[float], Segment]
 """Given the instant of the change, the segment that begins there."""
 
 RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
@@ -23,7 +31,7 @@ RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class GeneratorSettings:
     """Settings that shape the output; the defaults are a Trueform box after reset.
 
     `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
@@ -32,7 +40,7 @@ class Settings:
 
     on: bool = False
     function: Literal["SIN", "DC", "ARB"] = "SIN"
-    wave: Wave | None = None
+    wave: ArbitraryWaveform | None = None
     frequency_hz: float = 1e3
     emf_vpp: float = 0.2
     emf_offset_v: float = 0.0
@@ -49,7 +57,7 @@ class Settings:
     sweep_s: float = 1.0
 
 
-class Generator:
+class SimulatedGenerator:
     """The output of one function generator.
 
     Args:
@@ -59,33 +67,33 @@ class Generator:
 
     def __init__(
         self,
-        emit: Callable[[Make], None],
+        emit: Callable[[SegmentFactory], None],
         seed: int = 0,
         clock_ppm: float = 0.0,
         relay_s: float = 5e-3,
-        pulled_v: float = 0.0,
+        open_circuit_v: float = 0.0,
     ) -> None:
         self._emit = emit
-        self._chance = random.Random(seed)
+        self._random = random.Random(seed)
         self._clock = self._next_clock = 1 + clock_ppm * 1e-6
         self._relay_s = relay_s
-        self._open = Open(pulled_v)
+        self._open = OpenOutputSegment(open_circuit_v)
         self._powered = True
         self._glitch_until = -math.inf
-        self._burst: Tone | None = None
-        self._carrier: Tone | Chirp | None = None
-        self.settings = Settings()
-        self._waves: dict[tuple[bytes, bool], Wave] = {}
+        self._burst: PeriodicSegment | None = None
+        self._carrier: PeriodicSegment | ChirpSegment | None = None
+        self.settings = GeneratorSettings()
+        self._waveform_cache: dict[tuple[bytes, bool], ArbitraryWaveform] = {}
 
-    def change(self, **settings: Any) -> None:
+    def apply_settings(self, **settings: Any) -> None:
         """New settings, all at one instant."""
         if (wave := settings.get("wave")) is not None:  # the history is kept for ever: the same waveform once
-            key = hashlib.sha256(wave.points.tobytes()).digest(), wave.smooth
-            settings["wave"] = self._waves.setdefault(key, wave)
+            key = hashlib.sha256(wave.points.tobytes()).digest(), wave.interpolated
+            settings["wave"] = self._waveform_cache.setdefault(key, wave)
 
         def make(t: float) -> Segment:
             old, self.settings = self.settings, replace(self.settings, **settings)
-            self._follow(old, t)
+            self._carry_over_phase(old, t)
             return self._segment(t)
 
         self._emit(make)
@@ -94,17 +102,17 @@ class Generator:
         """Factory state: output off, whatever hangs on it."""
 
         def make(t: float) -> Segment:
-            self.settings, self._burst, self._carrier, self._glitch_until = Settings(), None, None, -math.inf
+            self.settings, self._burst, self._carrier, self._glitch_until = GeneratorSettings(), None, None, -math.inf
             return self._segment(t)
 
         self._emit(make)
 
-    def power(self, on: bool) -> None:
+    def set_power(self, on: bool) -> None:
         """The mains plug. Power comes back with the factory state."""
         self._powered = on
         self.reset()
 
-    def drift(self, ppm: float) -> None:
+    def detune_clock(self, ppm: float) -> None:
         """Let the clock run faster from the next trigger on; what plays goes on as it began."""
         self._next_clock *= 1 + ppm * 1e-6
 
@@ -117,7 +125,7 @@ class Generator:
         """Seconds until the running burst or sweep ends."""
         if self._burst is not None:
             return max(0.0, self._burst.end_s - now)
-        if isinstance(self._carrier, Chirp):
+        if isinstance(self._carrier, ChirpSegment):
             return max(0.0, self._carrier.origin_s + self._carrier.duration_s - now)
         return 0.0
 
@@ -131,7 +139,7 @@ class Generator:
                 self._burst = self._tone(t, math.radians(s.phase_deg), s.cycles)
             elif s.sweep:
                 phase = self._carrier.phase_at(t) if self._carrier else 0.0
-                self._carrier = Chirp(
+                self._carrier = ChirpSegment(
                     t,
                     s.start_hz * self._clock,
                     s.stop_hz * self._clock,
@@ -149,13 +157,13 @@ class Generator:
 
         def make(t: float) -> Segment:
             self._burst = None
-            if isinstance(self._carrier, Chirp):
+            if isinstance(self._carrier, ChirpSegment):
                 self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
             return self._segment(t)
 
         self._emit(make)
 
-    def _tone(self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf) -> Tone:
+    def _tone(self, origin_s: float, phase_rad: float, cycles: float, period_s: float = math.inf) -> PeriodicSegment:
         s = self.settings
         f = (s.start_hz if s.sweep else s.frequency_hz) * self._clock
         wave = s.wave if s.function == "ARB" else None
@@ -163,23 +171,23 @@ class Generator:
         if wave:  # its first point, whatever is drawn between the points
             start = float(wave.points[round(s.phase_deg / 360 * wave.points.size) % wave.points.size])
         idle = s.emf_offset_v + s.emf_vpp / 2 * (start if s.idle is None else s.idle)
-        return Tone(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s, wave)
+        return PeriodicSegment(origin_s, f, s.emf_vpp / 2, s.emf_offset_v, phase_rad, idle, cycles, period_s, wave)
 
-    def _follow(self, old: Settings, t: float) -> None:
+    def _carry_over_phase(self, previous: GeneratorSettings, t: float) -> None:
         """Carry phase and remaining cycles through a change of settings."""
         s = self.settings
-        if s.auto_range and _range(s.emf_vpp) != _range(old.emf_vpp):
+        if s.auto_range and _range_index(s.emf_vpp) != _range_index(previous.emf_vpp):
             self._glitch_until = t + self._relay_s
-        if {s.function, old.function} == {"SIN", "ARB"}:
+        if {s.function, previous.function} == {"SIN", "ARB"}:
             # Sines and waveforms leave through different filters (33120A guide, theory of operation): relays again.
             self._glitch_until = t + self._relay_s
-        if s.burst != old.burst:
+        if s.burst != previous.burst:
             self._burst = None
         if self._burst is not None:
             run = self._burst
             if t >= run.end_s:
                 self._burst = None
-            elif s.frequency_hz == old.frequency_hz:
+            elif s.frequency_hz == previous.frequency_hz:
                 self._burst = self._tone(run.origin_s, run.phase_rad, run.cycles)
             else:
                 left = run.cycles - (t - run.origin_s) * run.frequency_hz
@@ -189,28 +197,28 @@ class Generator:
             self._carrier = None
         elif self._carrier is None:
             # The oscillator has been running all the time; where it stands nobody knows.
-            self._carrier = self._tone(t, self._chance.uniform(-math.pi, math.pi), math.inf)
-        elif isinstance(self._carrier, Chirp) and s.sweep:
+            self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
+        elif isinstance(self._carrier, ChirpSegment) and s.sweep:
             self._carrier = replace(self._carrier, amplitude_v=s.emf_vpp / 2, offset_v=s.emf_offset_v)
         else:
             self._carrier = self._tone(t, self._carrier.phase_at(t), math.inf)
 
     def _segment(self, t: float) -> Segment:
-        segment = self._wanted(t)
-        return Glitch(self._glitch_until, 0.0, segment) if t < self._glitch_until else segment
+        segment = self._nominal_segment(t)
+        return RelayGlitchSegment(self._glitch_until, 0.0, segment) if t < self._glitch_until else segment
 
-    def _wanted(self, t: float) -> Segment:
+    def _nominal_segment(self, t: float) -> Segment:
         s = self.settings
         if not (self._powered and s.on):
             return self._open
         if s.function == "DC":
-            return Level(s.emf_offset_v)
+            return ConstantSegment(s.emf_offset_v)
         if s.burst and s.trigger == "IMM":
             return self._tone(t, math.radians(s.phase_deg), s.cycles, max(s.period_s, s.cycles / s.frequency_hz))
         if s.burst:
-            return self._burst or Level(self._tone(t, 0.0, 1.0).idle_v)
+            return self._burst or ConstantSegment(self._tone(t, 0.0, 1.0).idle_v)
         return self._carrier or self._tone(t, 0.0, math.inf)
 
 
-def _range(vpp: float) -> int:
+def _range_index(vpp: float) -> int:
     return bisect_left(RANGES_VPP, vpp * (1 - 1e-9))

@@ -12,167 +12,194 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_hardware.generators.generator import Generator
-from sim_hardware.generators.scpi_generator import ScpiBox, data_of, only
-from sim_hardware.wires.scpi_engine import Arguments, Command, ScpiError, choice, number, one
+from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.scpi_generator import SimulatedScpiGenerator, accept_keywords, decode_block
+from sim_hardware.wires.scpi_engine import (
+    Arguments,
+    ScpiCommand,
+    ScpiError,
+    match_keyword,
+    parse_number,
+    single_argument,
+)
 
-SOURCE = "[SOURce[1]:]"
+SOURCE_PATTERN = "[SOURce[1]:]"
 MEMORY_POINTS = 1_000_000
-BUILT_IN = "EXP_RISE"
-RISE = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
+BUILT_IN_NAME = "EXP_RISE"
+BUILT_IN_WAVEFORM = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
 
 
-class KeysightBox(ScpiBox):
+class SimulatedKeysightGenerator(SimulatedScpiGenerator):
     """What 33200 and 33500 boxes have in common."""
 
-    SPAN_IS_THE_WAVES_OWN = True
-    ARBITRARY: ClassVar[str] = "ARB"
+    AMPLITUDE_IS_WAVEFORM_SPAN = True
+    ARBITRARY_KEYWORD: ClassVar[str] = "ARB"
     """How the waveform function is called."""
 
-    def __init__(self, core: Generator, now: Callable[[], float], identity: str) -> None:
-        super().__init__(core, now, identity)
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
+        super().__init__(generator, now, identity)
         self._big_endian = True
 
     @property
-    def commands(self) -> Sequence[Command]:
-        settings = self._core.settings
+    def commands(self) -> Sequence[ScpiCommand]:
+        settings = self._generator.settings
         return [
-            *self._levels.commands(SOURCE),
-            Command(SOURCE + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function()),
-            self._numeric(SOURCE + "FREQuency[:CW]", "frequency_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
-            self._numeric(SOURCE + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.TOP_HZ, 100.0),
-            self._numeric(SOURCE + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.TOP_HZ, 1e3),
-            self._numeric(SOURCE + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
-            Command(SOURCE + "SWEep:SPACing", only("LINear"), lambda _: "LIN"),
-            self._mode(SOURCE + "SWEep:STATe", "sweep", "burst"),
-            self._mode(SOURCE + "BURSt:STATe", "burst", "sweep"),
-            self._kept(SOURCE + "BURSt:MODE", "TRIGgered", "GATed"),
-            Command(SOURCE + "BURSt:NCYCles", self._set_cycles, lambda _: self.real(self._core.settings.cycles)),
-            self._numeric(SOURCE + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
-            self._numeric(SOURCE + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s),
-            self._switch("OUTPut[1][:STATe]", "on"),
-            Command("TRIGger[1]:SOURce", self._set_trigger, lambda _: self._core.settings.trigger),
-            Command("TRIGger[1][:IMMediate]", lambda _: self.trigger()),
-            Command(SOURCE + "APPLy:SINusoid", self._apply("SIN")),
-            Command(SOURCE + "APPLy:DC", self._apply("DC")),
-            self._kept("UNIT:ANGLe", "DEGree", "RADian"),
-            Command("FORMat:BORDer", self._set_order, lambda _: "NORM" if self._big_endian else "SWAP"),
+            *self._levels.commands(SOURCE_PATTERN),
+            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
+            self._numeric_command(
+                SOURCE_PATTERN + "FREQuency[:CW]", "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
+            ),
+            self._numeric_command(
+                SOURCE_PATTERN + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 100.0
+            ),
+            self._numeric_command(SOURCE_PATTERN + "FREQuency:STOP", "stop_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3),
+            self._numeric_command(SOURCE_PATTERN + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
+            ScpiCommand(SOURCE_PATTERN + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
+            self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
+            self._mode_command(SOURCE_PATTERN + "BURSt:STATe", "burst", "sweep"),
+            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
+            ScpiCommand(
+                SOURCE_PATTERN + "BURSt:NCYCles",
+                self._set_cycles,
+                lambda _: self.format_number(self._generator.settings.cycles),
+            ),
+            self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
+            self._numeric_command(
+                SOURCE_PATTERN + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s
+            ),
+            self._switch_command("OUTPut[1][:STATe]", "on"),
+            ScpiCommand("TRIGger[1]:SOURce", self._set_trigger, lambda _: self._generator.settings.trigger),
+            ScpiCommand("TRIGger[1][:IMMediate]", lambda _: self.trigger()),
+            ScpiCommand(SOURCE_PATTERN + "APPLy:SINusoid", self._apply("SIN")),
+            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply("DC")),
+            self._keyword_command("UNIT:ANGLe", "DEGree", "RADian"),
+            ScpiCommand("FORMat:BORDer", self._set_byte_order, lambda _: "NORM" if self._big_endian else "SWAP"),
         ]
 
-    def _function(self) -> str:
-        function = self._core.settings.function
-        return self.ARBITRARY if function == "ARB" else function
+    def _function_keyword(self) -> str:
+        function = self._generator.settings.function
+        return self.ARBITRARY_KEYWORD if function == "ARB" else function
 
     def _set_function(self, a: Arguments) -> None:
-        function = choice(one(a), "SINusoid", "DC", self.ARBITRARY)
-        self._enter("ARB" if function == self.ARBITRARY else function)
+        function = match_keyword(single_argument(a), "SINusoid", "DC", self.ARBITRARY_KEYWORD)
+        self._select_function("ARB" if function == self.ARBITRARY_KEYWORD else function)
 
-    def _set_order(self, a: Arguments) -> None:
-        self._big_endian = choice(one(a), "NORMal", "SWAPped") == "NORM"
+    def _set_byte_order(self, a: Arguments) -> None:
+        self._big_endian = match_keyword(single_argument(a), "NORMal", "SWAPped") == "NORM"
 
     def _set_trigger(self, a: Arguments) -> None:
-        source = choice(one(a), "IMMediate", "BUS", "EXTernal")
-        if source == "IMM" and np.isinf(self._core.settings.cycles):
-            self.report(ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
-            self._core.change(cycles=1.0)
-        self._core.change(trigger=source)
+        source = match_keyword(single_argument(a), "IMMediate", "BUS", "EXTernal")
+        if source == "IMM" and np.isinf(self._generator.settings.cycles):
+            self.queue_error(ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
+            self._generator.apply_settings(cycles=1.0)
+        self._generator.apply_settings(trigger=source)
 
     def _apply(self, function: str) -> Callable[[Arguments], None]:
         """APPLy: frequency, amplitude, offset at once. Modes end, the range goes automatic, the output comes on."""
 
         def setter(a: Arguments) -> None:
             asked = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
-            self._levels.unfreeze()
-            self._core.change(burst=False, sweep=False, trigger="IMM", function=function)
+            self._levels.unfreeze_range()
+            self._generator.apply_settings(burst=False, sweep=False, trigger="IMM", function=function)
             if 0 in asked:
-                hertz = number(asked[0], "HZ", 1e-6, self.TOP_HZ)
-                self._core.change(frequency_hz=self._levels.clip(hertz, 1e-6, self.TOP_HZ))
+                hertz = parse_number(asked[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
+                self._generator.apply_settings(frequency_hz=self._levels.clip(hertz, 1e-6, self.MAX_FREQUENCY_HZ))
             if 1 in asked and function == "SIN":
                 self._levels.set_vpp(asked[1])
             if 2 in asked:
                 self._levels.set_offset(asked[2])
-            self._core.change(on=True)
+            self._generator.apply_settings(on=True)
 
         return setter
 
 
-class Keysight33500(KeysightBox):
+class SimulatedKeysight33500(SimulatedKeysightGenerator):
     """33500B and 33600A: named waveforms, a sample rate, a filter, output limits, ABORt."""
 
-    def __init__(self, core: Generator, now: Callable[[], float], identity: str) -> None:
-        super().__init__(core, now, identity)
-        self._forget()
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
+        super().__init__(generator, now, identity)
+        self._reset_waveforms()
 
-    def _forget(self) -> None:
-        self._waves: dict[str, NDArray[np.float64]] = {}
-        self._selected = BUILT_IN
+    def _reset_waveforms(self) -> None:
+        self._waveforms: dict[str, NDArray[np.float64]] = {}
+        self._selected = BUILT_IN_NAME
         self._rate_hz = 40e3
-        self._smooth = True
+        self._interpolated = True
 
     def reset(self) -> None:
         super().reset()
-        self._forget()
-        self._play(RISE)
+        self._reset_waveforms()
+        self._output_waveform(BUILT_IN_WAVEFORM)
 
     @property
-    def commands(self) -> Sequence[Command]:
+    def commands(self) -> Sequence[ScpiCommand]:
         free = MEMORY_POINTS
         return [
             *super().commands,
-            Command("ABORt[1]", lambda _: self._core.abort()),
-            Command(SOURCE + "DATA:ARBitrary[1]", self._download),
-            Command(SOURCE + "DATA:VOLatile:CLEar", self._clear),
-            Command(
-                SOURCE + "DATA:VOLatile:FREE", None, lambda _: str(free - sum(w.size for w in self._waves.values()))
+            ScpiCommand("ABORt[1]", lambda _: self._generator.abort()),
+            ScpiCommand(SOURCE_PATTERN + "DATA:ARBitrary[1]", self._download),
+            ScpiCommand(SOURCE_PATTERN + "DATA:VOLatile:CLEar", self._clear),
+            ScpiCommand(
+                SOURCE_PATTERN + "DATA:VOLatile:FREE",
+                None,
+                lambda _: str(free - sum(w.size for w in self._waveforms.values())),
             ),
-            Command(SOURCE + "DATA:VOLatile:CATalog", None, lambda _: ",".join(f'"{n}"' for n in self._names())),
-            Command(SOURCE + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
-            Command(SOURCE + "FUNCtion:ARBitrary:SRATe", self._set_rate, lambda _: self.real(self._rate_hz)),
-            Command(
-                SOURCE + "FUNCtion:ARBitrary:FILTer", self._set_filter, lambda _: "STEP" if self._smooth else "OFF"
+            ScpiCommand(
+                SOURCE_PATTERN + "DATA:VOLatile:CATalog",
+                None,
+                lambda _: ",".join(f'"{n}"' for n in self._waveform_names()),
+            ),
+            ScpiCommand(SOURCE_PATTERN + "FUNCtion:ARBitrary", self._select, lambda _: f'"{self._selected}"'),
+            ScpiCommand(
+                SOURCE_PATTERN + "FUNCtion:ARBitrary:SRATe", self._set_rate, lambda _: self.format_number(self._rate_hz)
+            ),
+            ScpiCommand(
+                SOURCE_PATTERN + "FUNCtion:ARBitrary:FILTer",
+                self._set_filter,
+                lambda _: "STEP" if self._interpolated else "OFF",
             ),
         ]
 
-    def _names(self) -> list[str]:
-        return [BUILT_IN, *self._waves]
+    def _waveform_names(self) -> list[str]:
+        return [BUILT_IN_NAME, *self._waveforms]
 
     def _download(self, a: Arguments) -> None:
         if len(a) != 2:
             raise ScpiError(-109)
-        if a[0].upper() in self._waves:
+        if a[0].upper() in self._waveforms:
             raise ScpiError(786)
-        points = data_of(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
-        if points.size + sum(w.size for w in self._waves.values()) > MEMORY_POINTS:
+        points = decode_block(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)
+        if points.size + sum(w.size for w in self._waveforms.values()) > MEMORY_POINTS:
             raise ScpiError(-225)
-        self._waves[a[0].upper()] = points
+        self._waveforms[a[0].upper()] = points
 
     def _clear(self, _: Arguments) -> None:
-        self._waves.clear()
-        self._selected = BUILT_IN
-        self._play(RISE)
+        self._waveforms.clear()
+        self._selected = BUILT_IN_NAME
+        self._output_waveform(BUILT_IN_WAVEFORM)
 
     def _select(self, a: Arguments) -> None:
-        name = one(a).strip("\"'").upper()
-        if name not in self._names():
+        name = single_argument(a).strip("\"'").upper()
+        if name not in self._waveform_names():
             raise ScpiError(-224)
         self._selected = name
-        self._play(RISE if name == BUILT_IN else self._waves[name])
+        self._output_waveform(BUILT_IN_WAVEFORM if name == BUILT_IN_NAME else self._waveforms[name])
 
-    def _play(self, points: NDArray[np.float64]) -> None:
+    def _output_waveform(self, points: NDArray[np.float64]) -> None:
         turn: dict[str, Any] = {}
-        if self._core.settings.function == "ARB":
+        if self._generator.settings.function == "ARB":
             turn["frequency_hz"] = self._rate_hz / points.size
-        self._set_wave(points, smooth=self._smooth, **turn)
+        self._load_waveform(points, interpolated=self._interpolated, **turn)
 
-    def _enter(self, function: str) -> None:
-        super()._enter(function)
+    def _select_function(self, function: str) -> None:
+        super()._select_function(function)
         if function == "ARB":
-            self._play(self._waves.get(self._selected, RISE))
+            self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
 
     def _set_rate(self, a: Arguments) -> None:
-        self._rate_hz = self._levels.clip(number(one(a), "SA/S", 1e-6, 250e6, 40e3), 1e-6, 250e6)
-        self._play(self._waves.get(self._selected, RISE))
+        self._rate_hz = self._levels.clip(parse_number(single_argument(a), "SA/S", 1e-6, 250e6, 40e3), 1e-6, 250e6)
+        self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))
 
     def _set_filter(self, a: Arguments) -> None:
-        self._smooth = choice(one(a), "NORMal", "STEP", "OFF") != "OFF"
-        self._play(self._waves.get(self._selected, RISE))
+        self._interpolated = match_keyword(single_argument(a), "NORMal", "STEP", "OFF") != "OFF"
+        self._output_waveform(self._waveforms.get(self._selected, BUILT_IN_WAVEFORM))

@@ -1,6 +1,6 @@
 """What the models of SCPI function generators share: settings by header, modes that exclude each other, waveforms.
 
-A dialect's model lists its headers and adds what is its own; what a setting does to the output is `Generator`'s.
+A dialect's model lists its headers and adds what is its own; what a setting does to the output is `SimulatedGenerator`'s.
 """
 
 import math
@@ -10,14 +10,23 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_hardware.generators.generator import Generator
-from sim_hardware.generators.scpi_levels import MAX_EMF_V, Levels
-from sim_hardware.plant.segments import Wave
-from sim_hardware.wires.scpi_engine import Arguments, Command, ScpiError, boolean, choice, number, one, real
+from sim_hardware.generators.generator import SimulatedGenerator
+from sim_hardware.generators.scpi_levels import MAX_EMF_V, OutputLevels
+from sim_hardware.plant.segments import ArbitraryWaveform
+from sim_hardware.wires.scpi_engine import (
+    Arguments,
+    ScpiCommand,
+    ScpiError,
+    format_real,
+    match_keyword,
+    parse_boolean,
+    parse_number,
+    single_argument,
+)
 
 
-class ScpiBox:
-    """SCPI model of one channel over a `Generator` (sim_hardware.wires.scpi_engine.Instrument).
+class SimulatedScpiGenerator:
+    """SCPI model of one channel over a `SimulatedGenerator` (sim_hardware.wires.scpi_engine.ScpiInstrument).
 
     Args:
         now: bench time, for what depends on whether a burst is still running.
@@ -26,138 +35,144 @@ class ScpiBox:
         report: puts an error into the queue although the command is carried out; the engine's, once there is one.
     """
 
-    TOP_HZ: ClassVar[float] = 20e6
-    MOST_CYCLES: ClassVar[float] = 1e8
-    SPAN_IS_THE_WAVES_OWN: ClassVar[bool] = False
+    MAX_FREQUENCY_HZ: ClassVar[float] = 20e6
+    MAX_BURST_CYCLES: ClassVar[float] = 1e8
+    AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
     """Whether the amplitude setting means the span of the points as they are, or of the converter."""
 
-    def __init__(self, core: Generator, now: Callable[[], float], identity: str) -> None:
+    def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
         self.identity = identity
-        self.report: Callable[[ScpiError], None] = lambda _: None
-        self._core = core
+        self.queue_error: Callable[[ScpiError], None] = lambda _: None
+        self._generator = generator
         self._now = now
-        self._choices: dict[str, str] = {}
-        self._levels = Levels(core, self._report, self.real)
+        self._keyword_settings: dict[str, str] = {}
+        self._levels = OutputLevels(generator, self._queue_error, self.format_number)
 
-    def real(self, value: float) -> str:
+    def format_number(self, value: float) -> str:
         """How this box writes a number."""
-        return real(value)
+        return format_real(value)
 
-    def switch(self, on: bool) -> str:
+    def format_switch(self, on: bool) -> str:
         """How this box writes a switch."""
         return str(int(on))
 
     @property
-    def commands(self) -> Sequence[Command]:
+    def commands(self) -> Sequence[ScpiCommand]:
         raise AttributeError(f"{type(self).__name__} lists no commands")
 
     def reset(self) -> None:
-        self._choices.clear()
+        self._keyword_settings.clear()
         self._levels.reset()
-        self._core.reset()
+        self._generator.reset()
 
     def trigger(self) -> None:
-        if not self._core.ready_for_trigger(self._now()):
+        if not self._generator.ready_for_trigger(self._now()):
             raise ScpiError(-211)
-        self._core.trigger()
+        self._generator.trigger()
 
     def busy_s(self) -> float:
-        return self._core.busy_s(self._now())
+        return self._generator.busy_s(self._now())
 
-    def _report(self, error: ScpiError) -> None:
-        self.report(error)
+    def _queue_error(self, error: ScpiError) -> None:
+        self.queue_error(error)
 
-    def _numeric(self, pattern: str, name: str, unit: str, low: float, high: float, default: float) -> Command:
+    def _numeric_command(
+        self, pattern: str, name: str, unit: str, low: float, high: float, default: float
+    ) -> ScpiCommand:
         def setter(a: Arguments) -> None:
-            self._core.change(**{name: self._levels.clip(number(one(a), unit, low, high, default), low, high)})
+            self._generator.apply_settings(
+                **{name: self._levels.clip(parse_number(single_argument(a), unit, low, high, default), low, high)}
+            )
 
-        return Command(pattern, setter, lambda _: self.real(getattr(self._core.settings, name)))
+        return ScpiCommand(pattern, setter, lambda _: self.format_number(getattr(self._generator.settings, name)))
 
-    def _mode(self, pattern: str, mode: str, other: str) -> Command:
-        return Command(pattern, self._set_mode(mode, other), lambda _: self.switch(getattr(self._core.settings, mode)))
+    def _mode_command(self, pattern: str, mode: str, other: str) -> ScpiCommand:
+        return ScpiCommand(
+            pattern, self._set_mode(mode, other), lambda _: self.format_switch(getattr(self._generator.settings, mode))
+        )
 
-    def _switch(self, pattern: str, name: str) -> Command:
+    def _switch_command(self, pattern: str, name: str) -> ScpiCommand:
         def setter(a: Arguments) -> None:
-            self._core.change(**{name: boolean(one(a))})
+            self._generator.apply_settings(**{name: parse_boolean(single_argument(a))})
 
-        return Command(pattern, setter, lambda _: self.switch(getattr(self._core.settings, name)))
+        return ScpiCommand(pattern, setter, lambda _: self.format_switch(getattr(self._generator.settings, name)))
 
-    def _kept(self, pattern: str, *names: str) -> Command:
+    def _keyword_command(self, pattern: str, *names: str) -> ScpiCommand:
         """A setting that is kept and answered, and that makes no difference to an output at idle; the first is factory."""
 
         def setter(a: Arguments) -> None:
-            self._choices[pattern] = choice(one(a), *names)
+            self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
 
         factory = "".join(c for c in names[0] if not c.islower())
-        return Command(pattern, setter, lambda _: self._choices.get(pattern, factory))
+        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, factory))
 
-    def _enter(self, function: str) -> None:
+    def _select_function(self, function: str) -> None:
         """Another function: what does not go with it gives way, with an error in the queue."""
-        s = self._core.settings
-        self._levels.check(s.emf_vpp, s.emf_offset_v, function)
+        s = self._generator.settings
+        self._levels.check_limits(s.emf_vpp, s.emf_offset_v, function)
         if function == "DC":
             if s.burst or s.sweep:
                 mode = "burst" if s.burst else "sweep"
-                self.report(ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
-            self._core.change(function="DC", burst=False, sweep=False)
+                self.queue_error(ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
+            self._generator.apply_settings(function="DC", burst=False, sweep=False)
             return
         # DC allows an offset that leaves no room for a wave.
         room = MAX_EMF_V - s.emf_vpp / 2
         if abs(s.emf_offset_v) > room:
-            self.report(ScpiError(-221, "offset changed on exit from dc function"))
-        self._core.change(function=function, emf_offset_v=min(max(s.emf_offset_v, -room), room))
+            self.queue_error(ScpiError(-221, "offset changed on exit from dc function"))
+        self._generator.apply_settings(function=function, emf_offset_v=min(max(s.emf_offset_v, -room), room))
 
     def _set_mode(self, mode: str, other: str) -> Callable[[Arguments], None]:
         def setter(a: Arguments) -> None:
-            on, s = boolean(one(a)), self._core.settings
+            on, s = parse_boolean(single_argument(a)), self._generator.settings
             if on and s.function == "DC":
                 raise ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
             changed: dict[str, Any] = {mode: on}
             if on and getattr(s, other):
-                self.report(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
+                self.queue_error(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
                 changed[other] = False
-            self._core.change(**changed)
+            self._generator.apply_settings(**changed)
 
         return setter
 
     def _set_cycles(self, a: Arguments) -> None:
-        cycles = number(one(a), "", 1.0, self.MOST_CYCLES, 1.0)
+        cycles = parse_number(single_argument(a), "", 1.0, self.MAX_BURST_CYCLES, 1.0)
         if not math.isinf(cycles):
-            self._core.change(cycles=float(round(self._levels.clip(cycles, 1.0, self.MOST_CYCLES))))
+            self._generator.apply_settings(cycles=float(round(self._levels.clip(cycles, 1.0, self.MAX_BURST_CYCLES))))
             return
-        if self._core.settings.trigger == "IMM":
-            self.report(ScpiError(-221, "infinite burst changed trigger source to BUS"))
-            self._core.change(trigger="BUS")
-        self._core.change(cycles=cycles)
+        if self._generator.settings.trigger == "IMM":
+            self.queue_error(ScpiError(-221, "infinite burst changed trigger source to BUS"))
+            self._generator.apply_settings(trigger="BUS")
+        self._generator.apply_settings(cycles=cycles)
 
-    def _set_wave(self, points: NDArray[np.float64], smooth: bool = False, **settings: Any) -> None:
+    def _load_waveform(self, points: NDArray[np.float64], interpolated: bool = False, **settings: Any) -> None:
         """Play these points from now on, 1 being half of what the amplitude says."""
-        if self.SPAN_IS_THE_WAVES_OWN:
+        if self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
         # Single precision is finer than any box's converter, and the history keeps every waveform for ever.
-        self._core.change(wave=Wave(points.astype(np.float32), smooth), **settings)
+        self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
 
 
-def data_of(argument: str, kind: str, low: float, high: float) -> NDArray[np.float64]:
+def decode_block(argument: str, dtype: str, low: float, high: float) -> NDArray[np.float64]:
     """The points in a binary block.
 
     Raises:
         ScpiError: no whole number of values, or one outside the limits: the byte order is wrong, for example.
     """
     raw = argument.encode("latin-1")
-    width = np.dtype(kind).itemsize
+    width = np.dtype(dtype).itemsize
     if not raw or len(raw) % width:
         raise ScpiError(-161)
-    points = np.frombuffer(raw, kind).astype(np.float64)
+    points = np.frombuffer(raw, dtype).astype(np.float64)
     if not np.all((points >= low) & (points <= high)):
         raise ScpiError(-222, "a point lies outside the converter's range")
     return points
 
 
-def only(*names: str) -> Callable[[Arguments], None]:
+def accept_keywords(*names: str) -> Callable[[Arguments], None]:
     """A setting of which a model knows these values, and to which none of them makes a difference."""
 
     def setter(a: Arguments) -> None:
-        choice(one(a), *names)
+        match_keyword(single_argument(a), *names)
 
     return setter

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_hardware.generators.generator import Make
-from sim_hardware.plant.segments import Array, Level, Segment
-from sim_hardware.plant.voltage_history import History
+from sim_hardware.generators.generator import SegmentFactory
+from sim_hardware.plant.segments import Array, ConstantSegment, Segment
+from sim_hardware.plant.voltage_history import VoltageHistory
 
 RANGE_V = 10.0
 VOLTS_PER_COUNT = 2 * RANGE_V / 65536
@@ -23,7 +23,7 @@ Counts = NDArray[np.int16]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Samples:
+class SampledSegment:
     """A converter's output: count `k` at `origin_s + k / rate_hz`, the last one held; `before_v` until the first.
 
     Steps as small as a rendered drive should have are drawn as slopes; a larger one is the jump it is on the wire.
@@ -33,37 +33,37 @@ class Samples:
     rate_hz: float
     counts: Counts
     volts_per_count: float
-    before_v: float
+    initial_v: float
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         return self.origin_s + (self.counts.size - 1) / self.rate_hz
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         if not math.isfinite(self.origin_s):
             return ()
-        before = np.rint(self.before_v / self.volts_per_count)
+        before = np.rint(self.initial_v / self.volts_per_count)
         steps = np.abs(np.diff(self.counts.astype(np.int32), prepend=np.int32(before))) * self.volts_per_count
         return tuple(self.origin_s + np.flatnonzero(steps > _STEP_V) / self.rate_hz)
 
     def volts(self, t: Array) -> Array:
         if not math.isfinite(self.origin_s):
-            return np.full(np.shape(t), self.before_v)
+            return np.full(np.shape(t), self.initial_v)
         place = (np.asarray(t, float) - self.origin_s) * self.rate_hz
         below = np.floor(place).astype(np.int64)
         here = self.counts[np.clip(below, 0, self.counts.size - 1)] * self.volts_per_count
         step = self.counts[np.clip(below + 1, 0, self.counts.size - 1)] * self.volts_per_count - here
         volts = here + np.where(np.abs(step) > _STEP_V, 0.0, step * (place - below))
-        return np.where(below < 0, self.before_v, volts)
+        return np.where(below < 0, self.initial_v, volts)
 
 
-def counts_of(volts: NDArray[np.float64]) -> Counts:
+def to_counts(volts: NDArray[np.float64]) -> Counts:
     """The converter's counts for these volts."""
     return np.rint(volts / VOLTS_PER_COUNT).clip(-32768, 32767).astype(np.int16)
 
 
-class AnalogOutput:
+class SimulatedAnalogOutput:
     """One output.
 
     Args:
@@ -73,21 +73,21 @@ class AnalogOutput:
         owner: the task that plays on it, if any.
     """
 
-    def __init__(self, emit: Callable[[Make], None]) -> None:
+    def __init__(self, emit: Callable[[SegmentFactory], None]) -> None:
         self._emit = emit
-        self._history = History(0.0)
-        self._segment: Segment = Level(0.0)
+        self._history = VoltageHistory(0.0)
+        self._segment: Segment = ConstantSegment(0.0)
         self.owner: object | None = None
         self.reset()
 
     def reset(self) -> None:
         """Power-up or device reset: 0 V."""
-        self._carry(lambda _: Level(0.0))
+        self._emit_segment(lambda _: ConstantSegment(0.0))
 
     def hold(self, volts: float) -> None:
         """Stand at a level from now on."""
-        level = float(counts_of(np.array([volts]))[0]) * VOLTS_PER_COUNT
-        self._carry(lambda _: Level(level))
+        level = float(to_counts(np.array([volts]))[0]) * VOLTS_PER_COUNT
+        self._emit_segment(lambda _: ConstantSegment(level))
 
     def play(self, counts: Counts, rate_hz: float, start: Callable[[float], float]) -> float:
         """Play samples from `start(now)` on; that time."""
@@ -96,20 +96,20 @@ class AnalogOutput:
         def make(t: float) -> Segment:
             origin[0] = start(t)
             before = float(self._segment.volts(np.array([t]))[0])
-            return Samples(origin[0], rate_hz, counts, VOLTS_PER_COUNT, before)
+            return SampledSegment(origin[0], rate_hz, counts, VOLTS_PER_COUNT, before)
 
-        self._carry(make)
+        self._emit_segment(make)
         return origin[0]
 
     def freeze(self) -> None:
         """Stay where it is at this instant: what a stopped task leaves behind."""
-        self._carry(lambda t: Level(float(self._segment.volts(np.array([t]))[0])))
+        self._emit_segment(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
 
     def volts(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Volts at the output at past times `t`, ascending."""
         return self._history.volts(t)
 
-    def _carry(self, make: Make) -> None:
+    def _emit_segment(self, make: SegmentFactory) -> None:
         def kept(t: float) -> Segment:
             self._segment = make(t)
             self._history.append(t, self._segment)

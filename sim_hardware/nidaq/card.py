@@ -11,24 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Scale
-from sim_hardware.nidaq.analog_output import AnalogOutput
-from sim_hardware.plant.faults import Faults
-from sim_hardware.plant.laser_view import Sight
-from sim_hardware.plant.parameters import BenchTruth, CardTruth
+from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
+from sim_hardware.plant.faults import FaultState
+from sim_hardware.plant.laser_view import LaserView
+from sim_hardware.plant.parameters import CardParameters, SimulationParameters
 from sim_hardware.plant.plant import Plant
-from sim_hardware.plant.voltage_history import History
+from sim_hardware.plant.voltage_history import VoltageHistory
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int16]
 
-DRIVE, SENSOR = 0, 1
-OUTPUTS = 1000
+DRIVE_CHANNEL, SENSOR_CHANNEL = 0, 1
+FIRST_OUTPUT_READBACK_CHANNEL = 1000
 """From this number on, a channel is an analogue output measured inside the card (`_ao0_vs_aognd`)."""
 TIMEBASE_HZ = 100e6
-_PAGE = 8192
+_NOISE_PAGE_SAMPLES = 8192
 
 
-class RateRefusedError(ValueError):
+class SampleRateError(ValueError):
     """The card cannot sample that fast. `limit_hz` is what it can do per channel; `single` if even one is too many."""
 
     def __init__(self, rate_hz: float, channels: int, limit_hz: float, single: bool) -> None:
@@ -37,21 +37,21 @@ class RateRefusedError(ValueError):
         self.single = single
 
 
-def actual_rate(truth: CardTruth, rate_hz: float, channels: int) -> float:
+def actual_rate(parameters: CardParameters, rate_hz: float, channels: int) -> float:
     """The rate the card's divider makes of `rate_hz`: the next higher one.
 
     Raises:
         RateRefusedError: above the converter's limit, which all channels share, or not positive.
     """
-    limit = truth.max_rate_hz / channels
+    limit = parameters.max_rate_hz / channels
     if not 0 < rate_hz <= limit * (1 + 1e-9):
-        raise RateRefusedError(rate_hz, channels, limit, not 0 < rate_hz <= truth.max_rate_hz)
+        raise SampleRateError(rate_hz, channels, limit, not 0 < rate_hz <= parameters.max_rate_hz)
     return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / rate_hz * (1 + 1e-12)))
 
 
-def convert_time(truth: CardTruth, rate_hz: float, channels: int) -> float:
+def convert_interval_s(parameters: CardParameters, rate_hz: float, channels: int) -> float:
     """Seconds between the conversions of two channels of one scan: NI's default, or what fits into a scan."""
-    return min(truth.convert_s, 1 / (rate_hz * channels))
+    return min(parameters.convert_s, 1 / (rate_hz * channels))
 
 
 class _Noise:
@@ -62,112 +62,114 @@ class _Noise:
         self._pages: dict[int, NDArray[np.float32]] = {}
 
     def __call__(self, first: int, count: int) -> Array:
-        pages = range(first // _PAGE, (first + count - 1) // _PAGE + 1)
+        pages = range(first // _NOISE_PAGE_SAMPLES, (first + count - 1) // _NOISE_PAGE_SAMPLES + 1)
         drawn = {p: self._pages[p] if p in self._pages else self._draw(p) for p in pages}
         self._pages = {pages[-1]: drawn[pages[-1]]}
-        begin = first - pages[0] * _PAGE
+        begin = first - pages[0] * _NOISE_PAGE_SAMPLES
         return np.concatenate([drawn[p] for p in pages])[begin : begin + count].astype(np.float64)
 
     def _draw(self, page: int) -> NDArray[np.float32]:
-        return np.random.default_rng((*self._key, page)).standard_normal(_PAGE, np.float32)
+        return np.random.default_rng((*self._key, page)).standard_normal(_NOISE_PAGE_SAMPLES, np.float32)
 
 
 class Acquisition:
     """One continuous acquisition: scans of `channels` from `start_s` on."""
 
-    def __init__(self, card: "Card", rate_hz: float, channels: Sequence[int], start_s: float, number: int) -> None:
+    def __init__(
+        self, card: "SimulatedCard", rate_hz: float, channels: Sequence[int], start_s: float, number: int
+    ) -> None:
         self.rate_hz = rate_hz
         self.channels = tuple(channels)
-        self.start_s = start_s
+        self.start_time_s = start_s
         self._card = card
-        self.convert_s = convert_time(card.truth, rate_hz, len(channels))
+        self.convert_s = convert_interval_s(card.parameters, rate_hz, len(channels))
         self._noise = [_Noise(card.seed, channel, number) for channel in channels]
 
-    def ready_at(self, scans: int) -> float:
+    def available_at(self, scans: int) -> float:
         """Bench time at which the first `scans` scans have been taken."""
         skew = (len(self.channels) - 1) * self.convert_s
-        return self._card.plant.ready_at(self.start_s + max(0, scans - 1) / self.rate_hz + skew)
+        return self._card.plant.available_at(self.start_time_s + max(0, scans - 1) / self.rate_hz + skew)
 
-    def ready(self, now: float) -> int:
+    def available_scans(self, now: float) -> int:
         """Scans taken until `now`."""
         skew = (len(self.channels) - 1) * self.convert_s
-        until = self._card.plant.ready_until(now) - self.start_s - skew
+        until = self._card.plant.available_until(now) - self.start_time_s - skew
         return max(0, math.floor(until * self.rate_hz + 1e-6) + 1)
 
-    def raw(self, first: int, count: int) -> Counts:
+    def read_raw(self, first: int, count: int) -> Counts:
         """Scans first..first + count as counts, shape (channels, count); they must have been taken."""
         out = np.empty((len(self.channels), count), np.int16)
         if not count:
             return out
-        t = self.start_s + np.arange(first, first + count) / self.rate_hz
+        t = self.start_time_s + np.arange(first, first + count) / self.rate_hz
         for slot, (channel, noise) in enumerate(zip(self.channels, self._noise, strict=True)):
-            clean, sigma = self._card.terminal(channel, t + slot * self.convert_s)
-            out[slot] = self._card.convert(clean + sigma * noise(first, count))
+            clean, sigma = self._card.channel_voltage(channel, t + slot * self.convert_s)
+            out[slot] = self._card.quantize(clean + sigma * noise(first, count))
         return out
 
 
-class Card:
+class SimulatedCard:
     """The card of one bench."""
 
     def __init__(
         self,
-        truth: BenchTruth,
-        history: History,
+        parameters: SimulationParameters,
+        history: VoltageHistory,
         plant: Plant,
-        sight: Sight,
-        faults: Faults,
-        outputs: Sequence[AnalogOutput] = (),
+        laser_view: LaserView,
+        faults: FaultState,
+        outputs: Sequence[SimulatedAnalogOutput] = (),
     ) -> None:
-        self.truth = truth.card
+        self.parameters = parameters.card
         self.outputs = tuple(outputs)
         self.plant = plant
-        self.seed = truth.seed
-        self.scale = Scale(truth.card.coefficients)
-        self._sensor = truth.sensor
-        self._sight = sight
+        self.seed = parameters.seed
+        self.scale = Scale(parameters.card.coefficients)
+        self._sensor = parameters.sensor
+        self._laser_view = laser_view
         self._history = history
         self._faults = faults
-        self._started = 0
+        self._acquisition_count = 0
         self._stuck_v: dict[float, float] = {}
         higher = self.scale.coefficients[2:]
-        self._bend = np.array([0.0, 0.0, *higher]) / self.scale.coefficients[1] if any(higher) else None
+        self._nonlinearity = np.array([0.0, 0.0, *higher]) / self.scale.coefficients[1] if any(higher) else None
 
-    def start(self, rate_hz: float, channels: Sequence[int], now: float) -> Acquisition:
+    def start_acquisition(self, rate_hz: float, channels: Sequence[int], now: float) -> Acquisition:
         """Begin an acquisition at bench time `now`. Raises RateRefusedError as `actual_rate`."""
-        rate = actual_rate(self.truth, rate_hz, len(channels))
-        self._started += 1
-        return Acquisition(self, rate, channels, now + self.truth.latency_s, self._started)
+        rate = actual_rate(self.parameters, rate_hz, len(channels))
+        self._acquisition_count += 1
+        return Acquisition(self, rate, channels, now + self.parameters.latency_s, self._acquisition_count)
 
-    def terminal(self, channel: int, t: Array) -> tuple[Array, float]:
+    def channel_voltage(self, channel: int, t: Array) -> tuple[Array, float]:
         """Volts at the channel's terminal without noise, and the rms noise it will carry."""
-        if channel == DRIVE:
-            return self._history.volts(t), self.truth.noise_v
-        if channel == SENSOR:
+        if channel == DRIVE_CHANNEL:
+            return self._history.volts(t), self.parameters.noise_v
+        if channel == SENSOR_CHANNEL:
             s = self._sensor
-            w = self._sight.seen(t)
-            invalid = (np.abs(w) > s.range_m) | self._faults.during("sensor-out-of-range", t)
-            volts = self._held(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
-            return volts, math.hypot(self.truth.noise_v, s.noise_m / abs(s.gain_m_per_v))
-        if channel >= OUTPUTS:
-            return self.outputs[channel - OUTPUTS].volts(t), self.truth.noise_v
-        return np.zeros(t.size), self.truth.noise_v
+            w = self._laser_view.displacement(t)
+            invalid = (np.abs(w) > s.range_m) | self._faults.was_active("sensor-out-of-range", t)
+            volts = self._with_stuck_sensor(np.where(invalid, s.invalid_v, s.zero_v + w / s.gain_m_per_v), t)
+            return volts, math.hypot(self.parameters.noise_v, s.noise_m / abs(s.gain_m_per_v))
+        if channel >= FIRST_OUTPUT_READBACK_CHANNEL:
+            return self.outputs[channel - FIRST_OUTPUT_READBACK_CHANNEL].volts(t), self.parameters.noise_v
+        return np.zeros(t.size), self.parameters.noise_v
 
-    def _held(self, volts: Array, t: Array) -> Array:
+    def _with_stuck_sensor(self, volts: Array, t: Array) -> Array:
         """The sensor's volts, standing still from the moment at which it got stuck."""
-        if not self._faults.ever("sensor-stuck"):
+        if not self._faults.was_ever_active("sensor-stuck"):
             return volts
-        begun = self._faults.since("sensor-stuck", t)
+        begun = self._faults.active_since("sensor-stuck", t)
         for begin in np.unique(begun[~np.isnan(begun)]).tolist():
             stuck = begun == begin
             held_v = self._stuck_v.setdefault(begin, float(volts[stuck][0]))
             volts = np.where(stuck, held_v, volts)
         return volts
 
-    def convert(self, volts: Array) -> Counts:
+    def quantize(self, volts: Array) -> Counts:
         """Counts of the converter, the inverse of its scaling, standing at a rail where the voltage is beyond it."""
-        c0, c1, *_ = self.truth.coefficients
+        c0, c1, *_ = self.parameters.coefficients
         counts = (volts - c0) / c1
-        if self._bend is not None:
+        if self._nonlinearity is not None:
             # The higher terms are corrections of less than a count; one step suffices.
-            counts -= np.polynomial.polynomial.polyval(counts, self._bend, tensor=False)
+            counts -= np.polynomial.polynomial.polyval(counts, self._nonlinearity, tensor=False)
         return np.rint(counts).clip(-32768, 32767).astype(np.int16)

@@ -1,6 +1,6 @@
 """Errors of NI-DAQmx by their numbers, in NI's words (nidaqmx.error_codes and NI's help)."""
 
-WORDS = {
+ERROR_MESSAGES = {
     -200077: "Requested value is not a supported value for this property. The property value may be invalid because it "
     "conflicts with another property.",
     -200081: "Sample rate exceeds the maximum sample rate for the number of channels specified.\n\nReduce the sample rate "
@@ -33,7 +33,7 @@ WORDS = {
 class NiError(Exception):
     """An error of NI-DAQmx; `read` is the number of samples a read had got before it."""
 
-    def __init__(self, code: int, detail: str = "", read: int | None = None) -> None:
-        super().__init__("\n\n".join(filter(None, (WORDS[code], detail, f"Status Code: {code}"))))
+    def __init__(self, code: int, detail: str = "", samples_read: int | None = None) -> None:
+        super().__init__("\n\n".join(filter(None, (ERROR_MESSAGES[code], detail, f"Status Code: {code}"))))
         self.code = code
-        self.read = read
+        self.samples_read = samples_read

@@ -14,11 +14,11 @@ import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
-from drivers.closing import Closing
-from sim_hardware.nidaq.errors import WORDS, NiError
-from sim_hardware.nidaq.input_task import FINITE, NiDevice, NiTask
+from drivers.closing import Closeable
+from sim_hardware.nidaq.errors import ERROR_MESSAGES, NiError
+from sim_hardware.nidaq.input_task import FINITE, NiInputTask, SimulatedNiDevice
 from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.properties import of_device, of_system, of_task, of_terminal
+from sim_hardware.nidaq.properties import device_property, physical_channel_property, system_property, task_property
 
 HOST = "127.0.0.1"
 _BY_CHANNEL = 0
@@ -26,7 +26,7 @@ _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
 
 
-class NiServer(Closing):
+class NiGrpcServer(Closeable):
     """Serves one card on loopback until closed.
 
     Attributes:
@@ -34,24 +34,24 @@ class NiServer(Closing):
         calls: how often each call was made.
     """
 
-    def __init__(self, device: NiDevice) -> None:
+    def __init__(self, device: SimulatedNiDevice) -> None:
         self.device = device
         self.port = 0
         self.calls: dict[str, int] = {}
-        self._tasks: dict[str, NiTask | NiOutputTask] = {}
-        self._names = itertools.count(1)
+        self._tasks: dict[str, NiInputTask | NiOutputTask] = {}
+        self._task_numbers = itertools.count(1)
         self._server: Any = None
         self._closed = False
-        self.follow_faults()
+        self.update_from_faults()
 
     @property
     def address(self) -> str:
         """host:port for a gRPC channel."""
         return f"{HOST}:{self.port}"
 
-    def follow_faults(self) -> None:
+    def update_from_faults(self) -> None:
         """Die or come back, as the fault `grpc-gone` says."""
-        gone = self.device.faults.active("grpc-gone")
+        gone = self.device.faults.is_active("grpc-gone")
         if gone and self._server is not None:
             self._stop()
         elif not gone and self._server is None and not self._closed:
@@ -64,8 +64,8 @@ class NiServer(Closing):
             self._stop()
 
     def _start(self) -> None:
-        self.device.stopping.clear()
-        handlers = {name: self._handler(name, call) for name, call in self._table().items()}
+        self.device.server_stopping.clear()
+        handlers = {name: self._handler(name, call) for name, call in self._calls().items()}
         self._pool = futures.ThreadPoolExecutor(8, thread_name_prefix="simulated card")
         server = grpc.server(self._pool, options=_UNLIMITED)
         server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(_SERVICE.full_name, handlers),))
@@ -74,7 +74,7 @@ class NiServer(Closing):
         self._server = server
 
     def _stop(self) -> None:
-        self.device.stopping.set()
+        self.device.server_stopping.set()
         for task in self._tasks.values():
             task.stop()
         self._tasks.clear()
@@ -92,41 +92,41 @@ class NiServer(Closing):
             try:
                 return answer(**call(request))
             except NiError as error:
-                read = () if error.read is None else (("ni-samps-per-chan-read", str(error.read)),)
+                read = () if error.samples_read is None else (("ni-samps-per-chan-read", str(error.samples_read)),)
                 context.set_trailing_metadata((("ni-error", str(error.code)), *read))
                 context.abort(grpc.StatusCode.UNKNOWN, str(error))
 
         return grpc.unary_unary_rpc_method_handler(serve, ask.FromString, answer.SerializeToString)
 
-    def _table(self) -> dict[str, Callable[[Any], Mapping[str, Any]]]:
+    def _calls(self) -> dict[str, Callable[[Any], Mapping[str, Any]]]:
         """The calls that are served."""
         table: dict[str, Callable[[Any], Mapping[str, Any]]] = {
             "CreateTask": self._create,
             "ClearTask": self._clear,
-            "StartTask": _silent(lambda q: self._task(q).start()),
-            "StopTask": _silent(lambda q: self._task(q).stop()),
+            "StartTask": _without_result(lambda q: self._task(q).start()),
+            "StopTask": _without_result(lambda q: self._task(q).stop()),
             "TaskControl": self._control,
             "IsTaskDone": lambda q: {"is_task_done": self._is_done(self._task(q))},
             "WaitUntilTaskDone": self._wait_done,
-            "CreateAIVoltageChan": _silent(
-                lambda q: self._input(q).add_voltage(
+            "CreateAIVoltageChan": _without_result(
+                lambda q: self._input(q).add_voltage_channels(
                     q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
                 )
             ),
-            "CreateAOVoltageChan": _silent(self._create_output),
-            "CfgDigEdgeStartTrig": _silent(lambda q: self._output(q).configure_trigger(q.trigger_source)),
+            "CreateAOVoltageChan": _without_result(self._create_output),
+            "CfgDigEdgeStartTrig": _without_result(lambda q: self._output(q).configure_trigger(q.trigger_source)),
             "WriteAnalogF64": self._write_f64,
-            "WriteAnalogScalarF64": _silent(lambda q: self._output(q).write(np.array([q.value]), q.auto_start)),
-            "ResetDevice": _silent(lambda _: self.device.reset()),
+            "WriteAnalogScalarF64": _without_result(lambda q: self._output(q).write(np.array([q.value]), q.auto_start)),
+            "ResetDevice": _without_result(lambda _: self.device.reset()),
             "SetWriteAttributeInt32": self._set_write,
-            "CfgSampClkTiming": _silent(
+            "CfgSampClkTiming": _without_result(
                 lambda q: self._task(q).configure_clock(q.rate, q.sample_mode_raw or q.sample_mode, q.samps_per_chan)
             ),
-            "CfgInputBuffer": _silent(lambda q: self._task(q).set_buffer(q.num_samps_per_chan)),
+            "CfgInputBuffer": _without_result(lambda q: self._task(q).set_buffer(q.num_samps_per_chan)),
             "ReadBinaryI16": self._read_i16,
             "ReadAnalogF64": self._read_f64,
             "ReadAnalogScalarF64": self._read_scalar,
-            "GetErrorString": lambda q: {"error_string": WORDS.get(q.error_code, "")},
+            "GetErrorString": lambda q: {"error_string": ERROR_MESSAGES.get(q.error_code, "")},
             "SetBufferAttributeUInt32": self._set_buffer,
         }
         for name in _SERVICE.methods_by_name:
@@ -137,15 +137,15 @@ class NiServer(Closing):
                 table[name] = lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
         return table
 
-    def _task(self, request: Any) -> NiTask | NiOutputTask:
+    def _task(self, request: Any) -> NiInputTask | NiOutputTask:
         task = self._tasks.get(request.task.name)
         if task is None:
             raise NiError(-200088)
         return task
 
-    def _input(self, request: Any) -> NiTask:
+    def _input(self, request: Any) -> NiInputTask:
         task = self._task(request)
-        if not isinstance(task, NiTask):
+        if not isinstance(task, NiInputTask):
             raise NiError(-200452)
         return task
 
@@ -157,12 +157,14 @@ class NiServer(Closing):
 
     def _create_output(self, request: Any) -> None:
         task = NiOutputTask(self.device, self._task(request).name)
-        task.add_voltage(request.physical_channel, request.name_to_assign_to_channel, request.min_val, request.max_val)
+        task.add_voltage_channels(
+            request.physical_channel, request.name_to_assign_to_channel, request.min_val, request.max_val
+        )
         self._tasks[task.name] = task
 
     def _create(self, request: Any) -> Mapping[str, Any]:
-        name = request.session_name or f"_unnamedTask<{next(self._names)}>"
-        self._tasks[name] = NiTask(self.device, name)
+        name = request.session_name or f"_unnamedTask<{next(self._task_numbers)}>"
+        self._tasks[name] = NiInputTask(self.device, name)
         return {"task": {"name": name}, "new_session_initialized": True}
 
     def _clear(self, request: Any) -> Mapping[str, Any]:
@@ -183,14 +185,14 @@ class NiServer(Closing):
                 pass
         return {}
 
-    def _is_done(self, task: NiTask | NiOutputTask) -> bool:
+    def _is_done(self, task: NiInputTask | NiOutputTask) -> bool:
         if isinstance(task, NiOutputTask):
-            return task.done()
-        return not task.running or (task.mode == FINITE and task.acquired() >= task.scans)
+            return task.is_done()
+        return not task.running or (task.mode == FINITE and task.acquired() >= task.samples_per_channel)
 
     def _wait_done(self, request: Any) -> Mapping[str, Any]:
         task = self._task(request)
-        if not task.wait_done(request.time_to_wait):
+        if not task.wait_until_done(request.time_to_wait):
             raise NiError(-200560, f"Task Name: {task.name}")
         return {}
 
@@ -201,13 +203,13 @@ class NiServer(Closing):
 
     def _read_f64(self, request: Any) -> Mapping[str, Any]:
         raw, status = self._input(request).read(request.num_samps_per_chan, request.timeout)
-        volts = self.device.card.scale.volts(raw)
+        volts = self.device.card.scale.to_volts(raw)
         flat = volts if request.fill_mode_raw == _BY_CHANNEL else volts.T
         return {"status": status, "read_array": flat.ravel(), "samps_per_chan_read": raw.shape[1]}
 
     def _read_scalar(self, request: Any) -> Mapping[str, Any]:
         raw, status = self._input(request).read(1, request.timeout)
-        return {"status": status, "value": float(self.device.card.scale.volts(raw)[0, 0]) if raw.size else 0.0}
+        return {"status": status, "value": float(self.device.card.scale.to_volts(raw)[0, 0]) if raw.size else 0.0}
 
     def _set_buffer(self, request: Any) -> Mapping[str, Any]:
         if request.attribute_raw not in (0x186C, 0x186D):  # input, output
@@ -227,15 +229,15 @@ class NiServer(Closing):
         number = request.attribute_raw or request.attribute
         fields = request.DESCRIPTOR.fields_by_name
         if "task" in fields:
-            return of_task(self._task(request), number, getattr(request, "channel", ""))
+            return task_property(self._task(request), number, getattr(request, "channel", ""))
         if "device_name" in fields:
-            return of_device(self.device, request.device_name, number)
+            return device_property(self.device, request.device_name, number)
         if "physical_channel" in fields:
-            return of_terminal(self.device, request.physical_channel, number)
-        return of_system(self.device, number)
+            return physical_channel_property(self.device, request.physical_channel, number)
+        return system_property(self.device, number)
 
 
-def _silent(call: Callable[[Any], object]) -> Callable[[Any], Mapping[str, Any]]:
+def _without_result(call: Callable[[Any], object]) -> Callable[[Any], Mapping[str, Any]]:
     """A call that answers nothing but success."""
 
     def run(request: Any) -> Mapping[str, Any]:

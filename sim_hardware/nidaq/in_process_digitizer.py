@@ -3,45 +3,45 @@
 from dataclasses import replace
 
 from drivers.clock import Clock
-from drivers.closing import Closing
+from drivers.closing import Closeable
 from drivers.errors import AcquisitionError
 from drivers.interfaces import Block, Identity, Scale
-from sim_hardware.nidaq.card import DRIVE, SENSOR, Acquisition, Card, RateRefusedError
-from sim_hardware.plant.faults import Faults
+from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
+from sim_hardware.plant.faults import FaultState
 
 
-class SimDigitizer:
+class SimulatedDigitizer:
     """Drive and displacement from the simulated card.
 
     Args:
         buffer_s: seconds of samples the card keeps for a reader who is late.
     """
 
-    def __init__(self, card: Card, clock: Clock, faults: Faults, buffer_s: float = 10.0) -> None:
-        self.identity = Identity("NI", card.truth.product, f"{card.truth.serial:X}")
+    def __init__(self, card: SimulatedCard, clock: Clock, faults: FaultState, buffer_s: float = 10.0) -> None:
+        self.identity = Identity("NI", card.parameters.product, f"{card.parameters.serial:X}")
         self._card = card
         self._clock = clock
         self._faults = faults
         self._buffer_s = buffer_s
-        self._running: SimStream | None = None
+        self._stream: SimulatedStream | None = None
 
-    def stream(self, rate_hz: float, block_scans: int) -> "SimStream":
+    def stream(self, rate_hz: float, block_scans: int) -> "SimulatedStream":
         """Begin a continuous acquisition of drive and displacement.
 
         Raises:
             AcquisitionError: the card is unplugged, in use, or cannot do this rate.
         """
-        if self._faults.active("card-unplugged"):
+        if self._faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{self.identity} does not answer; check its USB cable")
-        if self._running is not None and self._running.open:
+        if self._stream is not None and self._stream.is_open:
             raise AcquisitionError(f"{self.identity} is already acquiring; stop that first")
         if block_scans < 1:
             raise AcquisitionError(f"{self.identity}: a block needs at least one scan, not {block_scans}")
         try:
-            acquisition = self._card.start(rate_hz, (DRIVE, SENSOR), self._clock.now())
-        except RateRefusedError as error:
+            acquisition = self._card.start_acquisition(rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), self._clock.now())
+        except SampleRateError as error:
             raise AcquisitionError(f"{self.identity}: {error}; lower the sample rate") from error
-        self._running = SimStream(
+        self._stream = SimulatedStream(
             str(self.identity),
             self._clock,
             self._faults,
@@ -50,22 +50,22 @@ class SimDigitizer:
             block_scans,
             max(int(self._buffer_s * rate_hz), 2 * block_scans),
         )
-        return self._running
+        return self._stream
 
     def close(self) -> None:
         """Stop what runs."""
-        if self._running is not None:
-            self._running.close()
+        if self._stream is not None:
+            self._stream.close()
 
 
-class SimStream(Closing):
+class SimulatedStream(Closeable):
     """A running acquisition (drivers.interfaces.Stream)."""
 
     def __init__(
         self,
         name: str,
         clock: Clock,
-        faults: Faults,
+        faults: FaultState,
         scale: Scale,
         acquisition: Acquisition,
         block_scans: int,
@@ -75,15 +75,15 @@ class SimStream(Closing):
         self.scales: tuple[Scale, ...] = tuple(
             replace(scale, skew_s=slot * acquisition.convert_s) for slot in range(len(acquisition.channels))
         )
-        self.started_s = acquisition.start_s
-        self.open = True
+        self.start_time_s = acquisition.start_time_s
+        self.is_open = True
         self._name = name
         self._clock = clock
         self._faults = faults
         self._acquisition = acquisition
-        self._block = block_scans
-        self._buffer = buffer_scans
-        self._next = 0
+        self._block_scans = block_scans
+        self._buffer_scans = buffer_scans
+        self._next_scan = 0
 
     def read(self) -> Block:
         """The next block; moves the clock to when its last scan has been taken.
@@ -92,21 +92,21 @@ class SimStream(Closing):
             AcquisitionError: scans were lost, the card is unplugged, or the stream is closed.
         """
         card, clock, faults = self._name, self._clock, self._faults
-        if not self.open:
+        if not self.is_open:
             raise AcquisitionError(f"{card}: the acquisition has been stopped")
-        late = self._acquisition.ready(clock.now()) - self._next
-        if faults.active("card-overrun") or late > self._buffer:
+        late = self._acquisition.available_scans(clock.now()) - self._next_scan
+        if faults.is_active("card-overrun") or late > self._buffer_scans:
             raise AcquisitionError(
-                f"{card} lost samples: they were read too late and its buffer of {self._buffer} scans was overwritten; "
+                f"{card} lost samples: they were read too late and its buffer of {self._buffer_scans} scans was overwritten; "
                 "lower the sample rate or close other programs"
             )
-        clock.sleep(self._acquisition.ready_at(self._next + self._block) - clock.now())
-        if faults.active("card-unplugged"):
+        clock.sleep(self._acquisition.available_at(self._next_scan + self._block_scans) - clock.now())
+        if faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{card} does not answer any more; check its USB cable")
-        block = Block(self._next, self._acquisition.raw(self._next, self._block))
-        self._next = block.stop
+        block = Block(self._next_scan, self._acquisition.read_raw(self._next_scan, self._block_scans))
+        self._next_scan = block.stop
         return block
 
     def close(self) -> None:
         """Stop the card."""
-        self.open = False
+        self.is_open = False

@@ -10,38 +10,38 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_hardware.nidaq.analog_output import FIFO_SAMPLES, RANGE_V, AnalogOutput, counts_of
+from sim_hardware.nidaq.analog_output import FIFO_SAMPLES, RANGE_V, SimulatedAnalogOutput, to_counts
 from sim_hardware.nidaq.card import TIMEBASE_HZ
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import FINITE, Channel, NiDevice
+from sim_hardware.nidaq.input_task import FINITE, SimulatedNiDevice, TaskChannel
 
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
 MAX_RATE_HZ = 900e3
-NEVER = math.inf
+NOT_TRIGGERED = math.inf
 
 
 class NiOutputTask:
     """One analogue output task on one channel."""
 
-    def __init__(self, device: NiDevice, name: str) -> None:
+    def __init__(self, device: SimulatedNiDevice, name: str) -> None:
         self.name = name
         self.device = device
-        self.channels: list[Channel] = []
+        self.channels: list[TaskChannel] = []
         self.rate_hz: float | None = None
         self.mode = FINITE
-        self.scans = 0
+        self.samples_per_channel = 0
         self.relative_to = CURRENT_WRITE_POSITION
         self.offset = 0
         self.trigger = ""
         self._counts = np.zeros(0, np.int16)
         self._written = 0
-        self._origin_s: float | None = None
+        self._start_time_s: float | None = None
 
     @property
     def running(self) -> bool:
-        return self._origin_s is not None
+        return self._start_time_s is not None
 
-    def add_voltage(self, text: str, name: str, low_v: float, high_v: float) -> None:
+    def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         """Add the output. Raises NiError for what the card does not have or cannot do."""
         device, _, line = text.partition("/")
         found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
@@ -51,13 +51,13 @@ class NiOutputTask:
             raise NiError(-200170, f"Physical Channel Name: {text}")
         if not -RANGE_V <= low_v < high_v <= RANGE_V:
             raise NiError(-200077, f"Property: AO.Max\nRequested Value: {high_v}\nMaximum Value: {RANGE_V}")
-        self.channels = [Channel(name or text, int(found[1]), low_v, high_v)]
+        self.channels = [TaskChannel(name or text, int(found[1]), low_v, high_v)]
 
     def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
         """Set the sample clock. Raises NiError for a rate that the converter can never do."""
         if not 0 < rate_hz <= MAX_RATE_HZ:
             raise NiError(-200077, f"Property: SampClk.Rate\nRequested Value: {rate_hz}\nMaximum Value: {MAX_RATE_HZ}")
-        self.rate_hz, self.mode, self.scans = rate_hz, mode, scans
+        self.rate_hz, self.mode, self.samples_per_channel = rate_hz, mode, scans
         self.set_buffer(scans)
 
     def configure_trigger(self, source: str) -> None:
@@ -96,7 +96,7 @@ class NiOutputTask:
         if volts.size and not channel.low_v <= float(volts.min()) <= float(volts.max()) <= channel.high_v:
             raise NiError(-200561, f"Task Name: {self.name}")
         if self.rate_hz is None:
-            self.device.check()
+            self.device.check_present()
             if output.owner not in (None, self):
                 raise NiError(-50103, f"Task Name: {self.name}")
             output.hold(float(volts[-1]))
@@ -104,8 +104,8 @@ class NiOutputTask:
         first = self.offset + (0 if self.relative_to == FIRST_SAMPLE else self._written)
         if first + volts.size > self._counts.size:
             raise NiError(-201132, f"Task Name: {self.name}")
-        counts = counts_of(volts)
-        if self._origin_s is not None:
+        counts = to_counts(volts)
+        if self._start_time_s is not None:
             self._rewrite(output, first, counts)
         else:
             self._counts[first : first + counts.size] = counts
@@ -114,75 +114,75 @@ class NiOutputTask:
             self.start()
         return volts.size
 
-    def _rewrite(self, output: AnalogOutput, first: int, counts: NDArray[np.int16]) -> None:
+    def _rewrite(self, output: SimulatedAnalogOutput, first: int, counts: NDArray[np.int16]) -> None:
         """Change samples of a running generation; those in the card's own memory are out of reach."""
-        done = self.generated()
+        done = self.samples_generated()
         if first < done:
             raise NiError(-200289, f"Task Name: {self.name}")
         late = max(done + FIFO_SAMPLES - first, 0)
         fresh = self._counts.copy()
         fresh[first + late : first + counts.size] = counts[late:]
         self._counts = fresh
-        origin = self._origin_s if self._origin_s is not None else NEVER
+        origin = self._start_time_s if self._start_time_s is not None else NOT_TRIGGERED
         output.play(self._counts, self.actual_rate(), lambda _: origin)
 
     def start(self) -> None:
         """Begin, or wait for the trigger. Raises NiError: no samples, in use, or unplugged."""
-        if self._origin_s is not None or self.rate_hz is None:
+        if self._start_time_s is not None or self.rate_hz is None:
             return
         output = self._output()
         if self._written < self._counts.size:
             raise NiError(-200462, f"Task Name: {self.name}")
-        self.device.check()
+        self.device.check_present()
         if output.owner not in (None, self):
             raise NiError(-50103, f"Task Name: {self.name}")
         output.owner = self
-        edge = self.device.next_scan if self.trigger else lambda t: t
-        self._origin_s = output.play(self._counts, self.actual_rate(), edge)
+        edge = self.device.next_scan_time if self.trigger else lambda t: t
+        self._start_time_s = output.play(self._counts, self.actual_rate(), edge)
 
     def stop(self) -> None:
         """Stop: the output stays at the sample it has reached."""
-        if self._origin_s is None:
+        if self._start_time_s is None:
             return
         output = self._output()
-        if self._played() < self._counts.size:
+        if self._samples_output() < self._counts.size:
             output.freeze()
-        self._origin_s = None
+        self._start_time_s = None
         self._written = 0
         if output.owner is self:
             output.owner = None
 
-    def generated(self) -> int:
+    def samples_generated(self) -> int:
         """Samples played since the start."""
-        self.device.check(-88705)
-        return self._played()
+        self.device.check_present(-88705)
+        return self._samples_output()
 
-    def _played(self) -> int:
-        if self._origin_s is None or self._origin_s == NEVER:
+    def _samples_output(self) -> int:
+        if self._start_time_s is None or self._start_time_s == NOT_TRIGGERED:
             return 0
-        played = math.floor((self.device.clock.now() - self._origin_s) * self.actual_rate() + 1e-6) + 1
+        played = math.floor((self.device.clock.now() - self._start_time_s) * self.actual_rate() + 1e-6) + 1
         return min(max(played, 0), self._counts.size)
 
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether a finite generation has played its last sample."""
-        return self._origin_s is None or self.generated() >= self._counts.size
+        return self._start_time_s is None or self.samples_generated() >= self._counts.size
 
-    def wait_done(self, timeout_s: float) -> bool:
+    def wait_until_done(self, timeout_s: float) -> bool:
         """Wait until everything is played; whether it is. The time-out is the caller's own, real time."""
         clock, speed = self.device.clock, self.device.speed
         given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
-        while not self.done():
+        while not self.is_done():
             now = clock.now()
-            if now >= given_up or self.device.stopping.is_set():
+            if now >= given_up or self.device.server_stopping.is_set():
                 return False
-            left = (self._origin_s or 0.0) + self._counts.size / self.actual_rate() - now
+            left = (self._start_time_s or 0.0) + self._counts.size / self.actual_rate() - now
             clock.sleep(min(max(left, 1e-4 * speed), 0.02 * speed))
         return True
 
-    def _channel(self) -> Channel:
+    def _channel(self) -> TaskChannel:
         if not self.channels:
             raise NiError(-200478)
         return self.channels[0]
 
-    def _output(self) -> AnalogOutput:
-        return self.device.card.outputs[self._channel().terminal]
+    def _output(self) -> SimulatedAnalogOutput:
+        return self.device.card.outputs[self._channel().number]

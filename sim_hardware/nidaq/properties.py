@@ -2,19 +2,19 @@
 
 from typing import Any
 
-from sim_hardware.nidaq.card import convert_time
+from sim_hardware.nidaq.card import convert_interval_s
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import FINITE, NiDevice, NiTask
+from sim_hardware.nidaq.input_task import FINITE, NiInputTask, SimulatedNiDevice
 from sim_hardware.nidaq.output_task import MAX_RATE_HZ, NiOutputTask
 
 DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
 """Major, minor, update: what a driver of that year would say."""
 
-_ABSENT = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
+_NOT_SIMULATED = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
 """Digital lines and counters of a device: not simulated."""
 
 
-def of_system(device: NiDevice, number: int) -> Any:
+def system_property(device: SimulatedNiDevice, number: int) -> Any:
     """A property of the driver or its device list. Raises NiError for one that is not simulated."""
     match number:
         case 0x1272 | 0x1923 | 0x2F22:
@@ -26,16 +26,16 @@ def of_system(device: NiDevice, number: int) -> Any:
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def of_device(device: NiDevice, name: str, number: int) -> Any:
+def device_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
     """A property of the card. Raises NiError: another device, not simulated, or unplugged."""
-    truth = device.card.truth
+    truth = device.card.parameters
     if name.lower() != device.name.lower():
         raise NiError(-200220, f"Device Specified: {name}")
     match number:
         case 0x631:  # product type
             return truth.product
         case 0x632:  # serial number
-            device.check()
+            device.check_present()
             return truth.serial
         case 0x22CA:  # simulated
             return True
@@ -46,7 +46,7 @@ def of_device(device: NiDevice, name: str, number: int) -> Any:
         case 0x2A40:  # terminals
             names = ("PFI0", "PFI1", "ai/SampleClock", "ai/ConvertClock", "ai/StartTrigger", "100MHzTimebase")
             return ", ".join(f"/{device.name}/{t}" for t in names)
-        case _ if number in _ABSENT:
+        case _ if number in _NOT_SIMULATED:
             return ""
         case 0x298C | 0x298D:  # largest AI rate, one channel and all together
             return truth.max_rate_hz
@@ -61,18 +61,18 @@ def of_device(device: NiDevice, name: str, number: int) -> Any:
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def of_terminal(device: NiDevice, name: str, number: int) -> Any:
+def physical_channel_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
     """A property of a physical channel. Raises NiError: no such channel, or not simulated."""
-    device.terminals(name)
+    device.parse_physical_channels(name)
     if number == 0x2342:  # terminal configurations: RSE, NRSE, differential
         return [10083, 10078, 10106]
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
+def task_property(task: NiInputTask | NiOutputTask, number: int, channel: str) -> Any:
     """A property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
     if isinstance(task, NiOutputTask):
-        return _of_output(task, number)
+        return _output_task_property(task, number)
     match number:
         case 0x1276:  # name
             return task.name
@@ -87,15 +87,15 @@ def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
         case 0x22C8:  # largest sample rate
             return task.max_rate()
         case 0x1848:  # conversions a second
-            return 1 / convert_time(task.device.card.truth, task.actual_rate(), len(task.channels))
+            return 1 / convert_interval_s(task.device.card.parameters, task.actual_rate(), len(task.channels))
         case 0x1300:  # mode
             return task.mode
         case 0x1310:  # samples per channel
-            return task.scans
+            return task.samples_per_channel
         case 0x1347:  # timing: on demand, or sample clock
             return 10390 if task.rate_hz is None else 10388
         case 0x186C:  # buffer
-            return task.buffer()
+            return task.buffer_size()
         case 0x230A:  # the card's own buffer
             return 4095
         case 0x1223:  # available
@@ -103,26 +103,26 @@ def of_task(task: NiTask | NiOutputTask, number: int, channel: str) -> Any:
         case 0x192A:  # acquired
             return task.acquired()
         case 0x1808:  # read position
-            return task.position
+            return task.read_position
         case 0x31E8:  # samples a read of "all available" takes
-            return 1 if task.rate_hz is None else task.scans if task.mode == FINITE else task.available()
+            return 1 if task.rate_hz is None else task.samples_per_channel if task.mode == FINITE else task.available()
         case 0x1215:  # read all available
             return False
-    return _of_channel(task, number, channel)
+    return _channel_property(task, number, channel)
 
 
-def _of_channel(task: NiTask, number: int, name: str) -> Any:
+def _channel_property(task: NiInputTask, number: int, name: str) -> Any:
     if not task.channels:
         raise NiError(-200478)
     channel = next((c for c in task.channels if c.name == name), task.channels[0])
-    truth = task.device.card.truth
+    truth = task.device.card.parameters
     match number:
         case 0x187F:  # kind of channel: AI
             return 10100
         case 0x695:  # measures: voltage
             return 10322
         case 0x18F5:  # physical channel
-            return task.device.terminal_name(channel.terminal)
+            return task.device.physical_channel_name(channel.number)
         case 0x1930:  # scaling coefficients
             return list(truth.coefficients)
         case 0x17DD:  # max
@@ -140,7 +140,7 @@ def _of_channel(task: NiTask, number: int, name: str) -> Any:
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def _of_output(task: NiOutputTask, number: int) -> Any:
+def _output_task_property(task: NiOutputTask, number: int) -> Any:
     match number:
         case 0x1276:  # name
             return task.name
@@ -159,9 +159,9 @@ def _of_output(task: NiOutputTask, number: int) -> Any:
         case 0x1300:  # mode
             return task.mode
         case 0x1310:  # samples per channel
-            return task.scans
+            return task.samples_per_channel
         case 0x192B:  # samples generated
-            return task.generated()
+            return task.samples_generated()
         case 0x190C:  # where a write begins
             return task.relative_to
         case 0x190D:

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-FAULTS = {
+FAULT_DESCRIPTIONS = {
     "scpi-silent": "the generator neither obeys nor answers, its output goes on",
     "scpi-late": "the generator obeys, but answers after the driver has given up",
     "scpi-garbled": "the generator obeys, its answers arrive as rubbish",
@@ -26,12 +26,12 @@ FAULTS = {
 """Name and words of every fault."""
 
 
-class Faults:
+class FaultState:
     """The faults of one bench and when each was present."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._spans: dict[str, list[list[float]]] = {}
+        self._intervals: dict[str, list[list[float]]] = {}
 
     def inject(self, name: str, t: float) -> None:
         """Break `name` from bench time `t` on; nothing if it is broken already.
@@ -39,44 +39,44 @@ class Faults:
         Raises:
             ValueError: there is no such fault.
         """
-        if name not in FAULTS:
-            raise ValueError(f"there is no fault {name!r}: choose from {', '.join(FAULTS)}")
+        if name not in FAULT_DESCRIPTIONS:
+            raise ValueError(f"there is no fault {name!r}: choose from {', '.join(FAULT_DESCRIPTIONS)}")
         with self._lock:
-            spans = self._spans.setdefault(name, [])
+            spans = self._intervals.setdefault(name, [])
             if not spans or spans[-1][1] < math.inf:
                 spans.append([t, math.inf])
 
     def clear(self, name: str, t: float) -> None:
         """Repair `name` at bench time `t`; nothing if it is not broken."""
         with self._lock:
-            spans = self._spans.get(name, [])
+            spans = self._intervals.get(name, [])
             if spans and math.isinf(spans[-1][1]):
                 spans[-1][1] = t
 
-    def active(self, name: str) -> bool:
+    def is_active(self, name: str) -> bool:
         """Whether `name` is broken now."""
         with self._lock:
-            spans = self._spans.get(name, [])
+            spans = self._intervals.get(name, [])
             return len(spans) > 0 and math.isinf(spans[-1][1])
 
-    def all_active(self) -> tuple[str, ...]:
-        """Everything that is broken now, in the order of `FAULTS`."""
-        return tuple(name for name in FAULTS if self.active(name))
+    def active_faults(self) -> tuple[str, ...]:
+        """Everything that is broken now, in the order of `FAULT_DESCRIPTIONS`."""
+        return tuple(name for name in FAULT_DESCRIPTIONS if self.is_active(name))
 
-    def ever(self, name: str) -> bool:
+    def was_ever_active(self, name: str) -> bool:
         """Whether `name` was ever broken."""
         with self._lock:
-            return bool(self._spans.get(name))
+            return bool(self._intervals.get(name))
 
-    def since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def active_since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """When the break began that was present at bench times `t`, same shape; NaN where there was none."""
         with self._lock:
-            spans = [tuple(span) for span in self._spans.get(name, [])]
+            spans = [tuple(span) for span in self._intervals.get(name, [])]
         begun = np.full(t.shape, np.nan)
         for begin, end in spans:
             begun[(t >= begin) & (t < end)] = begin
         return begun
 
-    def during(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def was_active(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether `name` was broken at bench times `t`, same shape."""
-        return ~np.isnan(self.since(name, t)) if self.ever(name) else np.zeros(t.shape, bool)
+        return ~np.isnan(self.active_since(name, t)) if self.was_ever_active(name) else np.zeros(t.shape, bool)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_hardware.plant.voltage_history import Piece
+from sim_hardware.plant.voltage_history import HistoryEntry
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _CHUNK = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class HistoryReport:
+class VoltageReport:
     """Facts about one history; voltages at the amplifier's input, all but the last two while high voltage was on.
 
     Attributes:
@@ -47,24 +47,24 @@ class HistoryReport:
     ends_at_rest: bool
 
 
-def _at(piece: Piece, t: float) -> float:
-    return float(piece.segment.volts(np.array([t]))[0])
+def _volts_at(entry: HistoryEntry, t: float) -> float:
+    return float(entry.segment.volts(np.array([t]))[0])
 
 
-def _before(piece: Piece, t: float) -> float:
-    return _at(piece, math.nextafter(t, -math.inf))
+def _volts_just_before(entry: HistoryEntry, t: float) -> float:
+    return _volts_at(entry, math.nextafter(t, -math.inf))
 
 
-def _resting(piece: Piece, t: float, rest_v: float, tolerance_v: float) -> bool:
-    return t >= piece.segment.still_from_s and abs(_at(piece, t) - rest_v) <= tolerance_v
+def _is_constant_at_rest(entry: HistoryEntry, t: float, rest_v: float, tolerance_v: float) -> bool:
+    return t >= entry.segment.constant_from_s and abs(_volts_at(entry, t) - rest_v) <= tolerance_v
 
 
-def _grids(piece: Piece, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Array]:
+def _sample_times(entry: HistoryEntry, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Array]:
     """Times from begin to just before end, in chunks that share their end points; two points where it is still."""
-    edges = [begin_s, *sorted(k for k in piece.segment.knots_s if begin_s < k < end_s), end_s]
+    edges = [begin_s, *sorted(k for k in entry.segment.breakpoints_s if begin_s < k < end_s), end_s]
     for a, b in pairwise(edges):
         last = math.nextafter(b, -math.inf)
-        if a >= piece.segment.still_from_s or last <= a:
+        if a >= entry.segment.constant_from_s or last <= a:
             yield np.array([a, max(a, last)])
             continue
         low, high = math.floor(a * rate_hz) + 1, math.ceil(b * rate_hz)
@@ -76,27 +76,27 @@ def _grids(piece: Piece, begin_s: float, end_s: float, rate_hz: float) -> Iterat
         yield np.array([previous, last])
 
 
-def _jumps(pieces: Sequence[Piece], until_s: float) -> Iterator[tuple[float, float, float]]:
+def _jumps(entries: Sequence[HistoryEntry], until_s: float) -> Iterator[tuple[float, float, float]]:
     """Time, volts before and volts after of every discontinuity under high voltage."""
-    for i, piece in enumerate(pieces):
-        if i and piece.hv and pieces[i - 1].hv and piece.start_s <= until_s:
-            earlier = pieces[i - 1]
+    for i, piece in enumerate(entries):
+        if i and piece.hv and entries[i - 1].hv and piece.start_s <= until_s:
+            earlier = entries[i - 1]
             # A piece that stood for no time counts with what it would have put out.
             stood = earlier.start_s < piece.start_s
             yield (
                 piece.start_s,
-                _before(earlier, piece.start_s) if stood else _at(earlier, piece.start_s),
-                _at(piece, piece.start_s),
+                _volts_just_before(earlier, piece.start_s) if stood else _volts_at(earlier, piece.start_s),
+                _volts_at(piece, piece.start_s),
             )
-        end = pieces[i + 1].start_s if i + 1 < len(pieces) else math.inf
-        for knot in piece.segment.knots_s:
+        end = entries[i + 1].start_s if i + 1 < len(entries) else math.inf
+        for knot in piece.segment.breakpoints_s:
             if piece.hv and piece.start_s < knot < min(end, until_s):
-                yield knot, _before(piece, knot), _at(piece, knot)
+                yield knot, _volts_just_before(piece, knot), _volts_at(piece, knot)
 
 
-def _largest_jump(pieces: Sequence[Piece], until_s: float, rate_hz: float) -> float:
+def _largest_jump(entries: Sequence[HistoryEntry], until_s: float, rate_hz: float) -> float:
     largest, step, first_v = 0.0, -1, 0.0
-    for t, before_v, after_v in _jumps(pieces, until_s):
+    for t, before_v, after_v in _jumps(entries, until_s):
         if math.floor(t * rate_hz) != step:
             step, first_v = math.floor(t * rate_hz), before_v
         largest = max(largest, abs(after_v - first_v))
@@ -104,16 +104,16 @@ def _largest_jump(pieces: Sequence[Piece], until_s: float, rate_hz: float) -> fl
 
 
 @lru_cache(maxsize=4096)
-def _stood(
-    piece: Piece, end_s: float, rate_hz: float, rest_v: float, tolerance_v: float
+def _entry_extremes(
+    entry: HistoryEntry, end_s: float, rate_hz: float, rest_v: float, tolerance_v: float
 ) -> tuple[float, float, float, float]:
     """Lowest and highest volts, steepest slope and seconds outside rest of a piece until `end_s`.
 
     Remembered, because what is past does not change and a report is asked for again and again while a bench runs.
     """
     low, high, steepest, outside = math.inf, -math.inf, 0.0, 0.0
-    for t in _grids(piece, piece.start_s, end_s, rate_hz):
-        volts = piece.segment.volts(t)
+    for t in _sample_times(entry, entry.start_s, end_s, rate_hz):
+        volts = entry.segment.volts(t)
         low, high = min(low, float(volts.min())), max(high, float(volts.max()))
         spans = np.diff(t)
         outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
@@ -123,32 +123,32 @@ def _stood(
     return low, high, steepest, outside
 
 
-def report_on(
-    pieces: Sequence[Piece], until_s: float, rate_hz: float, rest_v: float, tolerance_v: float
-) -> HistoryReport:
+def make_voltage_report(
+    entries: Sequence[HistoryEntry], until_s: float, rate_hz: float, rest_v: float, tolerance_v: float
+) -> VoltageReport:
     """The report of a history up to `until_s`, sampled at the plant's rate."""
     low, high, steepest, live, outside = math.inf, -math.inf, 0.0, 0.0, 0.0
     switched_at_rest = True
-    for i, piece in enumerate(pieces):
+    for i, piece in enumerate(entries):
         if piece.start_s > until_s:
             break
-        if i and piece.hv != pieces[i - 1].hv:
-            switched_at_rest &= _resting(piece, piece.start_s, rest_v, tolerance_v)
+        if i and piece.hv != entries[i - 1].hv:
+            switched_at_rest &= _is_constant_at_rest(piece, piece.start_s, rest_v, tolerance_v)
         if not piece.hv:
             continue
-        end = min(pieces[i + 1].start_s if i + 1 < len(pieces) else until_s, until_s)
+        end = min(entries[i + 1].start_s if i + 1 < len(entries) else until_s, until_s)
         live += end - piece.start_s
-        lowest, highest, slope, away = _stood(piece, end, rate_hz, rest_v, tolerance_v)
+        lowest, highest, slope, away = _entry_extremes(piece, end, rate_hz, rest_v, tolerance_v)
         low, high, steepest, outside = min(low, lowest), max(high, highest), max(steepest, slope), outside + away
-    last = [piece for piece in pieces if piece.start_s <= until_s][-1]
-    return HistoryReport(
+    last = [piece for piece in entries if piece.start_s <= until_s][-1]
+    return VoltageReport(
         live_s=live,
         lowest_v=rest_v if math.isinf(low) else low,
         highest_v=rest_v if math.isinf(high) else high,
-        largest_jump_v=_largest_jump(pieces, until_s, rate_hz),
+        largest_jump_v=_largest_jump(entries, until_s, rate_hz),
         steepest_v_per_s=steepest,
         outside_rest_s=outside,
         switched_at_rest=switched_at_rest,
-        end_v=_at(last, until_s),
-        ends_at_rest=_resting(last, until_s, rest_v, tolerance_v),
+        end_v=_volts_at(last, until_s),
+        ends_at_rest=_is_constant_at_rest(last, until_s, rest_v, tolerance_v),
     )

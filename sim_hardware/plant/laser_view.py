@@ -9,49 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.membrane import sag
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-SWING_HZ, SWING_DECAY_S = 4.0, 0.4
+MEMBRANE_SWING_HZ, MEMBRANE_SWING_DECAY_S = 4.0, 0.4
 """How a membrane swings when it is let go: its air and its rubber soon stop it."""
 
-TACTOR, LEVEL, HANGING = "tactor", "place-reference", "hang-membrane"
+TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET = "tactor", "place-reference", "hang-membrane"
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
-    """From `start_s` on the sensor sees `target`, plus `add_m`; a membrane hangs `deep_m` below the reference."""
+class _ViewChange:
+    """From `start_s` on the sensor sees `target`, plus `offset_m`; a membrane hangs `sag_m` below the reference."""
 
     start_s: float
     target: str
-    add_m: float
-    deep_m: float = 0.0
+    offset_m: float
+    sag_m: float = 0.0
 
 
-class Sight:
+class LaserView:
     """What the sensor sees in metres, as a function of time."""
 
-    def __init__(self, truth: BenchTruth, plant: Plant) -> None:
-        self._truth, self._plant = truth, plant
-        self._views = [_View(-math.inf, TACTOR, 0.0)]
+    def __init__(self, parameters: SimulationParameters, plant: Plant) -> None:
+        self._parameters, self._plant = parameters, plant
+        self._views = [_ViewChange(-math.inf, TACTOR_TARGET, 0.0)]
         self._lock = threading.Lock()
 
-    def seen(self, t: Array) -> Array:
+    def displacement(self, t: Array) -> Array:
         """Metres that the sensor tells at bench times `t` (n,), ascending, and its delay; without noise and range."""
-        delayed = t - self._truth.sensor.delay_s
+        delayed = t - self._parameters.sensor.delay_s
         with self._lock:
             views = list(self._views)
         number = np.searchsorted([view.start_s for view in views], t, side="right") - 1
-        out = self._truth.beyond.drift_m_per_s * delayed
+        out = self._parameters.beyond.drift_m_per_s * delayed
         for i in range(number[0], number[-1] + 1) if t.size else ():
             here, view = number == i, views[i]
             if here.any():
-                out[here] += view.add_m + self._target(view, delayed[here])
+                out[here] += view.offset_m + self._target_displacement(view, delayed[here])
         return out
 
-    def act(self, t: float, action: str, values: Mapping[str, float]) -> None:
+    def apply_action(self, t: float, action: str, values: Mapping[str, float]) -> None:
         """Carry out one of `situation.SENSOR` at bench time `t`; any other action makes the sensor look at the tactor again.
 
         Raises:
@@ -60,38 +60,38 @@ class Sight:
         now = self._views[-1]
         match action:
             case "zero-sensor":
-                at = min(self._plant.ready_until(t), t)
-                view = _View(t, now.target, now.add_m - float(self.seen(np.array([at]))[0]), now.deep_m)
+                at = min(self._plant.available_until(t), t)
+                view = _ViewChange(t, now.target, now.offset_m - float(self.displacement(np.array([at]))[0]), now.sag_m)
             case "bump-sensor":
-                view = _View(t, now.target, now.add_m + values["by_m"], now.deep_m)
+                view = _ViewChange(t, now.target, now.offset_m + values["by_m"], now.sag_m)
             case "place-reference":
-                view = _View(t, LEVEL, now.add_m)
+                view = _ViewChange(t, REFERENCE_TARGET, now.offset_m)
             case "hang-membrane":
-                view = _View(t, HANGING, now.add_m, self._hangs(values))
-            case _ if now.target == TACTOR:
+                view = _ViewChange(t, MEMBRANE_TARGET, now.offset_m, self._membrane_sag_m(values))
+            case _ if now.target == TACTOR_TARGET:
                 return
             case _:
-                view = _View(t, TACTOR, now.add_m)
+                view = _ViewChange(t, TACTOR_TARGET, now.offset_m)
         with self._lock:
             self._views.append(view)
 
-    def _hangs(self, values: Mapping[str, float]) -> float:
+    def _membrane_sag_m(self, values: Mapping[str, float]) -> float:
         """How far below the reference the membrane's centre hangs."""
-        truth, membrane = self._truth, self._truth.membrane
+        truth, membrane = self._parameters, self._parameters.membrane
         elongation_m = values.get("elongation_m", 0.0) * (1 - truth.beyond.membrane_slip)
         if not elongation_m >= 0:
-            raise ValueError(f"{HANGING}: elongation_m must not be negative, not {elongation_m:g}")
+            raise ValueError(f"{MEMBRANE_TARGET}: elongation_m must not be negative, not {elongation_m:g}")
         deep_m = sag(membrane, delta=elongation_m / membrane.L_m).centre_m
         return deep_m - values["reference_m"] - truth.hands.reference_m
 
-    def _target(self, view: _View, t: Array) -> Array:
+    def _target_displacement(self, view: _ViewChange, t: Array) -> Array:
         match view.target:
             case "place-reference":
                 return np.zeros_like(t)
             case "hang-membrane":
                 since = np.maximum(t - view.start_s, 0.0)
-                swing = np.exp(-since / SWING_DECAY_S) * np.cos(2 * np.pi * SWING_HZ * since)
-                return np.asarray(view.deep_m * (1 - swing))
+                swing = np.exp(-since / MEMBRANE_SWING_DECAY_S) * np.cos(2 * np.pi * MEMBRANE_SWING_HZ * since)
+                return np.asarray(view.sag_m * (1 - swing))
         w = self._plant.displacement(t)
-        gives = self._truth.beyond.clamp_gives_m_per_n
-        return w + gives * self._plant.largest_n(t) if gives else w
+        gives = self._parameters.beyond.clamp_gives_m_per_n
+        return w + gives * self._plant.max_force_n(t) if gives else w

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-STROKE_V = 2000.0
+VOLTAGE_SPAN_V = 2000.0
 """The whole stroke of the specimen's voltage, of which a loop's width is a share."""
-PLAY_V = 250.0
+BACKLASH_V = 250.0
 """Half the voltage that must be turned back before the hysteresis has turned its own way."""
-LAGS_S = np.logspace(-1, 5, 13)
+CREEP_TIME_CONSTANTS_S = np.logspace(-1, 5, 13)
 """Time constants of the creep, two a decade: their sum follows the logarithm of time from 0.1 s to a day."""
 
 
 @dataclass(frozen=True, slots=True)
-class BeyondTruth:
+class Nonidealities:
     """What lies beyond the model; 0 leaves it out.
 
     Attributes:
@@ -55,7 +55,7 @@ class BeyondTruth:
         if not -1 < self.side_difference < 1:
             raise ValueError(f"beyond.side_difference must lie between -1 and 1, not {self.side_difference:g}")
 
-    def true_kg(self, nominal_kg: float, seed: int) -> float:
+    def actual_mass_kg(self, nominal_kg: float, seed: int) -> float:
         """What a weight of a nominal mass really has."""
         if not self.weight_error:
             return nominal_kg
@@ -63,41 +63,41 @@ class BeyondTruth:
         return nominal_kg * (1 + self.weight_error * by)
 
 
-class Creep:
+class CreepModel:
     """Logarithmic creep of one drive: it gains a share of every step per decade of time, block by block."""
 
     def __init__(self, per_decade: float, block_s: float) -> None:
-        self._share = per_decade * float(np.log10(LAGS_S[1] / LAGS_S[0]))
-        self._keep = np.exp(-block_s / LAGS_S)
-        self._lagging = np.zeros(LAGS_S.size)
+        self._step_share = per_decade * float(np.log10(CREEP_TIME_CONSTANTS_S[1] / CREEP_TIME_CONSTANTS_S[0]))
+        self._block_decay = np.exp(-block_s / CREEP_TIME_CONSTANTS_S)
+        self._lag_states = np.zeros(CREEP_TIME_CONSTANTS_S.size)
 
-    def feed(self, blocks: Array) -> Array:
+    def process(self, blocks: Array) -> Array:
         """The drive (n, BLOCK) with what has crept on so far."""
-        if not self._share or not (blocks.any() or self._lagging.any()):
+        if not self._step_share or not (blocks.any() or self._lag_states.any()):
             return blocks
         crept = np.empty(len(blocks) + 1)
-        crept[0] = self._lagging.sum()
+        crept[0] = self._lag_states.sum()
         for i, mean in enumerate(blocks.mean(axis=1).tolist(), 1):
-            self._lagging = mean + (self._lagging - mean) * self._keep
-            crept[i] = self._lagging.sum()
+            self._lag_states = mean + (self._lag_states - mean) * self._block_decay
+            crept[i] = self._lag_states.sum()
         rise = (np.arange(blocks.shape[1]) + 1) / blocks.shape[1]
-        return np.asarray(blocks + self._share * (crept[:-1, None] + np.diff(crept)[:, None] * rise))
+        return np.asarray(blocks + self._step_share * (crept[:-1, None] + np.diff(crept)[:, None] * rise))
 
-    def skip(self, drive: float, gap_s: float) -> None:
+    def advance(self, drive: float, gap_s: float) -> None:
         """`drive` stood for `gap_s`."""
-        self._lagging = drive + (self._lagging - drive) * np.exp(-gap_s / LAGS_S)
+        self._lag_states = drive + (self._lag_states - drive) * np.exp(-gap_s / CREEP_TIME_CONSTANTS_S)
 
 
-class Hysteresis:
-    """One play: the part of the voltage that follows only after `PLAY_V` either way."""
+class HysteresisModel:
+    """One play: the part of the voltage that follows only after `BACKLASH_V` either way."""
 
     def __init__(self, width: float) -> None:
-        self._share = width * STROKE_V / (2 * PLAY_V)
-        self._at = 0.0
+        self._backlash_share = width * VOLTAGE_SPAN_V / (2 * BACKLASH_V)
+        self._backlash_output_v = 0.0
 
-    def feed(self, volts: Array) -> Array:
+    def process(self, volts: Array) -> Array:
         """The voltage (n,) as the specimen answers to it."""
-        if not self._share:
+        if not self._backlash_share:
             return volts
         out = np.empty_like(volts)
         turns = np.flatnonzero(np.diff(np.sign(np.diff(volts)))) + 1
@@ -105,8 +105,8 @@ class Hysteresis:
         for end in [*(turns + 1).tolist(), volts.size]:  # one way only from turn to turn
             part = volts[begin:end]
             if part.size:
-                first = min(max(self._at, part[0] - PLAY_V), part[0] + PLAY_V)
-                out[begin:end] = np.maximum(np.minimum(first, part + PLAY_V), part - PLAY_V)
-                self._at = float(out[end - 1])
+                first = min(max(self._backlash_output_v, part[0] - BACKLASH_V), part[0] + BACKLASH_V)
+                out[begin:end] = np.maximum(np.minimum(first, part + BACKLASH_V), part - BACKLASH_V)
+                self._backlash_output_v = float(out[end - 1])
             begin = end
-        return volts + self._share * (out - volts)
+        return volts + self._backlash_share * (out - volts)

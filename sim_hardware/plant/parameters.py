@@ -8,9 +8,9 @@ from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.skin import Skin
-from sim_hardware.plant.nonidealities import BeyondTruth
+from sim_hardware.plant.nonidealities import Nonidealities
 
-GENERATORS = {
+GENERATOR_MAKERS = {
     "335": "Keysight Technologies",
     "336": "Keysight Technologies",
     "33210": "Agilent Technologies",
@@ -25,12 +25,12 @@ GENERATORS = {
 }
 """How the names of the function generators begin that can be simulated, and who made them."""
 
-SOURCES = ("generator", "ao0", "ao1", "supply")
+SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply")
 """Outputs that can stand at the near end of the cable to the amplifier."""
 
 
 @dataclass(frozen=True, slots=True)
-class GeneratorTruth:
+class GeneratorParameters:
     """The function generator.
 
     Attributes:
@@ -49,14 +49,14 @@ class GeneratorTruth:
     high_z_by_hand: bool = True
 
     def __post_init__(self) -> None:
-        if not self.model.upper().startswith(tuple(GENERATORS)):
-            known = ", ".join(GENERATORS)
+        if not self.model.upper().startswith(tuple(GENERATOR_MAKERS)):
+            known = ", ".join(GENERATOR_MAKERS)
             raise ValueError(f"generator.model is {self.model!r}: choose one that begins with {known}")
         _not_negative("generator", command_s=self.command_s, relay_s=self.relay_s)
 
 
 @dataclass(frozen=True, slots=True)
-class SupplyTruth:
+class SupplyParameters:
     """The programmable DC supply.
 
     Attributes:
@@ -77,7 +77,7 @@ class SupplyTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class AmplifierTruth:
+class AmplifierParameters:
     """The high-voltage amplifier: static map, slew limit, and what its input does when nothing drives it.
 
     Attributes:
@@ -96,7 +96,7 @@ class AmplifierTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorTruth:
+class SensorParameters:
     """The laser displacement sensor's analogue output: volts = zero_v + displacement / gain_m_per_v, delayed.
 
     Attributes:
@@ -120,7 +120,7 @@ class SensorTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class CardTruth:
+class CardParameters:
     """The multifunction card: one 16-bit converter, multiplexed.
 
     Attributes:
@@ -151,7 +151,7 @@ class CardTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class HandsTruth:
+class OperatorTiming:
     """The operator's hands.
 
     Attributes:
@@ -179,11 +179,11 @@ class HandsTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class BenchTruth:
+class SimulationParameters:
     """One simulated bench.
 
     Attributes:
-        source: whose output the cable brings to the amplifier, one of `SOURCES`.
+        source: whose output the cable brings to the amplifier, one of `SOURCE_CHOICES`.
         skin: what the tactor presses against at the start; None is free.
         membrane: the rubber that hands may put on it.
         modes: shapes in the Galerkin model of the plant.
@@ -195,23 +195,23 @@ class BenchTruth:
     tactor: Tactor = field(default_factory=Tactor)
     skin: Skin | None = None
     membrane: Membrane = field(default_factory=Membrane)
-    hands: HandsTruth = field(default_factory=HandsTruth)
-    beyond: BeyondTruth = field(default_factory=BeyondTruth)
+    hands: OperatorTiming = field(default_factory=OperatorTiming)
+    beyond: Nonidealities = field(default_factory=Nonidealities)
     modes: int = 7
-    generator: GeneratorTruth = field(default_factory=GeneratorTruth)
-    amplifier: AmplifierTruth = field(default_factory=AmplifierTruth)
+    generator: GeneratorParameters = field(default_factory=GeneratorParameters)
+    amplifier: AmplifierParameters = field(default_factory=AmplifierParameters)
     source: str = "generator"
-    supply: SupplyTruth = field(default_factory=SupplyTruth)
-    sensor: SensorTruth = field(default_factory=SensorTruth)
-    card: CardTruth = field(default_factory=CardTruth)
+    supply: SupplyParameters = field(default_factory=SupplyParameters)
+    sensor: SensorParameters = field(default_factory=SensorParameters)
+    card: CardParameters = field(default_factory=CardParameters)
     seed: int = 1
     plant_rate_hz: float = 100e3
     window_s: float = 30.0
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.source not in SOURCES:
-            raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCES)}")
+        if self.source not in SOURCE_CHOICES:
+            raise ValueError(f"simulation.source is {self.source!r}: choose from {', '.join(SOURCE_CHOICES)}")
         _positive("simulation", speed=self.speed)
         _not_negative("simulation", seed=self.seed)
         _within("simulation.modes", self.modes, 3, 40)
@@ -235,39 +235,39 @@ class BenchTruth:
         return truth
 
 
-def _build(kind: Any, value: Any, where: str) -> Any:
+def _build(target_type: Any, value: Any, key: str) -> Any:
     """A value of type `kind` out of JSON: dataclasses from tables, tuples from lists."""
-    if get_origin(kind) in (Union, types.UnionType):
+    if get_origin(target_type) in (Union, types.UnionType):
         if value is None:
             return None
-        (kind,) = (k for k in get_args(kind) if k is not type(None))
-    if get_origin(kind) is tuple:
+        (target_type,) = (k for k in get_args(target_type) if k is not type(None))
+    if get_origin(target_type) is tuple:
         if not isinstance(value, list | tuple):
-            raise ValueError(f"{where}: expected a list, not {value!r}")
-        return tuple(_scalar(float, item, where) for item in value)
-    if not is_dataclass(kind):
-        return _scalar(kind, value, where)
+            raise ValueError(f"{key}: expected a list, not {value!r}")
+        return tuple(_scalar(float, item, key) for item in value)
+    if not is_dataclass(target_type):
+        return _scalar(target_type, value, key)
     if not isinstance(value, dict):
-        raise ValueError(f"{where}: expected a table, not {value!r}")
-    hints = get_type_hints(kind)
-    known = {f.name for f in fields(kind)}
+        raise ValueError(f"{key}: expected a table, not {value!r}")
+    hints = get_type_hints(target_type)
+    known = {f.name for f in fields(target_type)}
     if unknown := sorted(set(value) - known):
-        raise ValueError(f"{where}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
-    built: dict[str, Any] = {name: _build(hints[name], item, f"{where}.{name}") for name, item in value.items()}
+        raise ValueError(f"{key}: unknown {', '.join(unknown)}; known are {', '.join(sorted(known))}")
+    built: dict[str, Any] = {name: _build(hints[name], item, f"{key}.{name}") for name, item in value.items()}
     try:
-        return kind(**built)  # type: ignore[operator]
+        return target_type(**built)  # type: ignore[operator]
     except TypeError as error:  # something without a default was left out
-        raise ValueError(f"{where}: {error}") from None
+        raise ValueError(f"{key}: {error}") from None
 
 
-def _scalar(kind: Any, value: Any, where: str) -> Any:
+def _scalar(target_type: Any, value: Any, key: str) -> Any:
     """A bool, int, float or str as it was declared; a whole number will do for a float."""
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+    if target_type is float and isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
-    if kind is not float and type(value) is kind:
+    if target_type is not float and type(value) is target_type:
         return value
     names = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
-    raise ValueError(f"{where}: expected {names.get(kind, kind)}, not {value!r}")
+    raise ValueError(f"{key}: expected {names.get(target_type, target_type)}, not {value!r}")
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

@@ -21,33 +21,33 @@ class Segment(Protocol):
     """One stretch of output; it never changes, and is told apart from others by its hash."""
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         """From this time on the output is constant; infinity if it never is."""
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         """Times at which the output may jump or change its formula."""
 
     def volts(self, t: Array) -> Array:
         """Volts at bench times `t`, shape (n,)."""
 
 
-class _Still:
+class _ConstantOutput:
     """What never changes by itself."""
 
     __slots__ = ()
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         return -math.inf
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         return ()
 
 
 @dataclass(frozen=True, slots=True)
-class Level(_Still):
+class ConstantSegment(_ConstantOutput):
     """A constant voltage."""
 
     level_v: float
@@ -57,21 +57,21 @@ class Level(_Still):
 
 
 @dataclass(frozen=True, slots=True)
-class Open(_Still):
-    """The output relay is open or the box is dead: the amplifier's input is pulled to `pulled_v`."""
+class OpenOutputSegment(_ConstantOutput):
+    """The output relay is open or the box is dead: the amplifier's input is pulled to `open_circuit_v`."""
 
-    pulled_v: float = 0.0
+    open_circuit_v: float = 0.0
 
     def volts(self, t: Array) -> Array:
-        return np.full(np.shape(t), self.pulled_v)
+        return np.full(np.shape(t), self.open_circuit_v)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wave:
+class ArbitraryWaveform:
     """One period of an arbitrary waveform, 1 being the amplitude: smoothed from point to point, or held at each."""
 
     points: Array
-    smooth: bool = False
+    interpolated: bool = False
 
     @property
     def low(self) -> float:
@@ -81,14 +81,14 @@ class Wave:
     def high(self) -> float:
         return float(self.points.max())
 
-    def at(self, turns: Array, period_s: float) -> Array:
+    def values_at(self, periods: Array, period_s: float) -> Array:
         """Values after that many periods, same shape."""
         size = self.points.size
-        place = (turns - np.floor(turns)) * size  # a slow sweep spends most of its simulated time here
+        place = (periods - np.floor(periods)) * size  # a slow sweep spends most of its simulated time here
         first = place.astype(np.int64)
         np.minimum(first, size - 1, out=first)
         share = place - first
-        if self.smooth:
+        if self.interpolated:
             before, after = self.points.take(first), self.points.take(first + 1, mode="wrap")
         else:
             share = np.minimum(share / min(1.0, _EDGE_S * size / period_s), 1.0)
@@ -97,7 +97,7 @@ class Wave:
 
 
 @dataclass(frozen=True, slots=True)
-class Tone:
+class PeriodicSegment:
     """A sine from `origin_s`, where its phase is `phase_rad`; after `cycles` it rests at `idle_v`.
 
     `period_s` repeats the burst from its origin (an internally triggered burst), infinity plays it once. With `wave` it
@@ -112,7 +112,7 @@ class Tone:
     idle_v: float
     cycles: float = math.inf
     period_s: float = math.inf
-    wave: Wave | None = None
+    waveform: ArbitraryWaveform | None = None
 
     @property
     def end_s(self) -> float:
@@ -120,11 +120,11 @@ class Tone:
         return self.origin_s + self.cycles / self.frequency_hz
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         return self.end_s if math.isinf(self.period_s) else math.inf
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         return (self.end_s,) if math.isfinite(self.cycles) and math.isinf(self.period_s) else ()
 
     def phase_at(self, t: float) -> float:
@@ -136,7 +136,7 @@ class Tone:
         if math.isfinite(self.period_s):
             since = np.mod(since, self.period_s)
         turns = self.frequency_hz * since + self.phase_rad / (2 * np.pi)
-        shape = self.wave.at(turns, 1 / self.frequency_hz) if self.wave else np.sin(2 * np.pi * turns)
+        shape = self.waveform.values_at(turns, 1 / self.frequency_hz) if self.waveform else np.sin(2 * np.pi * turns)
         wave = shape * self.amplitude_v + self.offset_v
         if math.isfinite(self.cycles):
             wave[since >= self.cycles / self.frequency_hz] = self.idle_v
@@ -144,7 +144,7 @@ class Tone:
 
 
 @dataclass(frozen=True, slots=True)
-class Chirp:
+class ChirpSegment:
     """A sine swept linearly from `start_hz` to `stop_hz` in `duration_s`; then it stays at the start frequency.
 
     This is what a box does that was told to sweep once for each trigger: the sweep ends, the sine does not.
@@ -159,30 +159,30 @@ class Chirp:
     phase_rad: float
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         return math.inf
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         return (self.origin_s + self.duration_s,)
 
-    def _turns(self, since: Array) -> Array:
-        swept = np.clip(since, 0.0, self.duration_s)
+    def _cycles_after(self, elapsed_s: Array) -> Array:
+        swept = np.clip(elapsed_s, 0.0, self.duration_s)
         rate = (self.stop_hz - self.start_hz) / self.duration_s
-        return self.start_hz * swept + 0.5 * rate * swept**2 + self.start_hz * (since - swept)
+        return self.start_hz * swept + 0.5 * rate * swept**2 + self.start_hz * (elapsed_s - swept)
 
     def phase_at(self, t: float) -> float:
         """Phase in radians at time `t`."""
-        turns = float(self._turns(np.asarray(t - self.origin_s)))
+        turns = float(self._cycles_after(np.asarray(t - self.origin_s)))
         return math.remainder(self.phase_rad + 2 * math.pi * turns, 2 * math.pi)
 
     def volts(self, t: Array) -> Array:
-        turns = self._turns(np.asarray(t, float) - self.origin_s)
+        turns = self._cycles_after(np.asarray(t, float) - self.origin_s)
         return self.offset_v + self.amplitude_v * np.sin(2 * np.pi * turns + self.phase_rad)
 
 
 @dataclass(frozen=True, slots=True)
-class Slope:
+class RampSegment:
     """A straight line from `start_v` at `origin_s` to `stop_v`, then held: a slow supply, a ramp by waveform."""
 
     origin_s: float
@@ -191,32 +191,32 @@ class Slope:
     duration_s: float
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         return self.origin_s + self.duration_s
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
-        return (self.still_from_s,)
+    def breakpoints_s(self) -> tuple[float, ...]:
+        return (self.constant_from_s,)
 
     def volts(self, t: Array) -> Array:
-        return np.interp(t, [self.origin_s, self.still_from_s], [self.start_v, self.stop_v])
+        return np.interp(t, [self.origin_s, self.constant_from_s], [self.start_v, self.stop_v])
 
 
 @dataclass(frozen=True, slots=True)
-class Glitch:
+class RelayGlitchSegment:
     """The output relay switches: `during_v` until `until_s`, and only then what was asked for."""
 
     until_s: float
     during_v: float
-    then: Segment
+    following: Segment
 
     @property
-    def still_from_s(self) -> float:
-        return max(self.until_s, self.then.still_from_s)
+    def constant_from_s(self) -> float:
+        return max(self.until_s, self.following.constant_from_s)
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
-        return (self.until_s, *self.then.knots_s)
+    def breakpoints_s(self) -> tuple[float, ...]:
+        return (self.until_s, *self.following.breakpoints_s)
 
     def volts(self, t: Array) -> Array:
-        return np.where(np.asarray(t, float) < self.until_s, self.during_v, self.then.volts(t))
+        return np.where(np.asarray(t, float) < self.until_s, self.during_v, self.following.volts(t))

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from model.skin import Skin, skin
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.plant.parameters import SimulationParameters
 
 GRAVITY = 9.80665
 
-SPECIMEN: Mapping[str, tuple[str, ...]] = {
+SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "place-weight": ("mass_kg",),
     "remove-weight": (),
     "turn-side": ("side",),
@@ -26,7 +26,7 @@ Nobody asks for `tidy-up`: whoever begins another run brings the specimen back t
 All weights come off for `turn-side`; it may name `offset_kg`, the weight that is to lie there then, and `shorted`.
 """
 
-SENSOR: Mapping[str, tuple[str, ...]] = {
+SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "zero-sensor": (),
     "bump-sensor": ("by_m",),
     "place-reference": ("reference_m",),
@@ -34,11 +34,11 @@ SENSOR: Mapping[str, tuple[str, ...]] = {
 }
 """What hands can do to the sensor and under it. Nobody asks for a bump; it happens."""
 
-HANDS = {**SPECIMEN, **SENSOR}
+OPERATOR_ACTIONS = {**SPECIMEN_ACTIONS, **SENSOR_ACTIONS}
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class SetupState:
     """What stands on the bench.
 
     Attributes:
@@ -62,55 +62,61 @@ class Situation:
         return self.fixed_kg + sum(self.weights_kg)
 
 
-def opening(truth: BenchTruth) -> Situation:
+def initial_state(parameters: SimulationParameters) -> SetupState:
     """What stands on the bench before anybody has touched it."""
-    return Situation(truth.tactor.m_add, truth.skin)
+    return SetupState(parameters.tactor.m_add, parameters.skin)
 
 
-def check(action: str, values: Mapping[str, float]) -> None:
+def check_action(action: str, values: Mapping[str, float]) -> None:
     """Raise ValueError where there is no such action, or a number it needs is missing."""
-    if action not in HANDS:
-        raise ValueError(f"there is no action {action!r}: choose from {', '.join(HANDS)}")
-    if missing := [name for name in HANDS[action] if name not in values]:
+    if action not in OPERATOR_ACTIONS:
+        raise ValueError(f"there is no action {action!r}: choose from {', '.join(OPERATOR_ACTIONS)}")
+    if missing := [name for name in OPERATOR_ACTIONS[action] if name not in values]:
         raise ValueError(f"{action}: {', '.join(missing)} is missing")
 
 
-def altered(now: Situation, action: str, values: Mapping[str, float], truth: BenchTruth) -> Situation:
-    """The situation after one of the actions of `SPECIMEN`.
+def apply_action(
+    state: SetupState, action: str, values: Mapping[str, float], parameters: SimulationParameters
+) -> SetupState:
+    """The situation after one of the actions of `SPECIMEN_ACTIONS`.
 
     Raises:
         ValueError: a number is missing or makes no sense, or there is nothing to take off.
     """
     match action:
         case "place-weight":
-            return replace(now, weights_kg=(*now.weights_kg, _positive(action, values, "mass_kg")))
+            return replace(state, weights_kg=(*state.weights_kg, _require_positive(action, values, "mass_kg")))
         case "remove-weight":
-            return replace(now, weights_kg=_without(now.weights_kg, values.get("mass_kg")))
+            return replace(state, weights_kg=_remove_weight(state.weights_kg, values.get("mass_kg")))
         case "turn-side":
             side = values["side"]
             if side not in (1, -1):
                 raise ValueError(f"turn-side: side is {side:g}; it is +1 (MFC up) or -1 (aluminium up)")
-            weights_kg = (_positive(action, values, "offset_kg"),) if values.get("offset_kg") else ()
-            shorted = bool(values.get("shorted", now.shorted))
-            return replace(now, side=int(side), weights_kg=weights_kg, shorted=shorted)
+            weights_kg = (_require_positive(action, values, "offset_kg"),) if values.get("offset_kg") else ()
+            shorted = bool(values.get("shorted", state.shorted))
+            return replace(state, side=int(side), weights_kg=weights_kg, shorted=shorted)
         case "short-electrodes" | "connect-electrodes":
-            return replace(now, shorted=action == "short-electrodes")
+            return replace(state, shorted=action == "short-electrodes")
         case "fix-mass":
-            return replace(now, fixed_kg=truth.beyond.mass_share * _not_negative(action, values, "mass_kg"))
+            return replace(
+                state, fixed_kg=parameters.beyond.mass_share * _require_not_negative(action, values, "mass_kg")
+            )
         case "stretch-membrane":
-            elongation_m = _not_negative(action, values, "elongation_m") * (1 - truth.beyond.membrane_slip)
-            return replace(now, skin=skin(truth.membrane, elongation_m / truth.membrane.L_m, tactor=truth.tactor))
+            elongation_m = _require_not_negative(action, values, "elongation_m") * (1 - parameters.beyond.membrane_slip)
+            return replace(
+                state, skin=skin(parameters.membrane, elongation_m / parameters.membrane.L_m, tactor=parameters.tactor)
+            )
         case "tidy-up":
-            return opening(truth)
-    return replace(now, skin=None)
+            return initial_state(parameters)
+    return replace(state, skin=None)
 
 
-def force_n(situation: Situation, truth: BenchTruth) -> float:
+def weight_force_n(state: SetupState, parameters: SimulationParameters) -> float:
     """What the weights weigh: each has its own error, always the same one."""
-    return GRAVITY * sum(truth.beyond.true_kg(mass_kg, truth.seed) for mass_kg in situation.weights_kg)
+    return GRAVITY * sum(parameters.beyond.actual_mass_kg(mass_kg, parameters.seed) for mass_kg in state.weights_kg)
 
 
-def _without(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[float, ...]:
+def _remove_weight(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[float, ...]:
     """Without that weight, or without the one placed last."""
     if not weights_kg:
         raise ValueError("remove-weight: no weight lies on the tactor")
@@ -122,13 +128,13 @@ def _without(weights_kg: tuple[float, ...], mass_kg: float | None) -> tuple[floa
     raise ValueError(f"remove-weight: no weight of {1e3 * mass_kg:g} g lies on the tactor")
 
 
-def _positive(action: str, values: Mapping[str, float], name: str) -> float:
+def _require_positive(action: str, values: Mapping[str, float], name: str) -> float:
     if not values[name] > 0:
         raise ValueError(f"{action}: {name} must be positive, not {values[name]:g}")
     return float(values[name])
 
 
-def _not_negative(action: str, values: Mapping[str, float], name: str) -> float:
+def _require_not_negative(action: str, values: Mapping[str, float], name: str) -> float:
     if not values[name] >= 0:
         raise ValueError(f"{action}: {name} must not be negative, not {values[name]:g}")
     return float(values[name])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.parameters import Tactor
-from model.response.frequency_response import modal, system
+from model.response.frequency_response import system_matrices, tactor_modal_form
 from model.response.statics import load_compliance
 from model.skin import Skin
 
@@ -36,13 +36,13 @@ class Stepper:
     b_F: Complex  # (k,)
     shapes: Complex  # (2n, k), Re(shapes z) are coordinates and velocities
     inverse: Complex  # (k, 2n)
-    slowest: float
+    slowest_decay: float
     """Decay of the mode that remembers longest, 1/s."""
 
     @classmethod
-    def of(cls, tactor: Tactor, skin: Skin | None, n: int, step_s: float) -> "Stepper":
+    def for_tactor(cls, tactor: Tactor, skin: Skin | None, n: int, step_s: float) -> "Stepper":
         """The stepper of a tactor in `n` shapes, with first-order hold."""
-        m = system(tactor, skin, n)
+        m = system_matrices(tactor, skin, n)
         # Both sides by the root of M: the eigenvectors keep their digits.
         root = np.linalg.inv(np.linalg.cholesky(m.M))
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-root @ m.K @ root.T, -root @ m.C @ root.T]])
@@ -60,9 +60,9 @@ class Stepper:
         c = 2 * m.B_F @ X[:n]
         slow = int(np.sum(np.abs(s) * step_s <= 1.0))
         held = s[:slow]
-        T_V, W_V = _block(held, b_V[:slow], c[:slow], step_s)
-        T_F, W_F = _block(held, b_F[:slow], c[:slow], step_s)
-        for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _missing(tactor, n))):
+        T_V, W_V = _first_order_hold(held, b_V[:slow], c[:slow], step_s)
+        T_F, W_F = _first_order_hold(held, b_F[:slow], c[:slow], step_s)
+        for T, b, more in ((T_V, b_V, 0.0), (T_F, b_F, _residual_compliance(tactor, n))):
             T[np.arange(BLOCK) + 1, np.arange(BLOCK)] += more - float((c[slow:] * b[slow:] / s[slow:]).real.sum())
         powers = c[:slow, None] * np.exp(np.multiply.outer(held * step_s, np.arange(BLOCK) + 1))
         advance = np.exp(held * step_s * BLOCK)
@@ -71,41 +71,43 @@ class Stepper:
         R_V, R_F = np.hstack((T_V, W_V.real, W_V.imag)), np.hstack((T_F, W_F.real, W_F.imag))
         return cls(R_V, R_F, np.vstack((powers.real, -powers.imag)), advance, s, b_V, b_F, X, inverse, slowest)
 
-    def settled(self, volts: float, newtons: float) -> Complex:
+    def steady_state(self, volts: float, newtons: float) -> Complex:
         """The state after `volts` and `newtons` stood for ever."""
         slow = self.advance.size
         return (-(self.b_V * volts + self.b_F * newtons) / self.poles)[:slow]
 
-    def stands(self, volts: float, newtons: float) -> float:
+    def steady_displacement(self, volts: float, newtons: float) -> float:
         """The displacement under what stood for ever."""
-        w, _ = self.run(np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.settled(volts, newtons))
+        w, _ = self.run(
+            np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.steady_state(volts, newtons)
+        )
         return float(w[-1])
 
-    def taken_over(self, before: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
+    def converted_state(self, previous: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
         """The state of this stepper with the coordinates and velocities that another one's state stands for."""
-        slow = before.advance.size
-        z = -(before.b_V * volts + before.b_F * newtons) / before.poles
+        slow = previous.advance.size
+        z = -(previous.b_V * volts + previous.b_F * newtons) / previous.poles
         z[:slow] = state
-        return (self.inverse @ (before.shapes @ z).real)[: self.advance.size]
+        return (self.inverse @ (previous.shapes @ z).real)[: self.advance.size]
 
     def run(
-        self, volts: Array, before_v: float, newtons: Array, before_n: float, state: Complex
+        self, volts: Array, previous_v: float, newtons: Array, previous_n: float, state: Complex
     ) -> tuple[Array, Complex]:
         """Displacement on the grid for whole blocks of drives (n BLOCK,), and the state after them."""
         m = self.advance.size
         both = np.zeros((volts.size // BLOCK, BLOCK + 2 * m))
-        for drive, before, R in ((volts, before_v, self.R_V), (newtons, before_n, self.R_F)):
+        for drive, before, R in ((volts, previous_v, self.R_V), (newtons, previous_n, self.R_F)):
             if before or drive.any():  # half of a bench's time nothing drives it
-                both += _led(drive, before) @ R
+                both += _with_previous(drive, before) @ R
         states = _recursion(self.advance, state, both[:, BLOCK : BLOCK + m] + 1j * both[:, BLOCK + m :])
         w = np.hstack((states[:-1].real, states[:-1].imag)) @ self.O
         w += both[:, :BLOCK]
         return w.ravel(), states[-1]
 
 
-def _recursion(advance: Complex, state: Complex, pushes: Complex) -> Complex:
+def _recursion(advance: Complex, state: Complex, inputs: Complex) -> Complex:
     """All states of z' = advance z + push, shape (n + 1, m), from `state` on: by doubling, in log2 n steps."""
-    states = np.concatenate((state[None], pushes))
+    states = np.concatenate((state[None], inputs))
     reach, power = 1, advance
     while reach < len(states):
         states[reach:] += power * states[:-reach]
@@ -113,13 +115,13 @@ def _recursion(advance: Complex, state: Complex, pushes: Complex) -> Complex:
     return states
 
 
-def _led(drive: Array, before: float) -> Array:
+def _with_previous(drive: Array, previous: float) -> Array:
     """Blocks (n, BLOCK + 1), each led by the value before it."""
     blocks = drive.reshape(-1, BLOCK)
-    return np.concatenate((np.concatenate(([before], blocks[:-1, -1]))[:, None], blocks), axis=1)
+    return np.concatenate((np.concatenate(([previous], blocks[:-1, -1]))[:, None], blocks), axis=1)
 
 
-def _block(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:
+def _first_order_hold(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Complex]:
     """First-order hold of z' = s z + b u, w = Re c z over a block: T (BLOCK + 1, BLOCK) and W (BLOCK + 1, m)."""
     a, z = np.exp(s * step_s), s * step_s
     new = (a - 1 - z) / (s * z)  # weight of the drive at the end of a step
@@ -141,13 +143,13 @@ def _block(s: Complex, b: Complex, c: Complex, step_s: float) -> tuple[Array, Co
     return T, W * b
 
 
-def _missing(tactor: Tactor, n: int) -> float:
+def _residual_compliance(tactor: Tactor, n: int) -> float:
     """What the shapes beyond the n-th would yield to a point load, m/N: the kink under it takes many of them."""
-    form = modal(tactor, None, n, source="load")
+    form = tactor_modal_form(tactor, None, n, excitation="load")
     return float(load_compliance(tactor) + np.sum((form.residues / form.poles).real))
 
 
-def slewed(target: Array, start_v: float, step_v: float) -> Array:
+def limit_slew(target: Array, start_v: float, step_v: float) -> Array:
     """`target` followed from `start_v` with at most `step_v` per sample; untouched where it is slow enough."""
     rises = target.copy()
     rises[1:] -= target[:-1]

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.clock import Clock
-from sim_hardware.plant.segments import Open, Segment
+from sim_hardware.plant.segments import OpenOutputSegment, Segment
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class HistoryEntry:
     """From `start_s` on: this segment at the input, high voltage on or off."""
 
     start_s: float
@@ -31,21 +31,21 @@ class Piece:
     hv: bool
 
 
-class History:
+class VoltageHistory:
     """Every change of the amplifier's input and of its high-voltage switch, in order.
 
     Args:
         pulled_v: where the input stands before anything is connected.
     """
 
-    def __init__(self, pulled_v: float = 0.0) -> None:
+    def __init__(self, open_circuit_v: float = 0.0) -> None:
         self._lock = threading.RLock()
-        self._pieces = [Piece(-math.inf, Open(pulled_v), hv=False)]
+        self._entries = [HistoryEntry(-math.inf, OpenOutputSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
 
     @contextmanager
-    def instant(self, clock: Clock) -> Iterator[float]:
+    def at_instant(self, clock: Clock) -> Iterator[float]:
         """Now, as a stamp that no reader has passed and none will pass until the block is left."""
         with self._lock:
             yield max(clock.now(), self._read_until, self._starts[-1])
@@ -57,37 +57,37 @@ class History:
             ValueError: that time has already been read or is before the last change.
         """
         with self._lock:
-            self._put(Piece(start_s, segment, self._pieces[-1].hv))
+            self._append_entry(HistoryEntry(start_s, segment, self._entries[-1].hv))
 
-    def switch(self, start_s: float, hv: bool) -> None:
+    def switch_high_voltage(self, start_s: float, hv: bool) -> None:
         """The amplifier's high voltage is on or off from `start_s` on. Raises ValueError as `append`."""
         with self._lock:
-            self._put(Piece(start_s, self._pieces[-1].segment, hv))
+            self._append_entry(HistoryEntry(start_s, self._entries[-1].segment, hv))
 
     @property
-    def live(self) -> bool:
+    def high_voltage_on(self) -> bool:
         """Whether the amplifier's high voltage is on."""
         with self._lock:
-            return self._pieces[-1].hv
+            return self._entries[-1].hv
 
-    def _put(self, piece: Piece) -> None:
-        if piece.start_s < max(self._read_until, self._starts[-1]):
-            raise ValueError(f"the past cannot be changed: {piece.start_s} s has been read or written already")
-        self._pieces.append(piece)
-        self._starts.append(piece.start_s)
+    def _append_entry(self, entry: HistoryEntry) -> None:
+        if entry.start_s < max(self._read_until, self._starts[-1]):
+            raise ValueError(f"the past cannot be changed: {entry.start_s} s has been read or written already")
+        self._entries.append(entry)
+        self._starts.append(entry.start_s)
 
-    def pieces(self) -> list[Piece]:
+    def entries(self) -> list[HistoryEntry]:
         """All pieces so far, the first from minus infinity."""
         with self._lock:
-            return list(self._pieces)
+            return list(self._entries)
 
-    def standing(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
+    def constant_between(self, first_s: float, last_s: float) -> tuple[float, bool] | None:
         """Volts at the input and high voltage, where neither changes between two past times; else None, and nothing is read."""
         with self._lock:
-            piece = self._pieces[bisect_right(self._starts, first_s) - 1]
+            piece = self._entries[bisect_right(self._starts, first_s) - 1]
             if (
-                piece is not self._pieces[bisect_right(self._starts, last_s) - 1]
-                or piece.segment.still_from_s > first_s
+                piece is not self._entries[bisect_right(self._starts, last_s) - 1]
+                or piece.segment.constant_from_s > first_s
             ):
                 return None
             self._read_until = max(self._read_until, last_s)
@@ -107,7 +107,7 @@ class History:
             self._read_until = max(self._read_until, float(times[-1]))
             first = bisect_right(self._starts, float(times[0])) - 1
             last = bisect_right(self._starts, float(times[-1])) - 1
-            pieces, starts = self._pieces[first : last + 1], self._starts[first : last + 1]
+            pieces, starts = self._entries[first : last + 1], self._starts[first : last + 1]
         edges = [0, *np.searchsorted(times, starts[1:], side="left"), times.size]
         for piece, (begin, end) in zip(pieces, pairwise(edges), strict=True):
             if end > begin:

@@ -12,10 +12,10 @@ import sys
 import time
 from typing import Any, TextIO
 
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.parameters import SimulationParameters
 
-LINGER_S, LOOK_S = 3.0, 0.01
+LINGER_S, POLL_S = 3.0, 0.01
 
 
 def main() -> int:
@@ -26,32 +26,32 @@ def main() -> int:
     os.dup2(2, 1)  # whatever a library prints must not get between the answers
     with answers, contextlib.suppress(BrokenPipeError):
         try:
-            truth = BenchTruth.from_record(json.loads(sys.stdin.readline())["truth"])
+            truth = SimulationParameters.from_record(json.loads(sys.stdin.readline())["truth"])
         except (ValueError, KeyError, TypeError) as error:
-            _answer(answers, error=f"the simulated bench was given a wrong configuration: {error}")
+            _write_response(answers, error=f"the simulated bench was given a wrong configuration: {error}")
             return 2
         # Imported late: a refused configuration need not wait for the servers' libraries.
         from sim_hardware.service.served_bench import ServedBench
 
-        with ServedBench(VirtualBench(truth)) as served:
-            _answer(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
+        with ServedBench(SimulatedBench(truth)) as served:
+            _write_response(answers, study_result={"scpi_port": served.scpi.port, "card_port": served.card.port})
             for line in sys.stdin:
                 try:
                     request = json.loads(line)
                     result = served.control(request.pop("verb"), **request)
                 except (ValueError, KeyError) as error:
-                    _answer(answers, error=str(error))
+                    _write_response(answers, error=str(error))
                 else:
-                    _answer(answers, result=result)
+                    _write_response(answers, study_result=result)
             # Whoever still holds the generator's wire may have to bring it to rest: a watchdog outlives its program.
-            for _ in range(round(LINGER_S / LOOK_S)):
+            for _ in range(round(LINGER_S / POLL_S)):
                 if not served.scpi.connections:
                     break
-                time.sleep(LOOK_S)
+                time.sleep(POLL_S)
     return 0
 
 
-def _answer(out: TextIO, **fields: Any) -> None:
+def _write_response(out: TextIO, **fields: Any) -> None:
     out.write(json.dumps(fields) + "\n")
     out.flush()
 

@@ -13,16 +13,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivers.closing import Closing
+from drivers.closing import Closeable
 from drivers.errors import BenchError
-from drivers.watchdog.subprocesses import end
-from sim_hardware.plant.history_report import HistoryReport
-from sim_hardware.plant.parameters import BenchTruth
+from drivers.watchdog.subprocesses import terminate
+from sim_hardware.plant.history_report import VoltageReport
+from sim_hardware.plant.parameters import SimulationParameters
 
 HOST = "127.0.0.1"
 
 
-class BenchProcess(Closing):
+class BenchProcess(Closeable):
     """A simulated bench that serves SCPI and NI's gRPC from another process; use it with `with`, or close it.
 
     Args:
@@ -34,18 +34,20 @@ class BenchProcess(Closing):
         BenchError: the process did not start; the sentence carries its own last words.
     """
 
-    def __init__(self, truth: BenchTruth | None = None, speed: float | None = None, patience_s: float = 20.0) -> None:
-        truth = truth or BenchTruth()
-        truth = truth if speed is None else replace(truth, speed=speed)
-        self._patience_s = patience_s
+    def __init__(
+        self, parameters: SimulationParameters | None = None, speed: float | None = None, timeout_s: float = 20.0
+    ) -> None:
+        parameters = parameters or SimulationParameters()
+        parameters = parameters if speed is None else replace(parameters, speed=speed)
+        self._timeout_s = timeout_s
         self._lock = threading.Lock()
-        self._words = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
+        self._stderr = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
         root = str(Path(__file__).resolve().parents[2])
         self._child = subprocess.Popen(
             [sys.executable, "-m", "sim_hardware.service"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._words,
+            stderr=self._stderr,
             text=True,
             encoding="utf-8",
             env={
@@ -59,7 +61,7 @@ class BenchProcess(Closing):
         self._reader = threading.Thread(target=self._listen, name="simulated bench answers", daemon=True)
         self._reader.start()
         try:
-            ports = self._exchange({"truth": truth.as_record()})
+            ports = self._exchange({"truth": parameters.as_record()})
         except BaseException:
             self.close()
             raise
@@ -97,7 +99,7 @@ class BenchProcess(Closing):
         """The operator turns high voltage off."""
         self.control("disable_hv")
 
-    def hands(self, action: str, values: Mapping[str, float]) -> float:
+    def perform_action(self, action: str, values: Mapping[str, float]) -> float:
         """Do something by hand; bench time when it is done. Raises BenchError where it makes no sense."""
         return float(self.control("hands", action=action, values=dict(values)))
 
@@ -113,21 +115,21 @@ class BenchProcess(Closing):
         """Repair one fault, or all."""
         self.control("clear", fault=fault)
 
-    def broken(self) -> tuple[str, ...]:
+    def active_faults(self) -> tuple[str, ...]:
         """Names of the faults that are present."""
         return tuple(self.control("faults"))
 
-    def report(self, tolerance_v: float = 0.02) -> HistoryReport:
+    def report(self, tolerance_v: float = 0.02) -> VoltageReport:
         """What the amplifier's input really saw until now."""
-        return HistoryReport(**self.control("report", tolerance_v=tolerance_v))
+        return VoltageReport(**self.control("report", tolerance_v=tolerance_v))
 
     def close(self) -> None:
         """End the process; nothing is left of it afterwards."""
-        end(self._child)
+        terminate(self._child)
         self._reader.join()
         if self._child.stdout is not None:
             self._child.stdout.close()
-        self._words.close()
+        self._stderr.close()
 
     def _listen(self) -> None:
         if self._child.stdout is not None:
@@ -142,21 +144,21 @@ class BenchProcess(Closing):
                     raise BenchError("the simulated bench has been closed")
                 self._child.stdin.write(json.dumps(request) + "\n")
                 self._child.stdin.flush()
-                line = self._answers.get(timeout=self._patience_s)
+                line = self._answers.get(timeout=self._timeout_s)
             except (OSError, queue.Empty):
                 line = None
             if line is None:
-                raise BenchError(f"the simulated bench does not answer{self._last_words()}")
+                raise BenchError(f"the simulated bench does not answer{self._exit_description()}")
             answer = json.loads(line)
         if "error" in answer:
             raise BenchError(answer["error"])
         return answer["result"]
 
-    def _last_words(self) -> str:
+    def _exit_description(self) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._child.wait(1.0)
         if self._child.poll() is None:
-            return f" within {self._patience_s:g} s"
-        self._words.seek(0)
-        said = self._words.read().strip().splitlines()
+            return f" within {self._timeout_s:g} s"
+        self._stderr.seek(0)
+        said = self._stderr.read().strip().splitlines()
         return f": it ended with code {self._child.returncode}" + (f" ({said[-1][:300]})" if said else "")

@@ -3,24 +3,24 @@
 from dataclasses import asdict
 from typing import Any
 
-from drivers.closing import Closing
-from sim_hardware.bench import VirtualBench
-from sim_hardware.nidaq.grpc_server import NiServer
-from sim_hardware.nidaq.input_task import NiDevice
-from sim_hardware.wires.tcp_server import ScpiServer
+from drivers.closing import Closeable
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.nidaq.grpc_server import NiGrpcServer
+from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.wires.tcp_server import ScpiTcpServer
 
-DEVICE = "Dev1"
+DEVICE_NAME = "Dev1"
 
 
-class ServedBench(Closing):
+class ServedBench(Closeable):
     """The generator on a SCPI socket and the card behind NI's gRPC service, both on loopback, until closed."""
 
-    def __init__(self, bench: VirtualBench) -> None:
+    def __init__(self, bench: SimulatedBench) -> None:
         self.bench = bench
-        self.scpi = ScpiServer(bench.port, bench.truth.speed, bench.truth.generator.command_s)
-        self.card = NiServer(NiDevice(bench.card, bench.clock, bench.faults, DEVICE))
-        bench.on_fault(self.scpi.poke)
-        bench.on_fault(self.card.follow_faults)
+        self.scpi = ScpiTcpServer(bench.message_port, bench.parameters.speed, bench.parameters.generator.command_s)
+        self.card = NiGrpcServer(SimulatedNiDevice(bench.card, bench.clock, bench.faults, DEVICE_NAME))
+        bench.add_fault_listener(self.scpi.update_from_faults)
+        bench.add_fault_listener(self.card.update_from_faults)
 
     def control(self, verb: str, **arguments: Any) -> Any:
         """Carry out one verb; its answer as plain values.
@@ -34,13 +34,13 @@ class ServedBench(Closing):
         verbs = {
             "enable_hv": bench.enable_hv,
             "disable_hv": bench.disable_hv,
-            "hands": bench.hands,
+            "hands": bench.perform_action,
             "inject": bench.inject,
             "clear": bench.clear,
-            "faults": bench.faults.all_active,
+            "faults": bench.faults.active_faults,
             "report": lambda **k: asdict(bench.report(**k)),
             "now": bench.clock.now,
-            "laser_sees": bench.laser_sees,
+            "laser_sees": bench.laser_reading_m,
         }
         if verb not in verbs:
             raise ValueError(f"there is no verb {verb!r}: choose from {', '.join(verbs)}")

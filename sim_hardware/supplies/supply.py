@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_hardware.generators.generator import Make
-from sim_hardware.plant.parameters import SupplyTruth
+from sim_hardware.generators.generator import SegmentFactory
+from sim_hardware.plant.parameters import SupplyParameters
 from sim_hardware.plant.segments import Array, Segment
 
 RISE_TAU_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Relax:
+class ExponentialSegment:
     """From `start_v` at `origin_s` to `stop_v` as a capacitor is charged: a supply's output, quick up and slow down."""
 
     origin_s: float
@@ -23,12 +23,12 @@ class Relax:
     tau_s: float
 
     @property
-    def still_from_s(self) -> float:
+    def constant_from_s(self) -> float:
         away = abs(self.start_v - self.stop_v)
         return self.origin_s + self.tau_s * math.log(max(away / 1e-4, 1.0))  # a tenth of a millivolt is still
 
     @property
-    def knots_s(self) -> tuple[float, ...]:
+    def breakpoints_s(self) -> tuple[float, ...]:
         return ()
 
     def volts(self, t: Array) -> Array:
@@ -36,7 +36,7 @@ class Relax:
         return self.stop_v + (self.start_v - self.stop_v) * np.exp(-since / self.tau_s)
 
 
-class Supply:
+class SimulatedSupply:
     """One output.
 
     Args:
@@ -44,27 +44,31 @@ class Supply:
         now: bench time.
     """
 
-    def __init__(self, emit: Callable[[Make], None], now: Callable[[], float], truth: SupplyTruth) -> None:
-        self._emit, self._now, self._truth = emit, now, truth
-        self._segment: Segment = Relax(0.0, 0.0, 0.0, RISE_TAU_S)
+    def __init__(
+        self, emit: Callable[[SegmentFactory], None], now: Callable[[], float], parameters: SupplyParameters
+    ) -> None:
+        self._emit, self._now, self._parameters = emit, now, parameters
+        self._segment: Segment = ExponentialSegment(0.0, 0.0, 0.0, RISE_TAU_S)
         self.level_v = 0.0
-        self.current_a = 1.0
-        self.on = False
-        self.ovp_v = truth.ovp_v
-        self.ovp = truth.ovp
-        self.tripped = False
+        self.current_limit_a = 1.0
+        self.output_on = False
+        self.ovp_v = parameters.ovp_v
+        self.ovp_enabled = parameters.ovp
+        self.ovp_tripped = False
         self._powered = True
-        self.follow()
+        self.update_output()
 
-    def follow(self) -> None:
+    def update_output(self) -> None:
         """Go to where the settings say, from where the output is now."""
 
         def make(t: float) -> Segment:
             start = float(self._segment.volts(np.array([t]))[0])
-            if self.on and self.ovp and self.level_v > self.ovp_v:
-                self.on, self.tripped = False, True
-            target = self.level_v if self.on and self._powered else self._truth.off_v
-            self._segment = Relax(t, start, target, RISE_TAU_S if target > start else self._truth.fall_tau_s)
+            if self.output_on and self.ovp_enabled and self.level_v > self.ovp_v:
+                self.output_on, self.ovp_tripped = False, True
+            target = self.level_v if self.output_on and self._powered else self._parameters.off_v
+            self._segment = ExponentialSegment(
+                t, start, target, RISE_TAU_S if target > start else self._parameters.fall_tau_s
+            )
             return self._segment
 
         self._emit(make)
@@ -75,11 +79,11 @@ class Supply:
 
     def reset(self) -> None:
         """Factory state: off."""
-        self.on, self.level_v, self.tripped = False, 0.0, False
-        self.ovp, self.ovp_v = self._truth.ovp, self._truth.ovp_v
-        self.follow()
+        self.output_on, self.level_v, self.ovp_tripped = False, 0.0, False
+        self.ovp_enabled, self.ovp_v = self._parameters.ovp, self._parameters.ovp_v
+        self.update_output()
 
-    def power(self, on: bool) -> None:
+    def set_power(self, on: bool) -> None:
         """The mains plug. Power comes back with the factory state."""
         self._powered = on
         self.reset()

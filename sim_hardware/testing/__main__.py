@@ -1,7 +1,7 @@
 """Run a contract suite on a driver: `python -m sim_hardware.testing --source module:factory` (or `--digitizer`).
 
 The factory takes nothing and is a context manager. For a source it yields (source, bench, clock), for a digitizer
-(digitizer, bench), the instrument being wired to that `sim_hardware.bench.VirtualBench`. What else is given goes to
+(digitizer, bench), the instrument being wired to that `sim_hardware.bench.SimulatedBench`. What else is given goes to
 pytest. docs/how-to-write-a-driver.md has an example.
 """
 
@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 
-HERE = Path(__file__).parent
+SUITE_FOLDER = Path(__file__).parent
 
 
-class Given:
+class FactoryPlugin:
     """A pytest plug-in that gives the suite what the author's factory makes."""
 
     def __init__(self, factory: Callable[[], AbstractContextManager[Any]]) -> None:
@@ -46,10 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"'{named}' cannot be loaded ({error}); give it as module:function, from the folder it is in")
     if not callable(factory):
         parser.error(f"'{named}' is no function; give it as module:function")
-    suite = HERE / ("source_contract.py" if asked.source else "digitizer_contract.py")
+    suite = SUITE_FOLDER / ("source_contract.py" if asked.source else "digitizer_contract.py")
     # No configuration of whatever folder this happens in: the contract is the same everywhere.
-    options = ["-c", os.devnull, "--rootdir", str(HERE), "--import-mode=importlib", "-p", "no:cacheprovider"]
-    return int(pytest.main([*options, str(suite), *rest], plugins=[Given(factory)]))
+    options = ["-c", os.devnull, "--rootdir", str(SUITE_FOLDER), "--import-mode=importlib", "-p", "no:cacheprovider"]
+    return int(pytest.main([*options, str(suite), *rest], plugins=[FactoryPlugin(factory)]))
 
 
 if __name__ == "__main__":

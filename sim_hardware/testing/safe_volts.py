@@ -1,12 +1,12 @@
 """What every source and every run owe the specimen, read from the volts that left the simulated source."""
 
-from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.plant.history_report import VoltageReport
 
 STEP_V = 0.05
 """Largest jump the guard's limits allow; what is measured on the plant's grid may exceed it by rounding only."""
 
 
-def volts_are_safe(report: HistoryReport) -> None:
+def assert_safe_voltage(report: VoltageReport) -> None:
     """Raise AssertionError unless the history kept to the amplifier's range, without jumps, switched and ended at rest."""
     assert report.lowest_v >= -1e-9, report
     assert report.highest_v <= 5 + 1e-9, report

@@ -13,54 +13,54 @@ from drivers.clock import Clock
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Source
-from sim_hardware.bench import VirtualBench
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 
-Made = tuple[Source, VirtualBench, Clock]
+SourceUnderTest = tuple[Source, SimulatedBench, Clock]
 
 
-def live(made: Made) -> Made:
+def energised(made: SourceUnderTest) -> SourceUnderTest:
     """Prepared with high voltage off, then switched on at rest."""
     source, bench, _ = made
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
     return made
 
 
-def test_a_fresh_box_is_not_at_rest_and_is_brought_there(made: Made) -> None:
+def test_a_fresh_box_is_not_at_rest_and_is_brought_there(made: SourceUnderTest) -> None:
     source, bench, _ = made
-    assert not source.at_rest(2.5, 0.0, 5.0)
-    source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5, 0.0, 5.0)
-    assert source.idle_v() == pytest.approx(2.5, abs=1e-3)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    assert source.idle_level_v() == pytest.approx(2.5, abs=1e-3)
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
-def test_preparing_twice_is_harmless_even_live(made: Made) -> None:
-    source, bench, _ = live(made)
-    assert source.at_rest(2.5, 0.0, 5.0)
-    volts_are_safe(bench.report())
+def test_preparing_twice_is_harmless_even_live(made: SourceUnderTest) -> None:
+    source, bench, _ = energised(made)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
 
 
-def test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     begin = clock.now()
-    source.play(Sine(50.0, 2.5, 2.5, 20))
+    source.start_drive(Sine(50.0, 2.5, 2.5, 20))
     clock.sleep(20 / 50.0 + 0.2)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.outside_rest_s == pytest.approx(0.4, rel=0.05)
     assert report.highest_v == pytest.approx(5.0, abs=1e-3)
     assert report.lowest_v == pytest.approx(0.0, abs=1e-3)
     assert clock.now() > begin
 
 
-def strayed(bench: VirtualBench, drive: Drive, begin_s: float, end_s: float) -> float:
+def largest_deviation_v(bench: SimulatedBench, drive: Drive, begin_s: float, end_s: float) -> float:
     """How far the volts at the amplifier were from the drive at most, wherever between these times it began."""
     leaves_v, grid = 0.02, np.arange(begin_s, end_s, 1e-4)
     own = np.arange(0.0, drive.duration_s, 1e-4)
-    left = grid[np.argmax(np.abs(bench.history.volts(grid) - drive.ends_v[0]) > leaves_v)]
-    start_s = left - own[np.argmax(np.abs(drive.volts(own) - drive.ends_v[0]) > leaves_v)]
+    left = grid[np.argmax(np.abs(bench.history.volts(grid) - drive.end_levels_v[0]) > leaves_v)]
+    start_s = left - own[np.argmax(np.abs(drive.volts(own) - drive.end_levels_v[0]) > leaves_v)]
     starts = start_s + np.arange(-5e-3, 5e-3, 1e-4)
     return min(float(np.abs(bench.history.volts(start + own) - drive.volts(own)).max()) for start in starts)
 
@@ -75,95 +75,97 @@ def strayed(bench: VirtualBench, drive: Drive, begin_s: float, end_s: float) -> 
     ],
     ids=["sweep", "periodic sweep", "steps", "steps to one side"],
 )
-def test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves(drive: Drive, made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves(
+    drive: Drive, made: SourceUnderTest
+) -> None:
+    source, bench, clock = energised(made)
     begin_s = clock.now()
-    source.play(drive)
+    source.start_drive(drive)
     clock.sleep(drive.duration_s + 0.2)
-    assert strayed(bench, drive, begin_s, clock.now()) < 0.06
+    assert largest_deviation_v(bench, drive, begin_s, clock.now()) < 0.06
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.highest_v == pytest.approx(drive.high_v, abs=0.02)
     assert report.lowest_v == pytest.approx(drive.low_v, abs=0.02)
 
 
-def test_small_and_large_drives_follow_each_other_without_a_jump(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_small_and_large_drives_follow_each_other_without_a_jump(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     for drive in (Sine(80.0, 0.05, 2.5, 8), Steps((2.5, 2.7, 2.5), 0.05, 0.05), Sine(80.0, 2.5, 2.5, 8)):
-        source.play(drive)
+        source.start_drive(drive)
         clock.sleep(drive.duration_s + 0.05)
         source.stop()
-    volts_are_safe(bench.report())
-    assert source.at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
+    assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
-def test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     with pytest.raises(InstrumentError, match=r"(limit|at most|holds \d+|the card).*[Nn]othing was sent"):
-        source.play(LinearSweep(20.0, 520.0, 1000.0, 2.5, 2.5))
+        source.start_drive(LinearSweep(20.0, 520.0, 1000.0, 2.5, 2.5))
     clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
 
 
-def test_a_sine_is_stopped_gently_from_any_phase(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_sine_is_stopped_gently_from_any_phase(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     for k in range(4):
-        source.play(Sine(40.0, 2.5, 2.5, 60))
+        source.start_drive(Sine(40.0, 2.5, 2.5, 60))
         clock.sleep(0.1 + 0.0063 * k)
         source.stop()
-        assert source.at_rest(2.5, 0.0, 5.0)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.05)
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
-def test_levels_are_reached_in_small_steps_and_left_the_same_way(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_levels_are_reached_in_small_steps_and_left_the_same_way(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     for level in (5.0, 0.0, 2.5):
-        source.move(level, 0.2)
-        assert source.idle_v() == pytest.approx(level, abs=1e-3)
-        source.play(Hold(level, 0.1))
+        source.ramp_to(level, 0.2)
+        assert source.idle_level_v() == pytest.approx(level, abs=1e-3)
+        source.start_drive(Hold(level, 0.1))
         clock.sleep(0.05)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.highest_v == pytest.approx(5.0, abs=0.006)
     assert report.lowest_v == pytest.approx(0.0, abs=0.006)
 
 
-def test_a_ramp_is_played(made: Made) -> None:
-    source, bench, clock = live(made)
-    source.play(Ramp(2.5, 3.0, 0.1))
+def test_a_ramp_is_played(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
+    source.start_drive(Ramp(2.5, 3.0, 0.1))
     clock.sleep(0.2)
     assert bench.report().end_v == pytest.approx(3.0, abs=1e-3)
-    source.move(2.5, 0.1)
+    source.ramp_to(2.5, 0.1)
     clock.sleep(0.02)
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
-def test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     with pytest.raises(InstrumentError, match="nothing was sent"):
-        source.play(Sine(50.0, 1.0, 3.0, 5))
+        source.start_drive(Sine(50.0, 1.0, 3.0, 5))
     clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
 
 
 @pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-garbled", "scpi-half", "scpi-dropped"])
-def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str, made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str, made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     bench.inject(fault)
     with pytest.raises(LinkError, match=rf"{re.escape(source.identity.model)}: |which "):
-        source.idle_v()
+        source.idle_level_v()
     bench.clear(fault)
     clock.sleep(1.0)
     source.reconnect()
-    assert source.at_rest(2.5, 0.0, 5.0)
-    volts_are_safe(bench.report())
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
 
 
-def test_letting_go_leaves_the_output_at_rest(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_letting_go_leaves_the_output_at_rest(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     source.close()
     clock.sleep(0.2)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.outside_rest_s == 0

@@ -2,10 +2,10 @@
 
 from drivers.clock import Clock
 from drivers.errors import LinkError
-from sim_hardware.wires.port import Port
+from sim_hardware.wires.port import MessagePort
 
 
-class DirectLink:
+class InProcessLink:
     """A link to an SCPI instrument in this process. Answers queue up, so a late one poisons the next query.
 
     Args:
@@ -15,7 +15,7 @@ class DirectLink:
 
     def __init__(
         self,
-        port: Port,
+        port: MessagePort,
         clock: Clock,
         name: str = "generator (direct)",
         command_s: float = 1e-3,
@@ -31,21 +31,21 @@ class DirectLink:
 
     def write(self, message: str) -> None:
         """Send one message. Raises LinkError if nobody is connected."""
-        self._check()
+        self._check_connected()
         self._clock.sleep(self._command_s)
         reply = self._port.handle(message)
         if reply is not None:
-            self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.ended))
+            self._pending.append((self._clock.now() + reply.delay_s + reply.late_s, reply.text, reply.terminated))
 
     def read(self) -> str:
         """The next answer without its end of line. Raises LinkError if none comes in time."""
-        self._check()
+        self._check_connected()
         if not self._pending or self._pending[0][0] > self._clock.now() + self._timeout_s:
-            self._give_up("did not answer")
+            self._raise_timeout("did not answer")
         ready, text, ended = self._pending[0]
         self._clock.sleep(max(0.0, ready - self._clock.now()))
         if not ended:
-            self._give_up("began an answer and did not end it")
+            self._raise_timeout("began an answer and did not end it")
         del self._pending[0]
         return text
 
@@ -57,19 +57,19 @@ class DirectLink:
         """Close and open again. Raises LinkError if nobody takes the call."""
         self._pending.clear()
         self._open = True
-        self._check()
+        self._check_connected()
 
     def close(self) -> None:
         """Let go of the instrument; its output stays as it is."""
         self._open = False
         self._pending.clear()
 
-    def _check(self) -> None:
+    def _check_connected(self) -> None:
         if not self._open:
             raise LinkError(f"{self.name}: the connection is closed; open it again")
         if not self._port.connected:
             raise LinkError(f"{self.name}: the connection was lost; check its power and its cable, then reconnect")
 
-    def _give_up(self, what: str) -> None:
+    def _raise_timeout(self, reason: str) -> None:
         self._clock.sleep(self._timeout_s)
-        raise LinkError(f"{self.name} {what} within {self._timeout_s:g} s; check that it is on and its cable is in")
+        raise LinkError(f"{self.name} {reason} within {self._timeout_s:g} s; check that it is on and its cable is in")

@@ -3,34 +3,34 @@
 import threading
 from dataclasses import dataclass
 
-from sim_hardware.plant.faults import Faults
-from sim_hardware.wires.scpi_engine import Engine
+from sim_hardware.plant.faults import FaultState
+from sim_hardware.wires.scpi_engine import ScpiEngine
 
-LATE_S = 4.0
+LATE_RESPONSE_S = 4.0
 """How late a late answer is: longer than any driver waits."""
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class WireResponse:
     """What the wire carries back.
 
     Attributes:
         text: the answer without its end of line.
         delay_s: bench seconds the instrument needs.
         late_s: seconds it is late beyond that, of the wire's own time.
-        ended: whether the end of line follows.
+        terminated: whether the end of line follows.
     """
 
     text: str
     delay_s: float = 0.0
     late_s: float = 0.0
-    ended: bool = True
+    terminated: bool = True
 
 
-class Port:
+class MessagePort:
     """One instrument as its wires see it."""
 
-    def __init__(self, engine: Engine, faults: Faults) -> None:
+    def __init__(self, engine: ScpiEngine, faults: FaultState) -> None:
         self._engine = engine
         self._faults = faults
         self._lock = threading.Lock()
@@ -38,22 +38,22 @@ class Port:
     @property
     def connected(self) -> bool:
         """Whether a connection stands or would be accepted."""
-        return not (self._faults.active("scpi-dropped") or self._faults.active("generator-power-off"))
+        return not (self._faults.is_active("scpi-dropped") or self._faults.is_active("generator-power-off"))
 
-    def handle(self, message: str) -> Reply | None:
+    def handle(self, message: str) -> WireResponse | None:
         """Run one message; None if nothing comes back."""
-        if self._faults.active("scpi-silent") or not self.connected:
+        if self._faults.is_active("scpi-silent") or not self.connected:
             return None
         with self._lock:
             answer = self._engine.execute(message)
         if answer is None:
             return None
         text, ended, late = answer.text, True, 0.0
-        if self._faults.active("scpi-late"):
-            late = LATE_S
-        if self._faults.active("scpi-garbled"):
+        if self._faults.is_active("scpi-late"):
+            late = LATE_RESPONSE_S
+        if self._faults.is_active("scpi-garbled"):
             # Eighth bits set and letters shifted: neither ASCII nor a number.
             text = "".join(chr((ord(c) + 17 * i) % 95 + 160) for i, c in enumerate(text))
-        if self._faults.active("scpi-half"):
+        if self._faults.is_active("scpi-half"):
             text, ended = text[: len(text) // 2], False
-        return Reply(text, answer.delay_s, late, ended)
+        return WireResponse(text, answer.delay_s, late, ended)

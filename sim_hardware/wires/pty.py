@@ -4,12 +4,12 @@ import os
 import threading
 from abc import abstractmethod
 
-from drivers.closing import Closing
+from drivers.closing import Closeable
 
-TICK_S = 0.01
+POLL_S = 0.01
 
 
-class PtyLine(Closing):
+class PtyServer(Closeable):
     """Served until closed; `_run` is what the thread does, until `_closing` is set.
 
     Attributes:

@@ -21,7 +21,7 @@ from typing import Protocol
 Arguments = Sequence[str]
 """What follows a header, split at its commas."""
 
-MESSAGES = {
+ERROR_MESSAGES = {
     0: "No error",
     -104: "Data type error",
     -108: "Parameter not allowed",
@@ -47,11 +47,13 @@ class ScpiError(Exception):
     """A command was refused; the engine puts `code` into the error queue."""
 
     def __init__(self, code: int, detail: str = "") -> None:
-        super().__init__(f"{MESSAGES[code]}; {detail}" if detail else MESSAGES[code])
+        super().__init__(f"{ERROR_MESSAGES[code]}; {detail}" if detail else ERROR_MESSAGES[code])
         self.code = code
 
 
-def number(text: str, unit: str, low: float = -math.inf, high: float = math.inf, default: float | None = None) -> float:
+def parse_number(
+    text: str, unit: str, low: float = -math.inf, high: float = math.inf, default: float | None = None
+) -> float:
     """A number with an optional unit (`5 KHZ`, `20MVPP`) or one of MIN MAX DEF INF.
 
     `M` is milli except before HZ and OHM, where it is mega.
@@ -80,15 +82,15 @@ def number(text: str, unit: str, low: float = -math.inf, high: float = math.inf,
     return float(found.group(1)) * scale
 
 
-def boolean(text: str) -> bool:
+def parse_boolean(text: str) -> bool:
     """ON, OFF or a number. Raises ScpiError for anything else."""
     word = text.strip().upper()
     if word in ("ON", "OFF"):
         return word == "ON"
-    return number(word, "") != 0
+    return parse_number(word, "") != 0
 
 
-def choice(text: str, *names: str) -> str:
+def match_keyword(text: str, *names: str) -> str:
     """The short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is none."""
     for name in names:
         short = "".join(c for c in name if not c.islower())
@@ -97,12 +99,12 @@ def choice(text: str, *names: str) -> str:
     raise ScpiError(-224)
 
 
-def real(value: float) -> str:
+def format_real(value: float) -> str:
     """A float as Trueform boxes write it; infinity is 9.9E+37."""
     return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
 
 
-def one(arguments: Arguments) -> str:
+def single_argument(arguments: Arguments) -> str:
     """The only argument of a command. Raises ScpiError if there is none or more than one."""
     if not arguments:
         raise ScpiError(-109)
@@ -111,13 +113,13 @@ def one(arguments: Arguments) -> str:
     return arguments[0]
 
 
-_BLOCK = re.compile(r"(?<=[ ,])#([1-9])")
-_BARE = re.compile(r"LENGTH,(\d+)B,[^\n]*?WAVEDATA,")
-_MARK = "\x00"
+_BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
+_SIGLENT_BLOCK_HEADER = re.compile(r"LENGTH,(\d+)B,[^\n]*?WAVEDATA,")
+_PLACEHOLDER = "\x00"
 """Stands in a message where a block was; no driver sends it."""
 
 
-def messages_in(received: bytes) -> tuple[list[str], bytes]:
+def split_received(received: bytes) -> tuple[list[str], bytes]:
     """The complete messages of what has been received, and the rest that is still to be completed."""
     text, messages, start, look = received.decode("latin-1"), [], 0, 0
     while (end := text.find("\n", look)) >= 0:
@@ -132,42 +134,42 @@ def messages_in(received: bytes) -> tuple[list[str], bytes]:
     return messages, received[start:]
 
 
-def lift_blocks(message: str) -> tuple[str, list[str]]:
+def extract_blocks(message: str) -> tuple[str, list[str]]:
     """The message with a mark in the place of each block, and the blocks' bytes as Latin-1 text."""
     blocks, look = [], 0
     while (span := _next_block(message, look, len(message))) is not None:
         begin, end, data = span
         blocks.append(message[data:end])
-        message = message[:begin] + _MARK + message[end:]
+        message = message[:begin] + _PLACEHOLDER + message[end:]
         look = begin + 1
     return message, blocks
 
 
-def put_back(argument: str, blocks: list[str]) -> str:
+def restore_block(argument: str, blocks: list[str]) -> str:
     """The block for an argument that is a mark; blocks are used up in order."""
-    return blocks.pop(0) if argument == _MARK else argument
+    return blocks.pop(0) if argument == _PLACEHOLDER else argument
 
 
-def _next_block(text: str, look: int, end: int) -> tuple[int, int, int] | None:
+def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
     """Begin, end and first data byte of the first block that begins in `text[look:end]`."""
     found = []
-    if block := _BLOCK.search(text, look, end):
+    if block := _BLOCK_HEADER.search(text, start, end):
         digits = int(block[1])
         length = text[block.end() : block.end() + digits]
         size = int(length) if length.isdigit() and len(length) == digits else 1 << 30
         data = block.end() + digits
         found.append((block.start(), data + size, data))
-    if bare := _BARE.search(text, look, end):
+    if bare := _SIGLENT_BLOCK_HEADER.search(text, start, end):
         found.append((bare.end(), bare.end() + int(bare[1]), bare.end()))
     return min(found, default=None)
 
 
-QUEUE = 20
+ERROR_QUEUE_LENGTH = 20
 """Errors a box keeps; the last place then says that more were lost."""
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ScpiResponse:
     """What a box sends back: the text, and how many seconds of bench time it takes to do so."""
 
     text: str
@@ -175,7 +177,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class ScpiCommand:
     """A header pattern with what it does when set and what it answers when asked; either may be missing."""
 
     pattern: str
@@ -183,13 +185,13 @@ class Command:
     query: Callable[[Arguments], str] | None = None
 
 
-class Instrument(Protocol):
+class ScpiInstrument(Protocol):
     """What the engine needs of an instrument's model."""
 
     identity: str
 
     @property
-    def commands(self) -> Sequence[Command]: ...
+    def commands(self) -> Sequence[ScpiCommand]: ...
 
     def reset(self) -> None:
         """`*RST`."""
@@ -223,43 +225,43 @@ def header_regex(pattern: str) -> re.Pattern[str]:
     return re.compile("^" + "".join(out) + "$", re.IGNORECASE)
 
 
-def split(message: str, separator: str) -> list[str]:
+def split_message(message: str, separator: str) -> list[str]:
     """Pieces of a message, separators inside quotes left alone."""
     pieces = re.split(separator + r"""(?=(?:[^"']*["'][^"']*["'])*[^"']*$)""", message)
     return [piece.strip() for piece in pieces]
 
 
-class Engine:
+class ScpiEngine:
     """Runs messages on one instrument model and keeps its error queue and event register."""
 
-    def __init__(self, instrument: Instrument) -> None:
+    def __init__(self, instrument: ScpiInstrument) -> None:
         self._instrument = instrument
         self._errors: deque[tuple[int, str]] = deque()
-        self._events = 128  # power on
-        self._delay = 0.0
+        self._event_status = 128  # power on
+        self._delay_s = 0.0
         common = [
-            Command("*CLS", set=self._clear),
-            Command("*IDN", query=lambda _: instrument.identity),
-            Command("*RST", set=lambda _: instrument.reset()),
-            Command("*TRG", set=lambda _: instrument.trigger()),
-            Command("*OPC", set=self._complete, query=self._completed),
-            Command("*WAI", set=lambda _: None),
-            Command("*ESR", query=self._event_register),
-            Command("*ESE", set=lambda _: None, query=lambda _: "0"),
-            Command("*STB", query=lambda _: str(4 * bool(self._errors))),
-            Command("*TST", query=lambda _: "+0"),
-            Command("SYSTem:ERRor[:NEXT]", query=self._next_error),
-            Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+            ScpiCommand("*CLS", set=self._clear),
+            ScpiCommand("*IDN", query=lambda _: instrument.identity),
+            ScpiCommand("*RST", set=lambda _: instrument.reset()),
+            ScpiCommand("*TRG", set=lambda _: instrument.trigger()),
+            ScpiCommand("*OPC", set=self._set_operation_complete, query=self._query_operation_complete),
+            ScpiCommand("*WAI", set=lambda _: None),
+            ScpiCommand("*ESR", query=self._read_event_status),
+            ScpiCommand("*ESE", set=lambda _: None, query=lambda _: "0"),
+            ScpiCommand("*STB", query=lambda _: str(4 * bool(self._errors))),
+            ScpiCommand("*TST", query=lambda _: "+0"),
+            ScpiCommand("SYSTem:ERRor[:NEXT]", query=self._next_error),
+            ScpiCommand("SYSTem:VERSion", query=lambda _: "1999.0"),
         ]
         self._table = [(header_regex(c.pattern), c) for c in [*common, *instrument.commands]]
-        self._known: dict[str, Command | None] = {}
+        self._command_cache: dict[str, ScpiCommand | None] = {}
 
-    def execute(self, message: str) -> Answer | None:
+    def execute(self, message: str) -> ScpiResponse | None:
         """Run one message (without its terminator); the joined answers of its queries, or None."""
-        self._delay = 0.0
+        self._delay_s = 0.0
         answers, path = [], ""
-        message, blocks = lift_blocks(message)
-        for part in split(message.strip(), ";"):
+        message, blocks = extract_blocks(message)
+        for part in split_message(message.strip(), ";"):
             if not part:
                 continue
             head, _, tail = part.partition(" ")
@@ -270,30 +272,30 @@ class Engine:
             else:
                 header = name[1:] if name.startswith(":") else path + name
                 path = header[: header.rfind(":") + 1]
-            arguments = [put_back(a, blocks) for a in split(tail, ",") if a]
+            arguments = [restore_block(a, blocks) for a in split_message(tail, ",") if a]
             try:
                 answer = self._run(header, query, arguments)
             except ScpiError as error:
-                self.report(error)
+                self.queue_error(error)
                 continue
             if answer is not None:
                 answers.append(answer)
-        return Answer(";".join(answers), self._delay) if answers else None
+        return ScpiResponse(";".join(answers), self._delay_s) if answers else None
 
-    def report(self, error: ScpiError) -> None:
+    def queue_error(self, error: ScpiError) -> None:
         """Put an error into the queue."""
         bit = 32 if -200 < error.code <= -100 else 16 if -300 < error.code <= -200 else 4
-        self._events |= bit
-        if len(self._errors) < QUEUE:
+        self._event_status |= bit
+        if len(self._errors) < ERROR_QUEUE_LENGTH:
             self._errors.append((error.code, str(error)))
         else:
-            self._errors[-1] = (-350, MESSAGES[-350])
+            self._errors[-1] = (-350, ERROR_MESSAGES[-350])
 
     def _run(self, header: str, query: bool, arguments: Arguments) -> str | None:
         key = header.upper()
-        if key not in self._known:
-            self._known[key] = next((c for regex, c in self._table if regex.match(key)), None)
-        command = self._known[key]
+        if key not in self._command_cache:
+            self._command_cache[key] = next((c for regex, c in self._table if regex.match(key)), None)
+        command = self._command_cache[key]
         if command is None:
             raise ScpiError(-113)
         if query:
@@ -307,19 +309,19 @@ class Engine:
 
     def _clear(self, _: Arguments) -> None:
         self._errors.clear()
-        self._events = 0
+        self._event_status = 0
 
-    def _complete(self, _: Arguments) -> None:
-        self._events |= 1
+    def _set_operation_complete(self, _: Arguments) -> None:
+        self._event_status |= 1
 
-    def _completed(self, _: Arguments) -> str:
-        self._delay = max(self._delay, self._instrument.busy_s())
+    def _query_operation_complete(self, _: Arguments) -> str:
+        self._delay_s = max(self._delay_s, self._instrument.busy_s())
         return "1"
 
-    def _event_register(self, _: Arguments) -> str:
-        events, self._events = self._events, 0
+    def _read_event_status(self, _: Arguments) -> str:
+        events, self._event_status = self._event_status, 0
         return f"+{events}"
 
     def _next_error(self, _: Arguments) -> str:
-        code, text = self._errors.popleft() if self._errors else (0, MESSAGES[0])
+        code, text = self._errors.popleft() if self._errors else (0, ERROR_MESSAGES[0])
         return f'{code:+d},"{text}"'

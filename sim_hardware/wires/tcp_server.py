@@ -7,17 +7,17 @@ import socket
 import threading
 import time
 
-from drivers.closing import Closing
-from sim_hardware.wires.port import Port
-from sim_hardware.wires.scpi_engine import messages_in
+from drivers.closing import Closeable
+from sim_hardware.wires.port import MessagePort
+from sim_hardware.wires.scpi_engine import split_received
 
 HOST = "127.0.0.1"
-_LONGEST_LINE = 1 << 24
-_SHORTEST_WAIT_S = 2e-4
+_MAX_LINE_LENGTH = 1 << 24
+_MIN_WAIT_S = 2e-4
 """The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
 
 
-class ScpiServer(Closing):
+class ScpiTcpServer(Closeable):
     """Serves a port on loopback until closed; any number of connections, one after the other or together.
 
     Args:
@@ -28,22 +28,22 @@ class ScpiServer(Closing):
         port: the TCP port.
     """
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._instrument = instrument
         self._speed = speed
         self._command_s = command_s
         self._selector = selectors.DefaultSelector()
         self._wake, self._waker = socket.socketpair()
         self._selector.register(self._wake, selectors.EVENT_READ)
-        self._lines: dict[socket.socket, bytes] = {}
-        self._due: list[tuple[float, int, socket.socket, bytes]] = []
-        self._order = itertools.count()
+        self._partial_lines: dict[socket.socket, bytes] = {}
+        self._pending_responses: list[tuple[float, int, socket.socket, bytes]] = []
+        self._sequence = itertools.count()
         self._listener: socket.socket | None = None
         self.port = 0
         self._listen()
         self._closing = False
-        self._looked = threading.Condition()
-        self._asked = self._done = 0
+        self._update_condition = threading.Condition()
+        self._updates_requested = self._updates_done = 0
         self._thread = threading.Thread(target=self._run, name="simulated generator", daemon=True)
         self._thread.start()
 
@@ -55,17 +55,17 @@ class ScpiServer(Closing):
     @property
     def connections(self) -> int:
         """How many hold a connection now."""
-        return len(self._lines)
+        return len(self._partial_lines)
 
-    def poke(self) -> None:
+    def update_from_faults(self) -> None:
         """Look again at what is broken, and return when that is done; call it after a fault has come or gone."""
         if self._closing or threading.current_thread() is self._thread:  # it looks itself when it has answered
             return
-        with self._looked:
-            self._asked += 1
-            mine = self._asked
+        with self._update_condition:
+            self._updates_requested += 1
+            mine = self._updates_requested
             self._waker.send(b"!")
-            self._looked.wait_for(lambda: self._done >= mine, timeout=5.0)
+            self._update_condition.wait_for(lambda: self._updates_done >= mine, timeout=5.0)
 
     def close(self) -> None:
         """Close everything and wait for the thread."""
@@ -85,37 +85,37 @@ class ScpiServer(Closing):
 
     def _run(self) -> None:
         while not self._closing:
-            wait = max(0.0, self._due[0][0] - time.monotonic()) if self._due else None
+            wait = max(0.0, self._pending_responses[0][0] - time.monotonic()) if self._pending_responses else None
             for key, _ in self._selector.select(wait):
                 sock = key.fileobj
                 if sock is self._wake:
                     self._wake.recv(64)
                 elif sock is self._listener:
                     self._accept()
-                elif isinstance(sock, socket.socket) and sock in self._lines:
+                elif isinstance(sock, socket.socket) and sock in self._partial_lines:
                     self._receive(sock)
-            asked = self._asked  # only who asked before we look may be told that we have looked
-            self._follow_connection()
-            with self._looked:
-                self._done = asked
-                self._looked.notify_all()
-            while self._due and self._due[0][0] <= time.monotonic():
-                _, _, sock, data = heapq.heappop(self._due)
+            asked = self._updates_requested  # only who asked before we look may be told that we have looked
+            self._update_listener()
+            with self._update_condition:
+                self._updates_done = asked
+                self._update_condition.notify_all()
+            while self._pending_responses and self._pending_responses[0][0] <= time.monotonic():
+                _, _, sock, data = heapq.heappop(self._pending_responses)
                 self._send(sock, data)
-        for sock in [*self._lines]:
+        for sock in [*self._partial_lines]:
             self._drop(sock)
-        self._refuse()
+        self._stop_listening()
 
-    def _follow_connection(self) -> None:
+    def _update_listener(self) -> None:
         """Close everything while the instrument is unreachable, and listen again afterwards."""
         if not self._instrument.connected:
-            for sock in [*self._lines]:
+            for sock in [*self._partial_lines]:
                 self._drop(sock)
-            self._refuse()
+            self._stop_listening()
         elif self._listener is None:
             self._listen()
 
-    def _refuse(self) -> None:
+    def _stop_listening(self) -> None:
         if self._listener is not None:
             self._selector.unregister(self._listener)
             self._listener.close()
@@ -126,11 +126,11 @@ class ScpiServer(Closing):
             return
         sock, _ = self._listener.accept()
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._lines[sock] = b""
+        self._partial_lines[sock] = b""
         self._selector.register(sock, selectors.EVENT_READ)
 
     def _drop(self, sock: socket.socket) -> None:
-        del self._lines[sock]
+        del self._partial_lines[sock]
         self._selector.unregister(sock)
         sock.close()
 
@@ -139,23 +139,23 @@ class ScpiServer(Closing):
             data = sock.recv(65536)
         except OSError:
             data = b""
-        if not data or len(self._lines[sock]) > _LONGEST_LINE:
+        if not data or len(self._partial_lines[sock]) > _MAX_LINE_LENGTH:
             self._drop(sock)
             return
-        lines, self._lines[sock] = messages_in(self._lines[sock] + data)
+        lines, self._partial_lines[sock] = split_received(self._partial_lines[sock] + data)
         for line in lines:
             reply = self._instrument.handle(line)
             if reply is None:
                 continue
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
             wait = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-            if wait > _SHORTEST_WAIT_S:
-                heapq.heappush(self._due, (time.monotonic() + wait, next(self._order), sock, out))
+            if wait > _MIN_WAIT_S:
+                heapq.heappush(self._pending_responses, (time.monotonic() + wait, next(self._sequence), sock, out))
             else:
                 self._send(sock, out)
 
     def _send(self, sock: socket.socket, data: bytes) -> None:
-        if sock not in self._lines:
+        if sock not in self._partial_lines:
             return
         try:
             sock.sendall(data)

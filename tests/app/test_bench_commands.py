@@ -7,22 +7,22 @@ from typing import Any
 
 import pytest
 
-from app.archive.description import broken_on_purpose
+from app.archive.description import injected_faults
 from app.cli.main import main
 from app.common.errors import DONE, FAILED, UNSAFE, USAGE
 from app.config.bench_file import load_bench
-from app.config.discovery import find
+from app.config.discovery import find_devices
 from app.session.connect import connect
 from app.session.fault_injection import FaultPlan
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError
-from drivers.transport.visa import resources
-from protocols.base.events import Noted, Status
+from drivers.transport.visa import list_resources
+from protocols.base.events import LogMessage, RunStatus
 from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.faults import FAULTS
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.wires.usbtmc_bus import PRODUCT, SERIAL, VENDOR, UsbTmcBus
@@ -71,14 +71,14 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
     assert main([*arguments, "--fault", "card-overrun@3"]) == UNSAFE
     with Run(next(tmp_path.glob("*.h5"))) as file:
         assert 2.0 < file.trace.duration_s <= 3.1
-        path, ((fault, words, from_s, until_s),) = file.path, broken_on_purpose(file)
-        assert (fault, words, until_s) == ("card-overrun", FAULTS["card-overrun"], None)
+        path, ((fault, words, from_s, until_s),) = file.path, injected_faults(file)
+        assert (fault, words, until_s) == ("card-overrun", FAULT_DESCRIPTIONS["card-overrun"], None)
         assert from_s == pytest.approx(3.0, abs=0.15)
     said = " ".join(capsys.readouterr().err.split())
     assert "lost samples" in said
-    assert f"broken on purpose: {FAULTS['card-overrun']}" in said
+    assert f"broken on purpose: {FAULT_DESCRIPTIONS['card-overrun']}" in said
     assert main(["show", str(path)]) == DONE
-    assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULTS['card-overrun']} (card-overrun)" in (
+    assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
         capsys.readouterr().out
     )
     assert main(["show", str(path), "--json"]) == DONE
@@ -108,16 +108,16 @@ def test_a_real_bench_cannot_be_broken_on_purpose(tmp_path: Path, capsys: Any) -
 def test_the_faults_are_listed_with_words(capsys: Any) -> None:
     assert main(["faults"]) == DONE
     out = capsys.readouterr().out
-    assert all(name in out and words in out for name, words in FAULTS.items())
+    assert all(name in out and words in out for name, words in FAULT_DESCRIPTIONS.items())
 
 
 def test_a_plan_reaches_the_hands_of_an_open_bench_for_the_window() -> None:
     plan = FaultPlan()
-    with plan.around(lambda: connect(simulated(), None))() as lab:
+    with plan.wrap(lambda: connect(simulated(), None))() as lab:
         plan.inject("sensor-stuck")
-        assert lab.control.faults.all_active() == ("sensor-stuck",)
+        assert lab.control.faults.active_faults() == ("sensor-stuck",)
         plan.clear()
-        assert lab.control.faults.all_active() == ()
+        assert lab.control.faults.active_faults() == ()
     with pytest.raises(Exception, match="only an open simulated bench can be broken"):
         plan.inject("sensor-stuck")
 
@@ -127,13 +127,15 @@ def test_a_plan_reaches_the_hands_of_an_open_bench_for_the_window() -> None:
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[ServedBench]:
-    with ServedBench(VirtualBench(clock=WallClock(1.0))) as bench:
+    with ServedBench(SimulatedBench(clock=WallClock(1.0))) as bench:
         yield bench
 
 
 @pytest.fixture
 def addresses(served: ServedBench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr("drivers.transport.visa.resources", lambda: ([], []))  # its search of the LAN takes a second
+    monkeypatch.setattr(
+        "drivers.transport.visa.list_resources", lambda: ([], [])
+    )  # its search of the LAN takes a second
     return ["--host", f"127.0.0.1:{served.scpi.port}", "--server", f"127.0.0.1:{served.card.port}"]
 
 
@@ -157,14 +159,14 @@ def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], caps
 
 
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:
-    names, notes = resources()
+    names, notes = list_resources()
     assert all("::" in name for name in names)
     assert all(note.endswith(("libusb-1.0)", "host you name")) for note in notes)
 
 
 def test_a_box_on_usb_is_found_with_the_driver_that_knows_it() -> None:
-    with UsbTmcBus(VirtualBench().port) as bus:
-        found, _ = find()
+    with UsbTmcBus(SimulatedBench().message_port) as bus:
+        found, _ = find_devices()
     (box,) = [one for one in found if one.where.startswith("USB")]
     assert (box.role, box.driver, box.serial) == ("generator", "keysight-33500", SERIAL)
     assert [int(number, 0) for number in box.where.split("::")[1:3]] == [VENDOR, PRODUCT]
@@ -185,7 +187,7 @@ def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str]
 
 
 def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.cli.bench.find", lambda hosts, server: ([], []))
+    monkeypatch.setattr("app.cli.bench.find_devices", lambda hosts, server: ([], []))
     assert main(["bench", "new", str(tmp_path / "b.toml")]) == DONE
     assert not load_bench(str(tmp_path / "b.toml")).simulated
 
@@ -209,8 +211,8 @@ def test_an_expired_calibration_is_a_warning_in_events_points_and_file(day: str,
     config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"expires": day})})
     with laboratory(config) as lab:
         ran = run(SineDwell(frequencies_hz=(200,), record_s=0.1), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
-    assert any("expired on 2020-01-31" in e.text for e in ran.events if isinstance(e, Noted)) == flagged
+    assert ran.status == RunStatus.COMPLETED
+    assert any("expired on 2020-01-31" in e.text for e in ran.events if isinstance(e, LogMessage)) == flagged
     quality = Quality(ran.points[0].quality)
     assert (Quality.CALIBRATION_EXPIRED in quality) == flagged
     assert quality.usable

@@ -11,30 +11,30 @@ from pathlib import Path
 import pytest
 
 from app.campaign.campaign import Campaign
-from app.campaign.plan import PAPER, CampaignError, Item, campaign_path
-from app.campaign.queue import Conductor, rehearse_campaign
-from app.campaign.status import Next, Standing
-from app.campaign.summary import believed, identified
+from app.campaign.plan import PAPER_ITEMS, CampaignError, CampaignItem, campaign_path
+from app.campaign.queue import CampaignRunner, rehearse_campaign
+from app.campaign.status import ItemStatus, NextAction
+from app.campaign.summary import identified_tactor, identify_campaign_runs
 from app.cli.main import main
 from app.session.session import Session
 from model.parameters import Tactor
-from protocols.base.events import Asked, Event, Noted, RunStarted
+from protocols.base.events import Event, LogMessage, PromptShown, RunStarted
 from protocols.base.steps import Prompt
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
 
 QUICK = (
-    Item("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
-    Item(
+    CampaignItem("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
+    CampaignItem(
         "steps",
         "voltage-steps",
         {"levels_v": (2.0, 4.0), "repeats": 2, "rest_s": 0.3, "read_s": 0.3, "hold_s": 0.5},
         ("wiring",),
         (Prompt("remove-membrane", "Take the membrane off.", hands_on=True),),
     ),
-    Item("dwell", "sine-dwell", {"frequencies_hz": (120, 160)}, ("steps",)),
+    CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (120, 160)}, ("steps",)),
 )
 
 
@@ -42,7 +42,7 @@ QUICK = (
 def once(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Event]]:
     """A campaign from nothing to its end; its folder and what happened."""
     folder, events = tmp_path_factory.mktemp("runs"), []
-    carry_out(Campaign.new(folder, "T1", True, QUICK), events)
+    carry_out(Campaign.create(folder, "T1", True, QUICK), events)
     return folder, events
 
 
@@ -55,62 +55,62 @@ def measured(once: tuple[Path, list[Event]], tmp_path: Path) -> tuple[Campaign, 
 
 def carry_out(campaign: Campaign, events: list[Event], most: int = 9) -> None:
     with laboratory() as lab:
-        conductor = Conductor(campaign)
+        conductor = CampaignRunner(campaign)
         session = Session(lambda: nullcontext(lab), [conductor, events.append], lab.operator)
         session.start()
         try:
-            while most and (line := campaign.next()) is not None:
+            while most and (line := campaign.next_item()) is not None:
                 most -= 1
-                conductor.begin(session, line)
+                conductor.start(session, line)
                 assert session.finished.wait(60)
         finally:
             assert session.close(10)
-        volts_are_safe(lab.control.report())
+        assert_safe_voltage(lab.control.report())
 
 
 def test_from_nothing_to_the_end(measured) -> None:
     campaign, events = measured
     lines = campaign.listed()
-    assert [line.standing for line in lines] == [Standing.DONE] * 3
+    assert [line.standing for line in lines] == [ItemStatus.DONE] * 3
     assert campaign.next() is None
-    asked = [event.prompt.action for event in events if isinstance(event, Asked)]
+    asked = [event.prompt.action for event in events if isinstance(event, PromptShown)]
     at = asked.index("remove-membrane")
     assert asked[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
-    carried = campaign.carried(campaign.items[2])
+    carried = campaign.accepted_estimates(campaign.items[2])
     assert carried["deflection per volt above rest"].value == pytest.approx(1.427e-4, rel=0.01)
     assert "latency" in carried  # of the wiring check, two items below
     # Another program reads the same from the disk.
     again = Campaign.open(campaign.path.parent, "T1")
-    assert [(line.standing, line.run, line.estimates) for line in again.listed()] == [
+    assert [(line.status, line.run, line.estimates) for line in again.item_states()] == [
         (line.standing, line.run, line.estimates) for line in lines
     ]
 
 
 def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(measured, monkeypatch) -> None:
     campaign, _ = measured
-    monkeypatch.setattr("app.campaign.campaign.CARRIED", {"settle_limit_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"settle_limit_s": "latency"})
     dwell = campaign.items[2]
     with pytest.raises(CampaignError, match=r"dwell: settle_limit_s: .* greater than or equal to 0.5"):
         campaign.protocol(dwell)  # the wiring check's 0.4 ms did arrive
-    monkeypatch.setattr("app.campaign.campaign.CARRIED", {"decay_s": "latency"})
+    monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"decay_s": "latency"})
     found = {e.name: e.value for e in campaign.line("wiring").estimates}
     assert campaign.protocol(dwell).decay_s == found["latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
     # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels tell it to a percent.
-    assert believed(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
-    assert {e.name for e in identified(campaign).estimates} == {"mu"}
+    assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
+    assert {e.name for e in identify_campaign_runs(campaign).estimates} == {"mu"}
     campaign.reject("steps")
-    assert believed(campaign).mu == Tactor().mu
+    assert identified_tactor(campaign).mu == Tactor().mu
 
 
 def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
     campaign, events = measured
     campaign.repeat("wiring")
-    assert [line.standing for line in campaign.listed()] == [Standing.MISSING, Standing.STALE, Standing.STALE]
+    assert [line.standing for line in campaign.listed()] == [ItemStatus.MISSING, ItemStatus.STALE, ItemStatus.STALE]
     assert campaign.next().item.name == "wiring"
     carry_out(campaign, events, most=1)
     lines = campaign.listed()
-    assert [line.standing for line in lines] == [Standing.DONE, Standing.STALE, Standing.STALE]
+    assert [line.standing for line in lines] == [ItemStatus.DONE, ItemStatus.STALE, ItemStatus.STALE]
     assert lines[1].reason == "wiring was measured again"
     assert campaign.next(hands_free=True) is None  # the steps want hands, and the dwell waits for them
 
@@ -118,26 +118,26 @@ def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
 def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(measured) -> None:
     campaign, _ = measured
     campaign.reject("steps")
-    assert campaign.line("steps").standing is Standing.MISSING
-    assert campaign.line("dwell").standing is Standing.STALE
+    assert campaign.line("steps").standing is ItemStatus.MISSING
+    assert campaign.line("dwell").standing is ItemStatus.STALE
     campaign.skip("steps", "no time")
-    assert campaign.line("dwell").standing is Standing.DONE
+    assert campaign.line("dwell").standing is ItemStatus.DONE
     campaign.skip("steps", "")
-    assert campaign.line("steps").standing is Standing.MISSING
+    assert campaign.line("steps").standing is ItemStatus.MISSING
 
 
 def test_a_run_that_somebody_made_by_hand_counts(tmp_path: Path) -> None:
-    Campaign.new(tmp_path, "T1", True, (Item("dwell", "sine-dwell", {"frequencies_hz": (120.0,)}),))
+    Campaign.create(tmp_path, "T1", True, (CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (120.0,)}),))
     asked = ["--speed", "max", "--out", str(tmp_path), "--specimen"]
     assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T2"]) == 0
     assert main(["run", "sine-dwell", "--set", "frequencies_hz=130", *asked, "T1"]) == 0
-    assert Campaign.open(tmp_path, "T1").line("dwell").standing is Standing.MISSING
+    assert Campaign.open(tmp_path, "T1").item_state("dwell").status is ItemStatus.MISSING
     assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T1"]) == 0
-    assert Campaign.open(tmp_path, "T1").line("dwell").standing is Standing.DONE
+    assert Campaign.open(tmp_path, "T1").item_state("dwell").status is ItemStatus.DONE
 
 
 def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
-    campaign = Campaign.new(tmp_path, "T1", True, (*QUICK, Item("free", "sine-dwell")))
+    campaign = Campaign.create(tmp_path, "T1", True, (*QUICK, CampaignItem("free", "sine-dwell")))
     campaign.move("free", before="wiring")
     assert [item.name for item in Campaign.open(tmp_path, "T1").items] == ["free", "wiring", "steps", "dwell"]
     with pytest.raises(CampaignError, match="dwell cannot stand before steps: dwell needs steps before it"):
@@ -149,7 +149,7 @@ def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
 @pytest.mark.deep
 def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps = replace(QUICK[1], settings={**QUICK[1].settings, "repeats": 8}, needs=())
-    Campaign.new(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))
+    Campaign.create(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))
     asked = ["--specimen", "T1", "--out", str(tmp_path)]
     command = [sys.executable, "-m", "app.cli.main", "campaign", "run", "--all", "--json", "--speed", "max", *asked]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as program:
@@ -159,15 +159,15 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
             if points == 5:
                 program.kill()
                 break
-    line = Campaign.open(tmp_path, "T1").line("steps")
-    assert (line.standing, line.next) == (Standing.UNFINISHED, Next.RESUME)
+    line = Campaign.open(tmp_path, "T1").item_state("steps")
+    assert (line.status, line.next_action) == (ItemStatus.UNFINISHED, NextAction.RESUME)
     assert main(["campaign", "resume", "--all", "--speed", "max", *asked]) == 0
-    lines = Campaign.open(tmp_path, "T1").listed()
-    assert [each.standing for each in lines] == [Standing.DONE, Standing.DONE]
+    lines = Campaign.open(tmp_path, "T1").item_states()
+    assert [each.status for each in lines] == [ItemStatus.DONE, ItemStatus.DONE]
     with Run(lines[0].run) as run:
-        assert run.continues == line.run
+        assert run.resumed_from == line.run
         assert {*map(int, run.points()["entry"])} == set(range(16))
-        assert any("points carried over" in e.fields["text"] for e in run.events() if e.kind == Noted.kind)
+        assert any("points carried over" in e.fields["text"] for e in run.events() if e.kind == LogMessage.kind)
     assert "done" in capsys.readouterr().out
 
 
@@ -189,7 +189,7 @@ def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["campaign", "status", "--json", *asked]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["items"][0]["item"] == "wiring"
-    assert [item["protocol"] for item in told["items"]] == [i.protocol for i in PAPER if i.protocol in PROTOCOLS]
+    assert [item["protocol"] for item in told["items"]] == [i.protocol for i in PAPER_ITEMS if i.protocol in PROTOCOLS]
     assert main(["campaign", "rehearse", *asked]) == 0
     assert "+1500 V on the specimen" in capsys.readouterr().out
 
@@ -204,7 +204,7 @@ def test_a_file_that_is_no_campaign_is_a_sentence(text: str, tmp_path: Path) -> 
 
 
 def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
-    campaign = Campaign.new(tmp_path, "T1", True, QUICK)
+    campaign = Campaign.create(tmp_path, "T1", True, QUICK)
     with laboratory() as lab:
         told = rehearse_campaign(campaign, lab.bench)
         assert [item.name for item, _ in told.items] == ["wiring", "steps", "dwell"]
@@ -219,7 +219,7 @@ def test_what_was_found_can_be_accepted_and_that_is_kept(measured) -> None:
     campaign, _ = measured
     assert not campaign.line("steps").accepted
     campaign.accept("steps")
-    assert Campaign.at(campaign.path).line("steps").accepted
+    assert Campaign.open_file(campaign.path).item_state("steps").accepted
     campaign.reject("steps")
     assert not campaign.line("steps").accepted
     with pytest.raises(CampaignError, match="steps has no run that could be accepted: it is missing"):
@@ -227,7 +227,7 @@ def test_what_was_found_can_be_accepted_and_that_is_kept(measured) -> None:
 
 
 def test_every_change_of_the_plan_can_be_taken_back(tmp_path: Path) -> None:
-    campaign = Campaign.new(tmp_path, "T1", True, (*QUICK, Item("free", "sine-dwell")))
+    campaign = Campaign.create(tmp_path, "T1", True, (*QUICK, CampaignItem("free", "sine-dwell")))
     plans = [campaign.items]
     for change in (
         lambda: campaign.move("free", "wiring"),
@@ -238,7 +238,9 @@ def test_every_change_of_the_plan_can_be_taken_back(tmp_path: Path) -> None:
         plans.append(campaign.items)
     for before in reversed(plans[:-1]):
         assert campaign.undo()
-        assert [(i.name, i.skipped) for i in Campaign.at(campaign.path).items] == [(i.name, i.skipped) for i in before]
+        assert [(i.name, i.skipped) for i in Campaign.open_file(campaign.path).items] == [
+            (i.name, i.skipped) for i in before
+        ]
     assert not campaign.undo()
     for after in plans[1:]:
         assert campaign.redo()
@@ -250,9 +252,9 @@ def test_every_change_of_the_plan_can_be_taken_back(tmp_path: Path) -> None:
 
 
 def test_the_conductor_leaves_runs_alone_that_are_not_its_own(tmp_path: Path) -> None:
-    campaign = Campaign.new(tmp_path, "T1", True, QUICK)
-    conductor = Conductor(campaign)
+    campaign = Campaign.create(tmp_path, "T1", True, QUICK)
+    conductor = CampaignRunner(campaign)
     (tmp_path / "20990101T000000Z_T1_wiring-check.h5").write_text("being written: nobody may open it")
     conductor(RunStarted("wiring-check", str(tmp_path / "20990101T000000Z_T1_wiring-check.h5"), 1.0, 1, True))
-    assert campaign.line("wiring").standing is Standing.MISSING
+    assert campaign.item_state("wiring").status is ItemStatus.MISSING
     assert not json.loads(campaign.path.read_text("utf-8"))["based_on"]

@@ -5,20 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from app.campaign.plan import PAPER, Item, known
-from app.campaign.status import Made, Next, Standing, stand
-from protocols.base.records import Estimate
+from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
+from app.campaign.status import CampaignRun, ItemStatus, NextAction, evaluate_items
+from protocols.base.records import EstimatedQuantity
 
-A, B, C = Item("a", "p"), Item("b", "q", needs=("a",)), Item("c", "r", needs=("b",))
-
-
-def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> Made:
-    found = tuple(Estimate(key, value, 0.1, "1", "") for key, value in estimates.items())
-    return Made(Path(f"{name}{at}.h5"), "T1", "p", {}, state, "why", f"2026-11-21T12:{at:02d}", points, found)
+A, B, C = CampaignItem("a", "p"), CampaignItem("b", "q", needs=("a",)), CampaignItem("c", "r", needs=("b",))
 
 
-def standings(runs: dict, based_on: dict | None = None, items: tuple[Item, ...] = (A, B, C)) -> list[tuple[str, str]]:
-    return [(line.standing, line.next) for line in stand(items, {}, runs, based_on or {})]
+def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> CampaignRun:
+    found = tuple(EstimatedQuantity(key, value, 0.1, "1", "") for key, value in estimates.items())
+    return CampaignRun(Path(f"{name}{at}.h5"), "T1", "p", {}, state, "why", f"2026-11-21T12:{at:02d}", points, found)
+
+
+def standings(
+    runs: dict, based_on: dict | None = None, items: tuple[CampaignItem, ...] = (A, B, C)
+) -> list[tuple[str, str]]:
+    return [(line.status, line.next_action) for line in evaluate_items(items, {}, runs, based_on or {})]
 
 
 def basis(need: str, run: str, **estimates: float) -> dict:
@@ -47,32 +49,36 @@ def test_how_a_run_ended_says_how_an_item_stands(state: str, points: int, expect
 
 
 def test_a_run_that_was_broken_off_later_does_not_undo_a_good_one() -> None:
-    (line, *_) = stand((A,), {}, {"a": [made("a", 1), made("a", 2, "stopped")]}, {})
-    assert line.standing is Standing.DONE
+    (line, *_) = evaluate_items((A,), {}, {"a": [made("a", 1), made("a", 2, "stopped")]}, {})
+    assert line.status is ItemStatus.DONE
     assert line.run == Path("a1.h5")
     assert "a later run is stopped" in line.reason
 
 
 def test_what_its_own_verdicts_fail_is_not_done() -> None:
-    (line, *_) = stand((A,), {}, {"a": [replace(made("a", 1), failing=("polarity",))]}, {})
-    assert (line.standing, line.next, line.reason) == (Standing.FAILED, Next.AGAIN, "did not pass: polarity")
+    (line, *_) = evaluate_items((A,), {}, {"a": [replace(made("a", 1), failing=("polarity",))]}, {})
+    assert (line.status, line.next_action, line.reason) == (
+        ItemStatus.FAILED,
+        NextAction.REPEAT,
+        "did not pass: polarity",
+    )
 
 
 def test_what_came_before_was_measured_again() -> None:
     runs = {"a": [made("a", 1, k2=7.0), made("a", 5, k2=7.0)], "b": [made("b", 2)], "c": [made("c", 3)]}
     based = {"b2.h5": basis("a", "a1.h5", k2=7.0), "c3.h5": basis("b", "b2.h5")}
-    lines = stand((A, B, C), {}, runs, based)
-    assert [(line.standing, line.reason) for line in lines] == [
-        (Standing.DONE, "why"),
-        (Standing.STALE, "a was measured again"),
-        (Standing.STALE, "b is stale"),
+    lines = evaluate_items((A, B, C), {}, runs, based)
+    assert [(line.status, line.reason) for line in lines] == [
+        (ItemStatus.DONE, "why"),
+        (ItemStatus.STALE, "a was measured again"),
+        (ItemStatus.STALE, "b is stale"),
     ]
-    assert [line.next for line in lines] == [Next.NOTHING, Next.AGAIN, Next.WAIT]
+    assert [line.next_action for line in lines] == [NextAction.NONE, NextAction.REPEAT, NextAction.WAIT]
 
 
 def test_what_came_before_tells_another_number_now() -> None:
     runs = {"a": [made("a", 1, k2=7.5)], "b": [made("b", 2)]}
-    line = stand((A, B), {}, runs, {"b2.h5": basis("a", "a1.h5", k2=7.0)})[1]
+    line = evaluate_items((A, B), {}, runs, {"b2.h5": basis("a", "a1.h5", k2=7.0)})[1]
     assert line.reason == "k2 of a changed from 7 to 7.5"
     assert standings(runs, {"b2.h5": basis("a", "a1.h5", k2=7.5)}, (A, B))[1] == ("done", "")
 
@@ -88,15 +94,15 @@ def test_what_is_skipped_is_not_waited_for() -> None:
 
 
 def test_the_paper_orders_k2_before_mu_before_c0_before_c_s() -> None:
-    by_name = {item.name: item for item in PAPER}
+    by_name = {item.name: item for item in PAPER_ITEMS}
     order = list(by_name)
-    assert all(order.index(need) < order.index(item.name) for item in PAPER for need in item.needs)
+    assert all(order.index(need) < order.index(item.name) for item in PAPER_ITEMS for need in item.needs)
 
     def below(name: str) -> set[str]:
         return {n for need in by_name[name].needs for n in {need} | below(need)}
 
     assert {"loading", "resonance"} <= below("steps") < below("dwell") < below("membrane")
-    left = known(PAPER, {"wiring-check", "sine-dwell", "membrane-series"})
+    left = drop_unknown_protocols(PAPER_ITEMS, {"wiring-check", "sine-dwell", "membrane-series"})
     assert [(item.name, item.needs) for item in left] == [
         ("wiring", ()),
         ("dwell", ("wiring",)),

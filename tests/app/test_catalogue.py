@@ -6,9 +6,9 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.archive.catalogue import Catalogue, Scanned, index_path
+from app.archive.catalogue import Catalogue, ScanResult, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
-from app.archive.run_summary import Entry, State, Wanted, read_since
+from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 
 
@@ -26,7 +26,7 @@ def catalogue(folder: Path, tmp_path: Path) -> Catalogue:
     return made
 
 
-def named(catalogue: Catalogue) -> dict[str, Entry]:
+def named(catalogue: Catalogue) -> dict[str, RunSummary]:
     return {entry.specimen: entry for entry in catalogue.entries()}
 
 
@@ -36,12 +36,12 @@ def test_every_run_is_listed_with_what_its_file_says(catalogue: Catalogue) -> No
     one = entries["T7"]
     assert (one.state, one.protocol, one.simulated, one.points) == ("completed", "sine-dwell", 1, 2)
     assert one.found == "resonance frequency 158.350 ± 0.010 Hz"
-    assert one.begun is not None
+    assert one.started_at is not None
 
 
 def test_what_has_not_changed_is_not_read_again(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.archive.catalogue.read_entry", lambda *_: pytest.fail("it was read"))
-    assert catalogue.scan() == Scanned()
+    monkeypatch.setattr("app.archive.catalogue.read_run_summary", lambda *_: pytest.fail("it was read"))
+    assert catalogue.scan() == ScanResult()
 
 
 def test_files_added_moved_and_deleted_outside_are_noticed(catalogue: Catalogue, folder: Path) -> None:
@@ -50,7 +50,7 @@ def test_files_added_moved_and_deleted_outside_are_noticed(catalogue: Catalogue,
     paths["T7"].rename(folder / "old" / paths["T7"].name)
     paths["T8"].unlink()
     finished_run(folder, "T9")
-    assert catalogue.scan() == Scanned(added=2, removed=2)
+    assert catalogue.scan() == ScanResult(added=2, removed=2)
     entries = named(catalogue)
     assert entries.keys() == {"T7", "T9"}
     assert entries["T7"].path == f"old/{paths['T7'].name}"
@@ -64,7 +64,7 @@ def test_the_index_can_be_thrown_away(damage: str, catalogue: Catalogue) -> None
     elif damage == "no database":
         catalogue.index.write_bytes(b"nothing of the kind" * 500)
     else:
-        with catalogue._connected() as db:
+        with catalogue._connection() as db:
             db.execute("PRAGMA user_version = 999")
     assert catalogue.entries() == []
     catalogue.scan()
@@ -74,7 +74,7 @@ def test_the_index_can_be_thrown_away(damage: str, catalogue: Catalogue) -> None
 def test_tags_and_notes_outlive_the_index_and_a_move(catalogue: Catalogue, folder: Path) -> None:
     run = folder / named(catalogue)["T7"].path
     write_notes(run, Notes(("good", "für Anna"), 'second try, "new" glue\n\x7f'))
-    assert catalogue.scan() == Scanned(changed=1)
+    assert catalogue.scan() == ScanResult(changed=1)
     catalogue.index.unlink()
     (folder / "moved").mkdir()
     run.rename(folder / "moved" / run.name)  # alone: the notes stay where they were
@@ -133,8 +133,8 @@ def test_each_kind_of_trouble_is_shown_for_what_it_is(tmp_path: Path) -> None:
 def test_a_run_of_this_program_that_is_being_written_is_listed_unopened(catalogue: Catalogue, folder: Path) -> None:
     path = folder / "20261121T091502Z_T1_sine-dwell.h5"
     path.write_bytes(b"whatever is there by now")
-    catalogue.scan(leave=[path])
-    assert (named(catalogue)["T1"].state, named(catalogue)["T1"].protocol) == (State.RUNNING, "sine-dwell")
+    catalogue.scan(exclude=[path])
+    assert (named(catalogue)["T1"].state, named(catalogue)["T1"].protocol) == (RunState.RUNNING, "sine-dwell")
 
 
 def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
@@ -142,11 +142,11 @@ def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
 ) -> None:
     path = crashed_run(folder, "T3")
     with monkeypatch.context() as alive:
-        alive.setattr("protocols.runfile.reader._alive", lambda _: True)
+        alive.setattr("protocols.runfile.reader._process_is_alive", lambda _: True)
         catalogue.scan()
         assert named(catalogue)["T3"].state == "running"
     before = path.stat().st_mtime_ns
-    assert catalogue.scan() == Scanned(changed=1)
+    assert catalogue.scan() == ScanResult(changed=1)
     assert named(catalogue)["T3"].state == "crashed"
     assert path.stat().st_mtime_ns == before
 
@@ -154,40 +154,40 @@ def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
 def test_a_scan_can_be_stopped_and_goes_on_later(folder: Path, tmp_path: Path) -> None:
     catalogue = Catalogue(folder, tmp_path / "other.sqlite")
     told: list[tuple[int, int]] = []
-    scanned = catalogue.scan(told=lambda done, all_: told.append((done, all_)), stopped=lambda: len(told) == 1)
-    assert not scanned.whole
+    scanned = catalogue.scan(progress=lambda done, all_: told.append((done, all_)), cancelled=lambda: len(told) == 1)
+    assert not scanned.complete
     assert told == [(1, 2)]
     assert len(catalogue.entries()) == 1
-    assert catalogue.scan() == Scanned(added=1)
+    assert catalogue.scan() == ScanResult(added=1)
 
 
 def test_a_folder_that_is_not_there_yet_is_empty(tmp_path: Path) -> None:
     catalogue = Catalogue(tmp_path / "none", tmp_path / "index.sqlite")
-    assert catalogue.scan() == Scanned()
+    assert catalogue.scan() == ScanResult()
     assert catalogue.entries() == []
 
 
 def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> None:
     shutil.copytree(folder, folder / ".trash")
-    assert catalogue.scan() == Scanned()
+    assert catalogue.scan() == ScanResult()
 
 
 @pytest.mark.parametrize(
     ("wanted", "found"),
     [
-        (Wanted(), {"T7", "T8"}),
-        (Wanted(specimen="T7"), {"T7"}),
-        (Wanted(words="resonance t8"), {"T8"}),
-        (Wanted(words="simulated COMPLETED"), {"T7", "T8"}),
-        (Wanted(words="t7 t8"), set()),
-        (Wanted(protocol="steps"), set()),
-        (Wanted(state="completed"), {"T7", "T8"}),
-        (Wanted(since="2000"), {"T7", "T8"}),
-        (Wanted(since="2999"), set()),
+        (RunFilter(), {"T7", "T8"}),
+        (RunFilter(specimen="T7"), {"T7"}),
+        (RunFilter(search_text="resonance t8"), {"T8"}),
+        (RunFilter(search_text="simulated COMPLETED"), {"T7", "T8"}),
+        (RunFilter(search_text="t7 t8"), set()),
+        (RunFilter(protocol="steps"), set()),
+        (RunFilter(state="completed"), {"T7", "T8"}),
+        (RunFilter(since="2000"), {"T7", "T8"}),
+        (RunFilter(since="2999"), set()),
     ],
 )
-def test_filters(wanted: Wanted, found: set[str], catalogue: Catalogue) -> None:
-    assert {e.specimen for e in wanted.among(catalogue.entries())} == found
+def test_filters(wanted: RunFilter, found: set[str], catalogue: Catalogue) -> None:
+    assert {e.specimen for e in wanted.apply(catalogue.entries())} == found
 
 
 @pytest.mark.parametrize("text", ["2026-11-21", "2026-11", "today", "7d", "12 h"])

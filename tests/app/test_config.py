@@ -8,7 +8,7 @@ from pydantic import BaseModel
 from app.common.units import UnitError, to_number
 from app.config.bench_file import BenchConfig, ConfigError, load_bench
 from drivers.sensors.laser_sensor import LaserSensor
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.plant.parameters import SimulationParameters
 
 
 def load(folder: Path, text: str) -> BenchConfig:
@@ -20,8 +20,8 @@ def load(folder: Path, text: str) -> BenchConfig:
 def test_the_bench_that_comes_with_the_program_names_its_whole_truth() -> None:
     config = load_bench("sim")
     assert config.simulated
-    assert set(config.simulation["tactor"]) == set(BenchTruth().tactor.__dataclass_fields__)
-    sensor = config.sensor.sensor
+    assert set(config.simulation["tactor"]) == set(SimulationParameters().tactor.__dataclass_fields__)
+    sensor = config.sensor.laser_sensor
     assert sensor.delay_s == pytest.approx(1e-4)
     expected = LaserSensor(
         "simulated laser displacement sensor", 1e-4, 0.0, -10, 10, sensor.delay_s, 0.002, "SIM-1", ""

@@ -17,12 +17,12 @@ import pytest
 from rich.console import Console
 
 from app.cli.console import ConsoleObserver, JsonObserver
-from app.cli.headless import headless
-from app.cli.prompts import KEYS, ConsoleOperator
-from app.plotting.run_figure import figure_of
-from app.session.session import BenchOpened, Refused
+from app.cli.headless import headless_session
+from app.cli.prompts import KEY_HELP, ConsoleOperator
+from app.plotting.run_figure import run_figure
+from app.session.session import BenchOpened, RunRejected
 from model.parameters import Tactor
-from protocols.base.events import Answered, Armed, Noted, PointMeasured, RunStarted
+from protocols.base.events import BenchArmed, LogMessage, PointMeasured, PromptAnswered, RunStarted
 from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
@@ -92,7 +92,7 @@ class Told:
         self.wishes: list[str] = []
 
     @property
-    def pausing(self) -> bool:
+    def pause_requested(self) -> bool:
         return self.wishes[-1:] == ["pause"]
 
     def pause(self) -> None:
@@ -118,14 +118,14 @@ def test_what_is_typed_at_a_prompt_answers_it_and_pauses_nothing(keyboard: Any, 
     operator, told = ConsoleOperator(), Told()
     with operator.listening(told):
         keyboard("\nwhat\n")
-        assert waited(lambda: capsys.readouterr().err or None, 5) == f"  nothing is asked now; {KEYS}\n"
+        assert waited(lambda: capsys.readouterr().err or None, 5) == f"  nothing is asked now; {KEY_HELP}\n"
         operator.show(5, DISABLE_HIGH_VOLTAGE)
         keyboard("p\n")
         assert waited(lambda: operator.answer(5), 0.2) is None
         keyboard("\n")
         assert waited(lambda: operator.answer(5), 5) == "done"
         operator.show(6, ENABLE_HIGH_VOLTAGE)
-        operator(Answered(6, "seen by the laser"))
+        operator(PromptAnswered(6, "seen by the laser"))
         keyboard("p\n")
         assert waited(lambda: told.after(1), 5) == ["pause"]
     assert operator.answer(6) is None
@@ -138,19 +138,19 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
         kinds.append(event.kind)
         if kinds.count("EntryBegan") == 2 and kinds[-1] == "EntryBegan":
             keyboard("p\n")
-            waited(lambda: front.session.pausing or None, 5)
+            waited(lambda: front.session.pause_requested or None, 5)
         elif kinds[-1] == "Paused":
             keyboard("\n")
 
     options = argparse.Namespace(json=False, bench="sim")
-    with headless(simulated(), None, options, [watch]) as front:
+    with headless_session(simulated(), None, options, [watch]) as front:
         front.session.run(SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5), tmp_path, "T1")
         front.wait()
         assert front.session.outcome == ("completed", "all points measured")
     kept = [kind for kind in kinds if kind in ("EntryBegan", "PointMeasured", "Paused", "Resumed")]
     assert kept == ["EntryBegan", "PointMeasured", "EntryBegan", "Paused", "Resumed", "EntryBegan", "PointMeasured"]
     told = capsys.readouterr().err
-    assert f".h5; {KEYS}" in told
+    assert f".h5; {KEY_HELP}" in told
     assert "paused: the card sees 2.500 V" in told
     assert "goes on" in told
 
@@ -158,7 +158,7 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
 def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     operator = ConsoleOperator()
-    operator._read(4, DISABLE_HIGH_VOLTAGE)
+    operator._read_answer(4, DISABLE_HIGH_VOLTAGE)
     assert "standard input has ended, so nobody can answer here" in capsys.readouterr().err
     assert operator.answer(4) is None
 
@@ -169,7 +169,7 @@ def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: An
 def test_an_armed_bench_is_told_with_its_high_voltage(needed: bool, says: str) -> None:
     out = io.StringIO()
     with ConsoleObserver(Console(file=out, width=200)) as told:
-        told(Armed(needed))
+        told(BenchArmed(needed))
     assert f"rest is measured; {says}" in out.getvalue()
 
 
@@ -178,8 +178,8 @@ def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:
     with ConsoleObserver(Console(file=out, width=200)) as told:
         told(BenchOpened("bench [red]1[/]", True, {"sensor": "LK [bold]G82"}))
         told(RunStarted("sine-dwell", "/runs/[red]x.h5", 1.0, 1, True))
-        told(Noted("a :warning: [/nothing] note"))
-        told(Refused("cannot write [1:2] to [green]here"))
+        told(LogMessage("a :warning: [/nothing] note"))
+        told(RunRejected("cannot write [1:2] to [green]here"))
     for words in (
         "bench [red]1[/]",
         "LK [bold]G82",
@@ -240,6 +240,6 @@ def test_the_picture_has_the_amplifier_that_the_run_had(tmp_path: Path) -> None:
         with laboratory(config.model_copy(update={"amplifier": table})) as lab:
             ran = run(SHORT, tmp_path, lab)
         with Run(ran.path) as file:
-            curve = figure_of(file, Tactor()).axes[0].lines[0]
+            curve = run_figure(file, Tactor()).axes[0].lines[0]
         tops.append(curve.get_ydata().max())
     assert tops[1] == pytest.approx(tops[0] / 2, rel=1e-6)

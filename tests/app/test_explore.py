@@ -12,64 +12,64 @@ from threading import Event
 import numpy as np
 import pytest
 
-from app.archive.replay import Measured, read_measured
+from app.archive.replay import MeasuredResponse, read_measured_response
 from app.cli.main import main
 from app.cli.model_options import read_settings
-from app.common.undo import History
-from app.explore.engine import Answerer, Question
+from app.common.undo import UndoHistory
+from app.explore.engine import ExploreRequest, ResponseEngine
 from app.explore.fit import fit_runs
 from app.explore.sliders import GROUPS, SLIDERS
-from app.explore.state import TITLES, Setting, difference, preset, study_of
-from app.live.latest_only import Latest
+from app.explore.state import PRESET_TITLES, ExploreSetting, describe_difference, make_preset, make_study
+from app.live.latest_only import LatestOnlyWorker
 from model.identification.fit_options import FitCancelled
 from model.parameter_spec import ParameterError
 from model.response.frequency_response import amplifier_response
-from model.specimen import Specimen, changed, variables
-from model.studies.parameter_study import PRESETS
-from protocols.runfile.reader import RunError
+from model.specimen import Specimen, replace_variables, variable_specs
+from model.studies.parameter_study import STUDY_PRESETS
+from protocols.runfile.reader import RunReadError
 from tests.helpers.run_files import crashed_run, finished_run
 
 
 def test_every_variable_of_the_model_has_a_slider_that_holds_its_default() -> None:
-    assert SLIDERS.keys() == variables().keys()
+    assert SLIDERS.keys() == variable_specs().keys()
     assert sum(len(group) for group in GROUPS.values()) == len(SLIDERS)
     for name, slider in SLIDERS.items():
-        value = Setting().value(name)
+        value = ExploreSetting().value(name)
         assert slider.low <= value <= slider.high
-        assert slider.value(slider.place(value)) == pytest.approx(value, rel=1e-3, abs=1e-12)
-        assert variables()[name].admits([slider.low, slider.high]).all()
+        assert slider.value_at(slider.position(value)) == pytest.approx(value, rel=1e-3, abs=1e-12)
+        assert variable_specs()[name].is_valid([slider.low, slider.high]).all()
 
 
 def test_all_values_at_once_are_those_one_by_one() -> None:
-    for name in TITLES:
-        setting = preset(name).setting
-        assert setting.everything == {n: setting.value(n) for n in SLIDERS}
+    for name in PRESET_TITLES:
+        setting = make_preset(name).setting
+        assert setting.all_values == {n: setting.value(n) for n in SLIDERS}
 
 
 def test_a_skin_slider_puts_the_tactor_on_the_skin_and_what_follows_follows() -> None:
-    setting = Setting().moved("delta", 0.01)
+    setting = ExploreSetting().with_value("delta", 0.01)
     assert setting.on_skin
-    free, stretched = Setting().value("k_s"), setting.value("k_s")
+    free, stretched = ExploreSetting().value("k_s"), setting.value("k_s")
     assert stretched > 5 * free
-    pinned = setting.moved("k_s", 123.0)
-    assert pinned.moved("delta", 0.05).value("k_s") == 123.0
-    assert pinned.reset("k_s") == setting
+    pinned = setting.with_value("k_s", 123.0)
+    assert pinned.with_value("delta", 0.05).value("k_s") == 123.0
+    assert pinned.with_default("k_s") == setting
 
 
 @pytest.mark.parametrize("kind", ["json", "toml", "file"])
-@pytest.mark.parametrize("name", TITLES)
+@pytest.mark.parametrize("name", PRESET_TITLES)
 def test_copied_parameters_are_understood_by_set(kind: str, name: str, tmp_path: Path) -> None:
-    setting = preset(name).setting.moved("m_add", 5e-3)
+    setting = make_preset(name).setting.with_value("m_add", 5e-3)
     text = setting.as_json() if kind == "json" else setting.as_toml()
     if kind == "file":
         (tmp_path / "tactor.toml").write_text(text, "utf-8")
         text = f"@{tmp_path / 'tactor.toml'}"
-    got = changed(Specimen(), read_settings([text]))
+    got = replace_variables(Specimen(), read_settings([text]))
     assert (got.tactor, got.skin) == (setting.specimen.tactor, setting.specimen.skin)
 
 
 def test_the_command_takes_what_was_copied(capsys: pytest.CaptureFixture[str]) -> None:
-    text = Setting().moved("m_add", 1.75e-3).as_toml()
+    text = ExploreSetting().with_value("m_add", 1.75e-3).as_toml()
     assert tomllib.loads(text)["m_add"] == 1.75e-3
     assert main(["model", "modes", "--json", "--set", text]) == 0
     assert json.loads(capsys.readouterr().out)["undamped"]["free_frequency"][0] == pytest.approx(300.9, abs=0.1)
@@ -82,70 +82,72 @@ def test_a_text_of_many_that_is_none_gets_a_sentence(text: str, capsys: pytest.C
 
 
 def test_presets_are_the_papers_studies() -> None:
-    for name, make in PRESETS.items():
-        study, begin = make(), preset(name)
-        question = Question(begin.setting, begin.kept, 250.0, 160.0)
-        *_, picture = Answerer().pictures(question)
-        assert picture.kept is not None
-        for line, row in zip(picture.kept, study.run().values, strict=True):
+    for name, make in STUDY_PRESETS.items():
+        study, begin = make(), make_preset(name)
+        question = ExploreRequest(begin.setting, begin.kept_curves, 250.0, 160.0)
+        *_, picture = ResponseEngine().compute(question)
+        assert picture.kept_curves is not None
+        for line, row in zip(picture.kept_curves, study.run().values, strict=True):
             np.testing.assert_allclose(np.interp(100.0, line.frequency_hz, line.twice_fundamental), row[99], rtol=2e-3)
 
 
 def test_undo_goes_back_a_slider_at_a_time() -> None:
-    history = History(Setting())
+    history = UndoHistory(ExploreSetting())
     for mass in (1e-3, 2e-3, 3e-3):
-        history.go(history.now.moved("m_add", mass), "m_add")
-    history.go(history.now.moved("delta", 0.01), "delta")
+        history.push(history.current.with_value("m_add", mass), "m_add")
+    history.push(history.current.with_value("delta", 0.01), "delta")
     assert history.undo()
-    assert history.now.values == {"m_add": 3e-3}
+    assert history.current.values == {"m_add": 3e-3}
     assert history.undo()
-    assert history.now == Setting()
+    assert history.current == ExploreSetting()
     assert not history.undo()
     assert history.redo()
-    assert history.now.values == {"m_add": 3e-3}
-    history.go(Setting())
+    assert history.current.values == {"m_add": 3e-3}
+    history.push(ExploreSetting())
     assert not history.can_redo
 
 
 def test_differences_in_words() -> None:
-    old = Setting().moved("m_add", 1e-3)
-    assert difference(old, old.moved("m_add", 2e-3)) == "m_add = 2 g"
-    assert difference(Setting(), Setting()) == "Table I"
+    old = ExploreSetting().with_value("m_add", 1e-3)
+    assert describe_difference(old, old.with_value("m_add", 2e-3)) == "m_add = 2 g"
+    assert describe_difference(ExploreSetting(), ExploreSetting()) == "Table I"
 
 
 def test_a_study_varies_what_the_kept_curves_do_else_the_slider() -> None:
-    begin = preset("fig10")
-    assert study_of(begin.setting, begin.kept, "E_m", (100.0,)).vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
-    alone = study_of(Setting(), (), "delta", (100.0, 200.0))
+    begin = make_preset("fig10")
+    assert make_study(begin.setting, begin.kept_curves, "E_m", (100.0,)).vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
+    alone = make_study(ExploreSetting(), (), "delta", (100.0, 200.0))
     assert alone.shape == (9,)
     assert alone.run().values.shape == (9, 2)
 
 
 def test_what_is_not_physical_is_refused() -> None:
     with pytest.raises(ParameterError, match="L1"):
-        _ = Setting().moved("L1", 16e-3).specimen
+        _ = ExploreSetting().with_value("L1", 16e-3).specimen
 
 
 def test_measured_points_come_in_order_with_their_drive(tmp_path: Path) -> None:
-    run = read_measured(finished_run(tmp_path, frequencies=(160.0, 100.0)))
+    run = read_measured_response(finished_run(tmp_path, frequencies=(160.0, 100.0)))
     assert run.frequency_hz.tolist() == [100.0, 160.0]
     assert (run.simulated, run.peak_to_peak_v, run.usable.all()) == (True, 5.0, True)
-    assert len(read_measured(crashed_run(tmp_path)).frequency_hz) == 1
+    assert len(read_measured_response(crashed_run(tmp_path)).frequency_hz) == 1
     (tmp_path / "x.h5").write_text("nothing")
-    with pytest.raises(RunError, match=r"x\.h5"):
-        read_measured(tmp_path / "x.h5")
+    with pytest.raises(RunReadError, match=r"x\.h5"):
+        read_measured_response(tmp_path / "x.h5")
 
 
 @pytest.mark.parametrize(("truth", "begin"), [
-    (Setting({"m_add": 6.5e-3, "c0": 210.0, "mu": -1.1e-5}), Setting()),
-    (Setting({"delta": 0.01, "k_s": 9e3, "c_s": 420.0}, on_skin=True), Setting({"delta": 0.01}, on_skin=True)),
+    (ExploreSetting({"m_add": 6.5e-3, "c0": 210.0, "mu": -1.1e-5}), ExploreSetting()),
+    (ExploreSetting({"delta": 0.01, "k_s": 9e3, "c_s": 420.0}, on_skin=True), ExploreSetting({"delta": 0.01}, on_skin=True)),
 ])  # fmt: skip
-def test_a_fit_finds_the_parameters_the_points_were_made_with(truth: Setting, begin: Setting, tmp_path: Path) -> None:
+def test_a_fit_finds_the_parameters_the_points_were_made_with(
+    truth: ExploreSetting, begin: ExploreSetting, tmp_path: Path
+) -> None:
     specimen = truth.specimen
     f = np.array([25, 50, 75, 100, 125, 150, 160, 170, 185, 200, 225, 250], float)
     made = amplifier_response(specimen.tactor, f, skin=specimen.skin)
     size = np.abs(made.fundamental)
-    run = Measured(
+    run = MeasuredResponse(
         tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, 2 * size, 0 * f + 1e-7,
         np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
     )  # fmt: skip
@@ -157,13 +159,13 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(truth: Setting, be
 
 def test_a_fit_can_be_cancelled(tmp_path: Path) -> None:
     with pytest.raises(FitCancelled):
-        fit_runs([read_measured(finished_run(tmp_path))], Setting(), lambda: True)
+        fit_runs([read_measured_response(finished_run(tmp_path))], ExploreSetting(), lambda: True)
 
 
 def test_a_fit_without_a_usable_point_is_a_sentence(tmp_path: Path) -> None:
-    run = read_measured(finished_run(tmp_path))
+    run = read_measured_response(finished_run(tmp_path))
     with pytest.raises(ValueError, match="no usable point"):
-        fit_runs([replace(run, usable=np.zeros(2, bool))], Setting())
+        fit_runs([replace(run, usable=np.zeros(2, bool))], ExploreSetting())
 
 
 def test_of_many_questions_the_newest_is_answered() -> None:
@@ -180,11 +182,11 @@ def test_of_many_questions_the_newest_is_answered() -> None:
         if answer == "second of 4":
             done.set()
 
-    latest = Latest(compute, tell, "test")
-    latest.ask(1)
+    latest = LatestOnlyWorker(compute, tell, "test")
+    latest.submit(1)
     begun.wait(10)
     for question in (2, 3, 4):
-        latest.ask(question)
+        latest.submit(question)
     go_on.set()
     done.wait(10)
     latest.close()
@@ -202,10 +204,10 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
         told.append(answer)
         heard.set()
 
-    latest = Latest(compute, tell, "test")
+    latest = LatestOnlyWorker(compute, tell, "test")
     for question in (0, 2):
         heard.clear()
-        latest.ask(question)
+        latest.submit(question)
         heard.wait(10)
     latest.close()
     assert isinstance(told[0], ZeroDivisionError)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.export import ExportError, export
+from app.archive.export import ExportError, export_run
 from app.cli.main import main
 from protocols.runfile.reader import Run
 from tests.helpers.run_files import crashed_run, finished_run
@@ -25,7 +25,7 @@ def sheet(file: Path) -> list[list[str]]:
 
 def test_csv_has_units_in_every_header_and_simulated_in_every_name(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
-        files = {f.stem.rpartition("_")[2]: f for f in export(run, tmp_path / "out", "csv")}
+        files = {f.stem.rpartition("_")[2]: f for f in export_run(run, tmp_path / "out", "csv")}
     assert files.keys() == {"about", "points", "estimates", "events", "raw"}
     assert all("SIMULATED" in f.name for f in files.values())
     points = sheet(files["points"])
@@ -40,7 +40,7 @@ def test_csv_has_units_in_every_header_and_simulated_in_every_name(path: Path, t
 
 def test_raw_samples_keep_their_time_over_a_gap(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
-        (file,) = export(run, tmp_path / "out", "csv", ("raw",))
+        (file,) = export_run(run, tmp_path / "out", "csv", ("raw",))
     head, *rows = sheet(file)
     assert head == ["time [s]", "drive [V]", "displacement [m]"]
     t, drive, moved = np.array(rows, float).T
@@ -52,7 +52,7 @@ def test_raw_samples_keep_their_time_over_a_gap(path: Path, tmp_path: Path) -> N
 
 def test_json_holds_the_same(path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
-        (file,) = export(run, tmp_path / "out", "json")
+        (file,) = export_run(run, tmp_path / "out", "json")
         drive = run.trace.drive_v()
     got = json.loads(file.read_text("utf-8"))
     assert got["points"]["frequency"] == [100.0, 160.0]
@@ -65,7 +65,7 @@ def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None
     from scipy.io import loadmat
 
     with Run(path) as run:
-        (file,) = export(run, tmp_path / "out", "mat")
+        (file,) = export_run(run, tmp_path / "out", "mat")
         moved = run.trace.displacement_m()
     got = loadmat(file, simplify_cells=True)
     np.testing.assert_allclose(got["points"]["frequency"], [100.0, 160.0])
@@ -78,25 +78,25 @@ def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize("kind", ["csv", "json", "mat"])
 def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
-        assert export(run, tmp_path / "out", kind, ("raw",), stopped=lambda: True) == []  # type: ignore[arg-type]
+        assert export_run(run, tmp_path / "out", kind, ("raw",), cancelled=lambda: True) == []  # type: ignore[arg-type]
     assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_too_long_a_run_is_refused_with_what_to_do(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.archive.export.LARGEST_WHOLE", 100)
+    monkeypatch.setattr("app.archive.export.MAX_SCANS_IN_ONE_FILE", 100)
     with Run(path) as run, pytest.raises(ExportError, match="take csv, or leave the raw data out"):
-        export(run, tmp_path, "mat")
+        export_run(run, tmp_path, "mat")
 
 
 def test_a_folder_that_cannot_be_written_is_a_sentence(path: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with Run(path) as run, pytest.raises(ExportError, match="choose another folder"):
-        export(run, tmp_path / "file")
+        export_run(run, tmp_path / "file")
 
 
 def test_a_crashed_run_is_exported_up_to_its_end(tmp_path: Path) -> None:
     with Run(crashed_run(tmp_path / "runs")) as run:
-        files = export(run, tmp_path / "out", "csv", ("points", "raw"))
+        files = export_run(run, tmp_path / "out", "csv", ("points", "raw"))
     assert len(sheet(files[0])) == 2
     assert len(sheet(files[1])) == 2001
 

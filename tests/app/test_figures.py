@@ -11,15 +11,15 @@ from matplotlib.text import Text
 
 from app.cli.main import main
 from app.common.errors import DONE, USAGE
-from app.plotting.charts import draw, pretty
+from app.plotting.charts import draw_figure, typeset_symbols
 from model.parameters import Membrane, Tactor
-from model.studies.paper_figures import Curve, Figure, figure5, figure9
+from model.studies.paper_figures import FigureCurve, PaperFigure, figure5, figure9
 
 NAMES = ["fig4", "fig5", "fig6", "fig8", "fig9", "fig10", "fig11", "fig12"]
 
 
 @cache
-def fig9() -> list[Figure]:
+def fig9() -> list[PaperFigure]:
     return list(figure9(Tactor(), Membrane()))
 
 
@@ -86,8 +86,8 @@ def drawn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):  # type: ignore[no-u
     saved = []
     monkeypatch.setattr(Sheet, "savefig", lambda self, path: saved.append(self))
 
-    def drawing(panels: list[Figure]) -> Sheet:
-        draw(panels, tmp_path / "x.png")
+    def drawing(panels: list[PaperFigure]) -> Sheet:
+        draw_figure(panels, tmp_path / "x.png")
         return saved[-1]
 
     return drawing
@@ -122,8 +122,8 @@ def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ign
 
 def test_metres_become_what_a_person_reads(drawn) -> None:  # type: ignore[no-untyped-def]
     x = np.array([0.0, 1.0])
-    small = Figure("a", "time", "s", "deflection", "m", (Curve("w", x, 1e-3 * x),), "Small.")
-    large = Figure("a", "time", "s", "deflection", "m", (Curve("w", x, 5e-3 * x),), "Large.")
+    small = PaperFigure("a", "time", "s", "deflection", "m", (FigureCurve("w", x, 1e-3 * x),), "Small.")
+    large = PaperFigure("a", "time", "s", "deflection", "m", (FigureCurve("w", x, 5e-3 * x),), "Large.")
     assert drawn([small]).axes[0].get_ylabel() == "deflection (µm)"
     page = drawn([large])
     assert page.axes[0].get_ylabel() == "deflection (mm)"
@@ -133,8 +133,8 @@ def test_metres_become_what_a_person_reads(drawn) -> None:  # type: ignore[no-un
 
 
 def test_symbols_are_printed_as_symbols() -> None:
-    assert pretty("E_m = 1e+03 Pa, delta = 1e-05") == r"$E_{m}$ = $10^{3}$ Pa, $\delta$ = $10^{-5}$"
-    assert pretty("24 k1^2 [...], 0..5 V, under 50 um") == "24 $k_1^2$ [...], 0 to 5 V, under 50 µm"
+    assert typeset_symbols("E_m = 1e+03 Pa, delta = 1e-05") == r"$E_{m}$ = $10^{3}$ Pa, $\delta$ = $10^{-5}$"
+    assert typeset_symbols("24 k1^2 [...], 0..5 V, under 50 um") == "24 $k_1^2$ [...], 0 to 5 V, under 50 µm"
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from app.cli.main import main
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError
 from app.identification.identify import identify
-from app.identification.observations import ObservingError, campaign_of
-from model.identification.observations import FrequencyResponse
+from app.identification.observations import ObservationError, read_observations
+from model.identification.observations import FrequencyResponseObservation
 from model.parameters import Tactor
 from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SineDwell
@@ -44,7 +44,7 @@ def test_the_truth_of_the_plant_comes_back_within_its_errors(runs: list[Path], m
     for name, one in estimates.items():
         truth = getattr(TRUTH, name)
         assert abs(one.value - truth) < 4 * one.standard_error + allowance * abs(truth), name
-    assert found.campaign.simulated
+    assert found.observations.simulated
     assert found.tactor.mu == estimates["mu"].value
     if method == "joint":
         assert "the errors explain the misfit" in found.verdict
@@ -63,9 +63,9 @@ def test_flagged_points_are_left_out(runs: list[Path], tmp_path: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file["entry/points/quality"][2] = int(Quality.CLIPPED)
         file["entry/points/fundamental"][2] *= 3
-    _, campaign, _ = campaign_of([copy])
-    (response,) = campaign.of(FrequencyResponse)
-    assert response.use.tolist() == [True, True, False, *[True] * 5]
+    _, campaign, _ = read_observations([copy])
+    (response,) = campaign.of_type(FrequencyResponseObservation)
+    assert response.usable.tolist() == [True, True, False, *[True] * 5]
     mu = {e.name: e for e in identify([copy]).estimates}["mu"]
     assert abs(mu.value - TRUTH.mu) < 4 * mu.standard_error
 
@@ -77,10 +77,10 @@ def test_what_cannot_be_identified_together_is_a_sentence(runs: list[Path], tmp_
     with h5py.File(tmp_path / "copy.h5", "r+") as file:
         del file["entry/specimen"]
         file["entry/specimen"] = "T2"
-    with pytest.raises(ObservingError, match="these runs are of several specimens, 'T1'"):
-        campaign_of([other, tmp_path / "copy.h5"])
-    with pytest.raises(ObservingError, match="there is no file"):
-        campaign_of([tmp_path / "gone.h5"])
+    with pytest.raises(ObservationError, match="these runs are of several specimens, 'T1'"):
+        read_observations([other, tmp_path / "copy.h5"])
+    with pytest.raises(ObservationError, match="there is no file"):
+        read_observations([tmp_path / "gone.h5"])
 
 
 def test_the_command_accepts_shows_and_tells_apart(
@@ -101,8 +101,8 @@ def test_the_command_accepts_shows_and_tells_apart(
     assert main(["calibration", "diff", "T1", "1", "2", "--folder", str(tmp_path)]) == 0
     assert "in standard errors" in capsys.readouterr().out
     assert main(["calibration", "use", "T1", "1", "--folder", str(tmp_path)]) == 0
-    assert calibrations.read(tmp_path, "T1").active == 1
-    assert calibrations.read(tmp_path, "T1").get().tactor().c0 == pytest.approx(180.0, rel=1e-3)
+    assert calibrations.read_calibrations(tmp_path, "T1").active == 1
+    assert calibrations.read_calibrations(tmp_path, "T1").get().tactor().c0 == pytest.approx(180.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -158,4 +158,4 @@ def test_points_are_compared_at_the_same_setting_not_at_the_same_place(tmp_path:
 def test_a_damaged_calibration_file_is_named(tmp_path: Path) -> None:
     calibrations.calibrations_path(tmp_path, "T1").write_text('{"format": "tactor-bench-calibrations", "versions": 3}')
     with pytest.raises(CalibrationError, match="restore it from a copy"):
-        calibrations.read(tmp_path, "T1")
+        calibrations.read_calibrations(tmp_path, "T1")

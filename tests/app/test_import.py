@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from app.archive.importing.table import split_head
+from app.archive.importing.table import split_heading
 from app.cli.main import main
-from app.identification.observations import observations
-from model.identification.observations import FrequencyResponse, MassResonance, StaticLoading, VoltageSteps
+from app.identification.observations import run_observations
+from model.identification.observations import (
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+)
 from protocols.runfile.reader import Run
 from tests.helpers.importing import FULL, GOOD, brought, points
 
@@ -49,7 +54,7 @@ def test_every_country_s_table_is_read(name: str, encoding: str, tmp_path: Path)
     ],
 )
 def test_a_head_tells_name_and_unit(head: str, name: str, unit: str | None) -> None:
-    assert split_head(head) == (name, unit)
+    assert split_heading(head) == (name, unit)
 
 
 def test_a_load_in_grams_is_a_mass_and_its_side_may_be_a_word(tmp_path: Path) -> None:
@@ -62,7 +67,7 @@ def test_a_load_in_grams_is_a_mass_and_its_side_may_be_a_word(tmp_path: Path) ->
     np.testing.assert_array_equal(got["side"], [1, -1])
     np.testing.assert_allclose(got["deflection_errors"], [1e-6, 2e-6])
     with Run(path) as run:
-        sides = [o.side for o in observations(run) if isinstance(o, StaticLoading)]
+        sides = [o.side for o in run_observations(run) if isinstance(o, StaticLoadingObservation)]
     assert sides == ["mfc", "aluminium"]
 
 
@@ -71,8 +76,8 @@ def test_volts_on_the_specimen_are_turned_back_to_the_input(tmp_path: Path) -> N
     path = brought(tmp_path / "v.csv", "--uncertainty", "deflection=1 %")
     np.testing.assert_allclose(points(path)["level"], [0.0, 5.0])
     with Run(path) as run:
-        (steps,) = observations(run)
-    assert isinstance(steps, VoltageSteps)
+        (steps,) = run_observations(run)
+    assert isinstance(steps, VoltageStepsObservation)
     np.testing.assert_allclose(steps.input_v, [0.0, 5.0])
     np.testing.assert_allclose(steps.errors_m, [1.19e-6, 3.57e-6])
 
@@ -81,8 +86,8 @@ def test_a_resonance_says_whether_it_is_a_peak_or_the_natural_frequency(tmp_path
     for head, meaning in (("resonance frequency [Hz]", "peak"), ("natural frequency [Hz]", "undamped")):
         (tmp_path / "m.csv").write_text(f"added mass [g];{head};sigma [Hz]\n1,75;300,9;0,3\n9,75;141,8;0,3\n")
         with Run(brought(tmp_path / "m.csv")) as run:
-            (found,) = observations(run)
-        assert isinstance(found, MassResonance)
+            (found,) = run_observations(run)
+        assert isinstance(found, MassResonanceObservation)
         assert found.meaning == meaning
         np.testing.assert_allclose(found.frequency_hz, [300.9, 141.8])
         np.testing.assert_allclose(found.mass_kg, [1.75e-3, 9.75e-3])
@@ -95,7 +100,7 @@ def test_an_elongation_makes_it_a_membrane_series(tmp_path: Path) -> None:
     path = brought(tmp_path / "m.csv", *FULL, "--uncertainty", "peak_to_peak=1 %")
     with Run(path) as run:
         assert run.protocol == "membrane-series"
-        found = [o.elongation_m for o in observations(run) if isinstance(o, FrequencyResponse)]
+        found = [o.elongation_m for o in run_observations(run) if isinstance(o, FrequencyResponseObservation)]
     assert found == [None, pytest.approx(1.27e-3)]
     (tmp_path / "one.csv").write_text("frequency [Hz],pp [um]\n100,437\n")
     assert points(brought(tmp_path / "one.csv", *FULL, "--membrane-elongation", "1.27 mm"))["elongation"] == [
@@ -122,7 +127,7 @@ def test_a_time_series_gives_amplitude_and_phase(tmp_path: Path) -> None:
     np.testing.assert_allclose(got["drive_amplitude"], 2.0, rtol=1e-6)
     with Run(path) as run:
         assert run.protocol == "sine-dwell"
-        assert run.trace.samples == 0
+        assert run.trace.sample_count == 0
         assert len(run.curves()[0].columns["displacement"].values) == 5000
 
 

@@ -90,6 +90,6 @@ def test_a_mat_file_that_is_damaged_is_a_sentence(
     assert "is cut off or damaged" in refused(tmp_path / "t.mat", capsys, *FULL)
     (tmp_path / "t.mat").write_bytes(whole)
     monkeypatch.setattr(
-        "app.archive.importing.mat_table.READER", "import os; os.abort()"
+        "app.archive.importing.mat_table.READER_SCRIPT", "import os; os.abort()"
     )  # as scipy's does of some damaged bytes
     assert "no MAT file that can be read (its reader died of it)" in refused(tmp_path / "t.mat", capsys, *FULL)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from app.archive.export import export
+from app.archive.export import export_run
 from app.cli.main import main
 from app.identification.identify import identify
 from drivers.sensors.laser_sensor import LaserSensor
@@ -18,13 +18,13 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
-from protocols.runfile.schema import columns
-from protocols.runfile.writer import Header, RunFile
+from protocols.runfile.schema import point_columns
+from protocols.runfile.writer import RunFileWriter, RunMetadata
 from tests.helpers.importing import FULL, GOOD, brought, points
 from tests.helpers.run_files import finished_run
 
@@ -101,18 +101,18 @@ def test_a_specimen_is_identified_from_old_tables_alone(tmp_path: Path) -> None:
 def written(folder: Path, protocol: type[Protocol]) -> Path:
     """A run of any protocol with a number of its own in every cell, some of them none."""
     random = np.random.default_rng(7)
-    header = Header(
+    header = RunMetadata(
         protocol.name, protocol.title, {}, protocol.point_type, protocol.axes, LaserSensor("l", 1e-4), {}, False, "T9"
     )
-    file = RunFile.new(folder, header)
-    widths = {name: width for name, (_, _, width) in columns(protocol.point_type).items()}
+    file = RunFileWriter.new(folder, header)
+    widths = {name: width for name, (_, _, width) in point_columns(protocol.point_type).items()}
     for row in range(3):
         values: dict[str, Any] = {f.name: float(random.uniform(1.0, 2.0)) for f in fields(protocol.point_type)}
         values |= {name: (*tuple(random.uniform(1, 2, 8).tolist()[:-1]), np.nan) for name, w in widths.items() if w}
         values |= {name: 1.0 for name in ("side", "direction") if name in values}
         values["quality"] = int((Quality.GOOD, Quality.UNSETTLED, Quality.GOOD)[row])
-        file.point(protocol.point_type(**values), row)
-    file.finish(Status.COMPLETED, "all points measured")
+        file.append_point(protocol.point_type(**values), row)
+    file.finish(RunStatus.COMPLETED, "all points measured")
     return file.path
 
 
@@ -126,7 +126,7 @@ def written(folder: Path, protocol: type[Protocol]) -> Path:
 def test_what_is_exported_and_imported_again_is_the_same(name: str, kind: Any, tmp_path: Path) -> None:
     original = written(tmp_path / "old", PROTOCOLS[name])
     with Run(original) as run:
-        (file,) = export(run, tmp_path, kind, ("about", "points") if kind == "mat" else ("points",))
+        (file,) = export_run(run, tmp_path, kind, ("about", "points") if kind == "mat" else ("points",))
     got, wanted = points(brought(file)), points(original)
     with Run(next((tmp_path / "runs").glob("*.h5"))) as run:
         assert run.protocol == name
@@ -143,13 +143,13 @@ def test_a_side_that_nobody_told_comes_back_untold(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text("load [N],deflection [um]\n1,137\n2,275\n")
     with Run(brought(tmp_path / "l.csv")) as run:
         for kind in ("csv", "mat"):
-            (file,) = export(run, tmp_path / kind, kind, ("points",))  # type: ignore[arg-type]
+            (file,) = export_run(run, tmp_path / kind, kind, ("points",))  # type: ignore[arg-type]
             assert np.isnan(points(brought(file))["side"]).all()
 
 
 def test_what_was_simulated_stays_simulated(tmp_path: Path) -> None:
     with Run(finished_run(tmp_path / "old")) as run:
-        files = [*export(run, tmp_path, "csv", ("points",)), *export(run, tmp_path, "mat", ("about", "points"))]
+        files = [*export_run(run, tmp_path, "csv", ("points",)), *export_run(run, tmp_path, "mat", ("about", "points"))]
     renamed = files[0].rename(tmp_path / "harmless.csv")
     cut = tmp_path / "columns_of_a_SIMULATED_run.csv"  # without its flags, the name still tells
     cut.write_text("frequency [Hz],pp [um],drive pp [V]\n100,760,5\n")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.importing.reader import read_sheet
-from app.common.progress import Stopped, Tell
+from app.archive.importing.reader import read_table
+from app.common.progress import OperationCancelled, ProgressCallback
 from tests.helpers.importing import brought, refused
 
 
@@ -27,13 +27,13 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     told: list[float] = []
 
     @contextmanager
-    def listening(words: str, quiet: bool) -> Iterator[Tell]:
+    def listening(words: str, quiet: bool) -> Iterator[ProgressCallback]:
         assert (words, quiet) == ("long.csv", False)
         yield told.append
 
     path = long_series(tmp_path / "long.csv")
     with monkeypatch.context() as patched:
-        patched.setattr("app.cli.import_.bar", listening)
+        patched.setattr("app.cli.import_.terminal_progress", listening)
         brought(path, "--as", "raw")
     assert told == sorted(told)
     assert len(told) > 10
@@ -42,10 +42,10 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
 
         def stop(share: float, ends: float = ends) -> None:
             if share >= ends:
-                raise Stopped
+                raise OperationCancelled
 
-        with pytest.raises(Stopped):
-            read_sheet(path, stop)
+        with pytest.raises(OperationCancelled):
+            read_table(path, stop)
     assert capsys.readouterr().err == ""
     monkeypatch.setenv("FORCE_COLOR", "1")
     brought(path, "--as", "raw", "--json")
@@ -55,11 +55,11 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
 
 
 def test_cells_that_are_cut_quickly_are_the_cells_that_are_cut_carefully(tmp_path: Path) -> None:
-    quick, careful = (read_sheet(long_series(tmp_path / f"{i}.csv", ";", quote)) for i, quote in enumerate(("", '"')))
+    quick, careful = (read_table(long_series(tmp_path / f"{i}.csv", ";", quote)) for i, quote in enumerate(("", '"')))
     for one, other in zip(quick.columns, careful.columns, strict=True):
         assert one.cells == other.cells
     cells = quick.columns[1].cells
-    assert [quick.number(quick.columns[1], row) for row in (0, 100, 19_999)] == [
+    assert [quick.parse_number(quick.columns[1], row) for row in (0, 100, 19_999)] == [
         float(cells[i]) for i in (0, 100, 19_999)
     ]
 

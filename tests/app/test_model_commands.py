@@ -9,7 +9,7 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import DONE, USAGE
-from model.specimen import variables
+from model.specimen import variable_specs
 
 DWELL = [25, 50, 75, 80, 100, 125, 150, 160, 175, 200, 225, 250]
 """Frequencies of the settled table, Hz; below, its two rows in µm."""
@@ -110,7 +110,7 @@ def test_parameters_are_tabled_with_what_follows(ask: Any) -> None:
     assert (got["tactor"]["L"], got["tactor"]["E_Al"], got["tactor"]["c0"]) == pytest.approx((0.022, 69e9, 0.2))
     assert got["derived"]["tau"] == pytest.approx(1.696e-3, rel=1e-3)
     assert got["derived"]["c_bar"] == pytest.approx(6.66, abs=0.005)
-    assert {**got["tactor"], **got["skin"], **got["derived"]}.keys() >= variables().keys()
+    assert {**got["tactor"], **got["skin"], **got["derived"]}.keys() >= variable_specs().keys()
     assert got["units"]["k2"] == "N m^2"
 
 

@@ -7,8 +7,8 @@ import h5py
 import pytest
 
 from app.identification.identify import identify
-from app.identification.observations import ObservingError
-from model.identification.fit_options import Setting
+from app.identification.observations import ObservationError
+from model.identification.fit_options import FitOptions
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run
@@ -20,7 +20,7 @@ def test_the_modulus_and_its_error_are_those_the_sag_itself_tells(tmp_path: Path
         ran = run(MembraneSag(repeats=3, sample_rate_hz=1000), tmp_path, lab)
     with Run(ran.path) as file:
         (told,) = [e for e in file.estimates() if e.name == "Young modulus"]
-    for found in (identify([ran.path], "chain"), identify([ran.path], "joint", Setting(free=("E_m",)))):
+    for found in (identify([ran.path], "chain"), identify([ran.path], "joint", FitOptions(free=("E_m",)))):
         (E_m,) = [e for e in found.estimates if e.name == "E_m"]
         assert E_m.value == pytest.approx(told.value, rel=1e-3)
         assert E_m.standard_error == pytest.approx(told.standard_error, rel=0.02)
@@ -33,5 +33,5 @@ def test_a_sag_of_another_version_is_a_sentence(tmp_path: Path) -> None:
         parameters = json.loads(file["entry/parameters"][()]) | {"length_m": -1.0}
         del file["entry/parameters"]
         file["entry/parameters"] = json.dumps(parameters)
-    with pytest.raises(ObservingError, match="has parameters this version refuses"):
+    with pytest.raises(ObservationError, match="has parameters this version refuses"):
         identify([ran.path], "chain")

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.identification.calibrations import Calibrations, calibrations_path, write
-from app.live.overlay import Curve, Overlay, Question, question_of
+from app.identification.calibrations import Calibrations, calibrations_path, write_calibrations
+from app.live.overlay import CurveRequest, Overlay, OverlayCurve, curve_request_for
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response
@@ -25,9 +25,9 @@ def overlay() -> Iterator[Overlay]:
     made.close()
 
 
-def wait_for(overlay: Overlay) -> Curve:
+def wait_for(overlay: Overlay) -> OverlayCurve:
     deadline = time.monotonic() + 10
-    while (curve := overlay.ready()) is None:
+    while (curve := overlay.result()) is None:
         assert time.monotonic() < deadline
         time.sleep(0.001)
     return curve
@@ -40,7 +40,7 @@ def wait_for(overlay: Overlay) -> Curve:
 def test_the_curve_holds_the_reference_numbers(
     overlay: Overlay, frequency_hz: float, peak_to_peak_um: float, twice_fundamental_um: float
 ) -> None:
-    curve = overlay.curve(Question(275.0, 2.5))
+    curve = overlay.compute(CurveRequest(275.0, 2.5))
     drawn = np.interp(frequency_hz, curve.frequency_hz, curve.peak_to_peak)
     fundamental = np.interp(frequency_hz, curve.frequency_hz, curve.fundamental)
     assert 1e6 * drawn == pytest.approx(peak_to_peak_um, rel=2e-3)
@@ -48,40 +48,40 @@ def test_the_curve_holds_the_reference_numbers(
 
 
 def test_asking_returns_at_once_and_the_answer_comes(overlay: Overlay) -> None:
-    assert overlay.ready() is None
-    overlay.ask(Question(275.0, 2.5))
-    assert wait_for(overlay).question == Question(275.0, 2.5)
+    assert overlay.result() is None
+    overlay.submit(CurveRequest(275.0, 2.5))
+    assert wait_for(overlay).request == CurveRequest(275.0, 2.5)
 
 
 def test_the_newest_question_wins(overlay: Overlay) -> None:
     for amplitude in (0.5, 1.0, 1.5, 2.0):
-        overlay.ask(Question(275.0, amplitude))
-    assert wait_for(overlay).question.amplitude_v == 2.0
+        overlay.submit(CurveRequest(275.0, amplitude))
+    assert wait_for(overlay).request.amplitude_v == 2.0
 
 
 def test_a_known_curve_is_not_computed_again(overlay: Overlay) -> None:
-    overlay.ask(Question(275.0, 2.5))
+    overlay.submit(CurveRequest(275.0, 2.5))
     first = wait_for(overlay)
-    overlay.ask(Question(275.0, 1.0))
+    overlay.submit(CurveRequest(275.0, 1.0))
     wait_for(overlay)
-    overlay.ask(Question(275.0, 2.5))
+    overlay.submit(CurveRequest(275.0, 2.5))
     assert wait_for(overlay) is first
 
 
 def test_a_question_the_model_refuses_is_told_once(overlay: Overlay) -> None:
-    overlay.ask(Question(275.0, 99.0))
+    overlay.submit(CurveRequest(275.0, 99.0))
     with pytest.raises(ParameterError, match="amplifier"):
         wait_for(overlay)
-    assert overlay.ready() is None
+    assert overlay.result() is None
 
 
 def test_the_curve_is_that_of_the_active_calibration_and_its_band_is_one_errors_worth(
     overlay: Overlay, tmp_path: Path
 ) -> None:
     error = 2e-5
-    write(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, error)}),), 1))
-    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
-    assert curve.believed.words == "calibration 1 of T7, SIMULATED"
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, error)}),), 1))
+    curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
+    assert curve.active_model.description == "calibration 1 of T7, SIMULATED"
     truth = amplifier_response(Tactor(k2=8e-3), curve.frequency_hz).peak_to_peak
     np.testing.assert_allclose(curve.peak_to_peak, truth, rtol=5e-5)
     moved = amplifier_response(Tactor(k2=8e-3 + 1.96 * error), curve.frequency_hz).peak_to_peak
@@ -92,28 +92,28 @@ def test_the_curve_is_that_of_the_active_calibration_and_its_band_is_one_errors_
 
 
 def test_on_the_membrane_the_curve_is_that_of_the_skin_at_each_elongation(overlay: Overlay) -> None:
-    question = question_of(MembraneSeries(elongations_m=(2.54e-3, 0.0, 1.27e-3, 2.54e-3)))
-    free = overlay.curve(question)
-    assert [curve.elongation_m for curve in free.on] == [0.0, 1.27e-3, 2.54e-3]
-    for curve in free.on:
+    question = curve_request_for(MembraneSeries(elongations_m=(2.54e-3, 0.0, 1.27e-3, 2.54e-3)))
+    free = overlay.compute(question)
+    assert [curve.elongation_m for curve in free.on_membrane] == [0.0, 1.27e-3, 2.54e-3]
+    for curve in free.on_membrane:
         pressed = skin(Membrane(), curve.elongation_m / Membrane().L_m)
         truth = amplifier_response(Tactor(), curve.frequency_hz, skin=pressed)
         np.testing.assert_allclose(curve.peak_to_peak, truth.peak_to_peak, rtol=5e-5)
         np.testing.assert_allclose(curve.fundamental, abs(truth.fundamental), rtol=1e-9)
-        assert free.at(curve.elongation_m) is curve
-    assert free.at(float("nan")) is free
-    assert free.at(3.81e-3) is None
-    np.testing.assert_array_equal(free.peak_to_peak, overlay.curve(replace(question, elongations_m=())).peak_to_peak)
+        assert free.at_elongation(curve.elongation_m) is curve
+    assert free.at_elongation(float("nan")) is free
+    assert free.at_elongation(3.81e-3) is None
+    np.testing.assert_array_equal(free.peak_to_peak, overlay.compute(replace(question, elongations_m=())).peak_to_peak)
 
 
 def test_a_calibration_of_the_skin_moves_the_curves_on_the_membrane_and_gives_them_bands(
     overlay: Overlay, tmp_path: Path
 ) -> None:
     found = {"c_s_0": (200.0, 10.0), "E_m": (6e6, 1e5), "c_s(1.27 mm)": (700.0, 5.0)}
-    write(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
-    free = overlay.curve(Question(275.0, 2.5, tmp_path, "T7", (0.0, 1.27e-3)))
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
+    free = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7", (0.0, 1.27e-3)))
     assert free.band is None, "nothing of the tactor itself was identified"
-    unstretched, stretched = free.on
+    unstretched, stretched = free.on_membrane
     rubber = Membrane(c_s_0=200.0, E_m=6e6)
     at_rest, pulled = (skin(rubber, e / rubber.L_m) for e in (0.0, 1.27e-3))
     f = free.frequency_hz
@@ -134,37 +134,37 @@ def test_an_elongation_that_the_model_refuses_has_no_curve_and_the_others_have(
     overlay: Overlay, tmp_path: Path
 ) -> None:
     found = {"c_s_0": (10.0, 1.0), "c_s_delta": (-5e4, 1.0)}
-    write(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
-    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7", (0.0, 6.35e-3)))
-    assert [on.elongation_m for on in curve.on] == [0.0]
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, found),), 1))
+    curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7", (0.0, 6.35e-3)))
+    assert [on.elongation_m for on in curve.on_membrane] == [0.0]
 
 
 def test_the_papers_values_have_no_band_and_say_so(overlay: Overlay, tmp_path: Path) -> None:
-    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
+    curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
     assert curve.band is None
-    assert curve.believed.words == "the paper's values"
-    write(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, 1e-5)}),), 0))
-    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
-    assert (curve.band, curve.believed.tactor) == (None, Tactor())
-    assert "no calibration of T7 is active" in curve.believed.words
+    assert curve.active_model.description == "the paper's values"
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"k2": (8e-3, 1e-5)}),), 0))
+    curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
+    assert (curve.band, curve.active_model.tactor) == (None, Tactor())
+    assert "no calibration of T7 is active" in curve.active_model.description
 
 
 def test_another_calibration_is_seen_when_it_is_looked_for(overlay: Overlay, tmp_path: Path) -> None:
-    overlay.ask(Question(275.0, 2.5, tmp_path, "T7"))
+    overlay.submit(CurveRequest(275.0, 2.5, tmp_path, "T7"))
     assert wait_for(overlay).band is None
-    write(tmp_path, "T7", Calibrations((calibration(1, {"c0": (100.0, 5.0)}),), 1))
-    overlay.look_again()
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"c0": (100.0, 5.0)}),), 1))
+    overlay.refresh()
     deadline = time.monotonic() + 10
-    while (curve := overlay.ready()) is None or curve.band is None:
+    while (curve := overlay.result()) is None or curve.band is None:
         assert time.monotonic() < deadline
         time.sleep(0.001)
-    assert curve.believed.tactor == replace(Tactor(), c0=100.0)
+    assert curve.active_model.tactor == replace(Tactor(), c0=100.0)
 
 
 def test_a_calibration_that_cannot_be_read_is_told_and_the_papers_values_stand_in(
     overlay: Overlay, tmp_path: Path
 ) -> None:
     calibrations_path(tmp_path, "T7").write_text("{")
-    curve = overlay.curve(Question(275.0, 2.5, tmp_path, "T7"))
-    assert "cannot be read" in curve.believed.trouble
-    assert (curve.band, curve.believed.words) == (None, "the paper's values")
+    curve = overlay.compute(CurveRequest(275.0, 2.5, tmp_path, "T7"))
+    assert "cannot be read" in curve.active_model.problem
+    assert (curve.band, curve.active_model.description) == (None, "the paper's values")

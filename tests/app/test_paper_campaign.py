@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from app.campaign.campaign import Campaign
-from app.campaign.plan import PAPER
-from app.campaign.queue import Conductor
-from app.campaign.status import Standing
-from app.campaign.summary import identified
+from app.campaign.plan import PAPER_ITEMS
+from app.campaign.queue import CampaignRunner
+from app.campaign.status import ItemStatus
+from app.campaign.summary import identify_campaign_runs
 from app.config.bench_file import load_bench
-from app.session.connect import HASTY_BLOCK_S, connect
+from app.session.connect import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 
 SHORT = {
     "wiring": {"record_s": 0.5, "wait_s": 0.2},
@@ -30,11 +30,11 @@ SHORT = {
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[str]]:
     """The campaign at its end, and every prompt in order."""
-    items = tuple(replace(item, settings=SHORT[item.name]) for item in PAPER)
+    items = tuple(replace(item, settings=SHORT[item.name]) for item in PAPER_ITEMS)
     asked: list[str] = []
-    with connect(load_bench("sim"), None, HASTY_BLOCK_S) as lab:
-        campaign = Campaign.new(tmp_path_factory.mktemp("runs"), "T1", True, items)
-        conductor = Conductor(campaign)
+    with connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
+        campaign = Campaign.create(tmp_path_factory.mktemp("runs"), "T1", True, items)
+        conductor = CampaignRunner(campaign)
 
         def listen(event: object) -> None:
             if prompt := getattr(event, "prompt", None):
@@ -44,20 +44,20 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
         session.start()
         try:
             for _ in items:
-                line = campaign.next()
+                line = campaign.next_item()
                 assert line is not None
-                conductor.begin(session, line)
+                conductor.start(session, line)
                 assert session.finished.wait(100)
         finally:
             assert session.close(10)
-        volts_are_safe(lab.control.report())
+        assert_safe_voltage(lab.control.report())
     return campaign, asked
 
 
 @pytest.mark.deep
 def test_all_seven_are_done_in_the_papers_order(measured) -> None:
     campaign, asked = measured
-    assert [line.standing for line in campaign.listed()] == [Standing.DONE] * 7
+    assert [line.standing for line in campaign.listed()] == [ItemStatus.DONE] * 7
     begun = [line.begun for line in campaign.listed()]
     by_name = {line.item.name: line.begun for line in campaign.listed()}
     assert by_name["loading"] < by_name["steps"] < by_name["dwell"] < by_name["membrane"]
@@ -68,9 +68,9 @@ def test_all_seven_are_done_in_the_papers_order(measured) -> None:
 
 def test_what_is_identified_is_what_is_there(measured) -> None:
     campaign, _ = measured
-    found = identified(campaign)
+    found = identify_campaign_runs(campaign)
     assert not isinstance(found, str), found
-    truth = load_bench("sim").truth
+    truth = load_bench("sim").simulation_parameters
     tactor, membrane = truth.tactor, truth.membrane
     by_name = {estimate.name: estimate for estimate in found.estimates}
     for name, value in (("k2", tactor.k2), ("mu", tactor.mu), ("m_add", tactor.m_add), ("c0", tactor.c0)):
@@ -82,4 +82,4 @@ def test_what_is_identified_is_what_is_there(measured) -> None:
 def test_the_runs_are_read_from_the_disk_alone(measured, tmp_path: Path) -> None:
     campaign, _ = measured
     again = Campaign.open(campaign.path.parent, "T1")
-    assert [line.run for line in again.listed()] == [line.run for line in campaign.listed()]
+    assert [line.run for line in again.item_states()] == [line.run for line in campaign.listed()]

@@ -7,7 +7,7 @@ from app.live.minmax_trace import MinMaxTrace
 
 
 def test_nothing_taken_gives_an_empty_curve() -> None:
-    time, values = MinMaxTrace(1.0).curve()
+    time, values = MinMaxTrace(1.0).decimated_curve()
     assert time.size == values.size == 0
 
 
@@ -20,7 +20,7 @@ def test_every_extreme_is_seen_however_the_blocks_are_cut(block: int) -> None:
     trace.reset(rate)
     for start in range(0, signal.size, block):
         trace.append(signal[start : start + block])
-    time, values = trace.curve()
+    time, values = trace.decimated_curve()
     assert values.size == 2 * columns
     grid = signal.reshape(columns, -1)
     np.testing.assert_array_equal(values[0::2], grid.min(axis=1))
@@ -34,7 +34,7 @@ def test_only_the_last_seconds_are_kept() -> None:
     ramp = np.arange(3000) / 1000.0
     for start in range(0, 3000, 90):
         trace.append(ramp[start : start + 90])
-    time, values = trace.curve()
+    time, values = trace.decimated_curve()
     assert time[0] == pytest.approx(2.5)
     np.testing.assert_allclose(values[0::2], time[0::2])
 
@@ -43,7 +43,7 @@ def test_a_slow_signal_gets_a_column_a_sample() -> None:
     trace = MinMaxTrace(0.1, 1000)
     trace.reset(5000.0)
     trace.append(np.arange(10.0))
-    _, values = trace.curve()
+    _, values = trace.decimated_curve()
     np.testing.assert_array_equal(values, np.repeat(np.arange(10.0), 2))
 
 
@@ -52,4 +52,4 @@ def test_a_new_record_begins_empty() -> None:
     trace.reset(1000.0)
     trace.append(np.ones(500))
     trace.reset(2000.0)
-    assert trace.curve()[0].size == 0
+    assert trace.decimated_curve()[0].size == 0

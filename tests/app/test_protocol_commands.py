@@ -59,7 +59,7 @@ def test_some_frequencies_are_measured_again_into_a_file_beside_the_old_one(tmp_
     (second,) = set((tmp_path / "runs").glob("*_T9_sine-dwell*.h5")) - {first}
     assert flags(second) == [(0, 100, False), (1, 155, True), (2, 160, True), (1, 155, False), (2, 160, False)]
     with Run(second) as run:
-        assert run.continues == first
+        assert run.resumed_from == first
         assert [r.entry for r in run.recordings()] == [0, 1, 2, 1, 2]
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from app.session.connect import connect
-from app.session.session import BenchFailed, BenchOpened, Refused, Session, State
+from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
 from drivers.errors import InstrumentError
-from protocols.base.events import Answered, PointMeasured, RunEnded, Status
+from protocols.base.events import PointMeasured, PromptAnswered, RunEnded, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
-from protocols.resume import Earlier
-from sim_hardware.plant.setup_state import opening
-from tests.helpers.simulated_bench import Trigger, run, simulated, volts_are_safe
+from protocols.resume import ResumableRun
+from sim_hardware.plant.setup_state import initial_state
+from tests.helpers.simulated_bench import Trigger, assert_safe_voltage, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)
 
@@ -47,14 +47,14 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     for _ in range(2):
         one.run(SHORT, tmp_path, "T1")
         assert one.finished.wait(30)
-        assert one.outcome == (Status.COMPLETED, "all points measured")
-        assert one.state is State.IDLE
+        assert one.outcome == (RunStatus.COMPLETED, "all points measured")
+        assert one.state is SessionState.IDLE
     assert one.close(10)
-    assert one.state is State.CLOSED
+    assert one.state is SessionState.CLOSED
     assert isinstance(events[0], BenchOpened)
     assert len([e for e in events if isinstance(e, RunEnded)]) == 2
     assert len(list(tmp_path.glob("*.h5"))) == 2
-    volts_are_safe(laboratories[0].control.report())
+    assert_safe_voltage(laboratories[0].control.report())
 
 
 def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_path: Path) -> None:
@@ -66,17 +66,17 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
 
     events: list = []
     one, laboratories = session(events)
-    weighs = Trigger(lambda e: isinstance(e, Answered) and e.words == "seen by the laser", stop)
+    weighs = Trigger(lambda e: isinstance(e, PromptAnswered) and e.words == "seen by the laser", stop)
     one = Session(one._connect, [events.append, weighs], Nobody())
     one.start()
     one.run(StaticLoading(), tmp_path, "T1")
     assert one.finished.wait(30)
     assert one.outcome is not None
-    assert one.outcome[0] == Status.STOPPED
+    assert one.outcome[0] == RunStatus.STOPPED
     assert left[0].weights_kg
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.wait(30)
-    assert laboratories[0].control.plant.situation == opening(laboratories[0].control.truth)
+    assert laboratories[0].control.plant.situation == initial_state(laboratories[0].control.truth)
     found = [e.point.fundamental for e in events if isinstance(e, PointMeasured)]
     with connect(simulated(), None) as lab:
         alone = [point.fundamental for point in run(SHORT, tmp_path / "alone", lab).points]
@@ -96,8 +96,8 @@ def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
         pass
     assert one.close(20)
     assert one.outcome is not None
-    assert one.outcome[0] == Status.STOPPED
-    volts_are_safe(laboratories[0].control.report())
+    assert one.outcome[0] == RunStatus.STOPPED
+    assert_safe_voltage(laboratories[0].control.report())
 
 
 def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) 
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.wait(10)
     assert one.outcome is None
-    assert one.state is State.NO_BENCH
+    assert one.state is SessionState.NO_BENCH
     assert events == [BenchFailed("the generator is not there; switch it on")]
     assert one.close(10)
     one.run(SHORT, tmp_path, "T1")
@@ -134,26 +134,28 @@ def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_pa
         (one.path, (7,), "no point of entry 7"),
         (tmp_path / "damaged.h5", (0,), "damaged inside"),
     ):
-        one.measure_again(path, entries, tmp_path)
+        one.repeat_entries(path, entries, tmp_path)
         assert one.finished.wait(20)
-        assert isinstance(events[-1], Refused)
+        assert isinstance(events[-1], RunRejected)
         assert says in events[-1].words
-        assert one.state is State.IDLE
-    one.measure_again(one.path, (0,), tmp_path)
+        assert one.state is SessionState.IDLE
+    one.repeat_entries(one.path, (0,), tmp_path)
     assert one.finished.wait(30)
     assert one.outcome is not None
-    assert one.outcome[0] == Status.COMPLETED
+    assert one.outcome[0] == RunStatus.COMPLETED
     assert one.close(10)
 
 
 def test_stop_while_the_earlier_run_is_read_begins_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     events: list = []
     one, _ = session(events)
-    monkeypatch.setattr("protocols.resume.earlier", lambda *_: one.stop() or Earlier(tmp_path, SHORT, "T1", None))
+    monkeypatch.setattr(
+        "protocols.resume.load_resumable", lambda *_: one.stop() or ResumableRun(tmp_path, SHORT, "T1", None)
+    )
     one.start()
-    one.measure_again(tmp_path / "run.h5", (0,), tmp_path)
+    one.repeat_entries(tmp_path / "run.h5", (0,), tmp_path)
     assert one.finished.wait(20)
-    assert isinstance(events[-1], Refused)
+    assert isinstance(events[-1], RunRejected)
     assert "nothing was measured" in events[-1].words
     assert list(tmp_path.iterdir()) == []
     assert one.close(10)
@@ -165,10 +167,10 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     one.start()
     one.run(SHORT, Path("/proc/nowhere"), "T1")
     assert one.finished.wait(20)
-    assert isinstance(events[-1], Refused)
+    assert isinstance(events[-1], RunRejected)
     assert one.outcome is not None
     assert "cannot be created" in one.outcome[1]
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.wait(30)
-    assert one.outcome[0] == Status.COMPLETED
+    assert one.outcome[0] == RunStatus.COMPLETED
     assert one.close(10)

@@ -19,23 +19,23 @@ from app.cli.main import main
 from app.config.bench_file import ConfigError
 from app.identification import calibrations
 from app.identification.identify import identify
-from app.identification.observations import shapes_of
-from app.identification.recalibration import CorrectedRun, Correction
-from app.session.session import header
-from model.identification.fit_options import Setting
-from model.identification.paper_chain import ChainMethod
+from app.identification.observations import shape_count_of_file
+from app.identification.recalibration import Correction, RecalibratedRun
+from app.session.session import run_metadata
+from model.identification.fit_options import FitOptions
+from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import amplifier_response
-from protocols.base.events import EntryBegan, Paused, Recorded
+from protocols.base.events import EntryStarted, RecordingFinished, RunPaused
 from protocols.base.protocol import Protocol
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.voltage_steps import VoltageSteps
-from protocols.resume import earlier
-from protocols.runfile.reader import Run, RunError
-from protocols.runfile.writer import RunFile
+from protocols.resume import load_resumable
+from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.writer import RunFileWriter
 from protocols.runner.runner import Runner
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -79,7 +79,7 @@ def bench(path: Path, gain_m_per_v: float, serial: str = SERIAL) -> Path:
 def test_a_truth_that_the_model_has_is_called_adequate(made: Made, truth: dict[str, Any]) -> None:
     found = identify(made(**truth))
     assert found.adequacy is not None
-    assert found.adequacy.adequate is True, found.adequacy.words
+    assert found.adequacy.adequate is True, found.adequacy.message
     assert found.shapes == truth.get("modes", 7)
 
 
@@ -118,8 +118,8 @@ def test_a_real_tactor_is_identified_with_twenty_shapes(made: Made, tmp_path: Pa
     copy.write_bytes(path.read_bytes())
     with h5py.File(copy, "r+") as file:
         file["entry/simulated"][()] = False
-    assert shapes_of(path) == 7
-    assert shapes_of(copy) == 20
+    assert shape_count_of_file(path) == 7
+    assert shape_count_of_file(copy) == 20
 
 
 def test_everything_is_drawn_with_as_many_shapes_and_what_they_lack_is_below_a_line_s_width() -> None:
@@ -134,7 +134,7 @@ def test_everything_is_drawn_with_as_many_shapes_and_what_they_lack_is_below_a_l
         if parameter.name == "n" and isinstance(parameter.default, int)
     }
     assert len(defaults) > 10
-    assert {default for _, default in defaults} == {Setting.n} == {ChainMethod().n}
+    assert {default for _, default in defaults} == {FitOptions.n} == {PaperChainOptions().n}
     f = np.linspace(5.0, 250.0, 50)
     drawn = abs(amplifier_response(Tactor(), f, 2.5).fundamental)
     assert abs(drawn / abs(1000 * exact_response(Tactor(), f)) - 1).max() < 4e-3
@@ -197,7 +197,7 @@ def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path:
     assert main(command) == 0
     told = capsys.readouterr().out
     assert f"{runs[0].name} reduced anew from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in told
-    accepted = calibrations.read(tmp_path, "T1").get()
+    accepted = calibrations.read_calibrations(tmp_path, "T1").get()
     mu = next(e for e in accepted.estimates if e.name == "mu")
     assert mu.value == pytest.approx(truth, rel=1e-3)
     assert mu.standard_error / abs(mu.value) == pytest.approx(0.001, rel=0.1)  # the corrected gain's own uncertainty
@@ -217,7 +217,7 @@ def test_calibrations_of_an_older_program_are_read(tmp_path: Path, made: Made, c
     record = json.loads(file.read_text("utf-8"))
     del record["versions"][0]["reduced"]
     file.write_text(json.dumps(record), "utf-8")
-    assert calibrations.read(tmp_path, "T1").get().reduced == {}
+    assert calibrations.read_calibrations(tmp_path, "T1").get().reduced == {}
 
 
 @pytest.mark.parametrize(
@@ -239,8 +239,8 @@ def test_with_the_same_calibration_every_point_is_the_same(protocol: Protocol, t
             f'name = "same"\n[generator]\nresource = "TCPIP::192.0.2.7::5025::SOCKET"\n[sensor]\nname = "l"\nserial = "{sensor.serial}"\n'
             f"gain_m_per_v = {sensor.gain_m_per_v}\ndelay_s = {sensor.delay_s}\n"
         )
-    with Run(path) as was, Correction.of(file).opened(path) as now:
-        assert isinstance(now, CorrectedRun)
+    with Run(path) as was, Correction.from_bench_file(file).open(path) as now:
+        assert isinstance(now, RecalibratedRun)
         measured, again = was.points(), now.points()
     assert again.keys() == measured.keys()
     for name, column in measured.items():
@@ -252,12 +252,12 @@ def test_what_a_pause_cut_off_is_not_part_of_the_point(tmp_path: Path) -> None:
     protocol = SineDwell(frequencies_hz=(160,), record_s=0.1, wanted=2e-5)
     pause = threading.Event()
     with laboratory() as lab:
-        hold = Trigger(lambda event: isinstance(event, Recorded), pause.set)
-        go_on = Trigger(lambda event: isinstance(event, Paused), pause.clear)
+        hold = Trigger(lambda event: isinstance(event, RecordingFinished), pause.set)
+        go_on = Trigger(lambda event: isinstance(event, RunPaused), pause.clear)
         ran = run(protocol, tmp_path, lab, hold, go_on, pause=pause)
-    assert [type(event) for event in ran.events].count(EntryBegan) == 2
-    correction = Correction.of(bench(tmp_path / "same.toml", 1e-4))
-    with Run(ran.path) as was, correction.opened(ran.path) as now:
+    assert [type(event) for event in ran.events].count(EntryStarted) == 2
+    correction = Correction.from_bench_file(bench(tmp_path / "same.toml", 1e-4))
+    with Run(ran.path) as was, correction.open(ran.path) as now:
         kept, (point,) = list(was.recordings()), was.points()["cycles"]
         assert sum(len(r.drive_v) for r in kept) * 160 / kept[0].rate_hz > point + 10  # more was kept than counts
         for name, column in was.points().items():
@@ -268,18 +268,18 @@ def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path)
     protocol = SineDwell(frequencies_hz=(100, 160), record_s=0.1)
     with laboratory() as lab:
         first = run(protocol, tmp_path, lab).path
-        before = earlier(first, again=(1,))
-        store = RunFile.new(tmp_path, header(protocol, lab.bench, "T1", first))
-        Runner(protocol, lab.bench, store, lab.operator, [], continuation=before.continuation).run()
-    correction = Correction.of(bench(tmp_path / "c.toml", 1.1e-4))
-    with Run(store.path) as was, correction.opened(store.path) as now:
+        before = load_resumable(first, repeat_entries=(1,))
+        store = RunFileWriter.new(tmp_path, run_metadata(protocol, lab.bench, "T1", first))
+        Runner(protocol, lab.bench, store, lab.operator, [], resume_state=before.resume_state).run()
+    correction = Correction.from_bench_file(bench(tmp_path / "c.toml", 1.1e-4))
+    with Run(store.path) as was, correction.open(store.path) as now:
         measured, again = was.points(), now.points()
     last = {int(entry): row for row, entry in enumerate(measured["entry"])}
     for row, entry in enumerate(again["entry"].tolist()):
         assert again["fundamental"][row] == pytest.approx(1.1 * measured["fundamental"][last[entry]], rel=1e-9)
     assert len(again["entry"]) == 2
     first.unlink()
-    with correction.opened(store.path) as now, pytest.raises(RunError, match="bring the run it goes on with"):
+    with correction.open(store.path) as now, pytest.raises(RunReadError, match="bring the run it goes on with"):
         now.points()
 
 
@@ -288,16 +288,16 @@ def test_a_bench_file_corrects_what_stands_in_it_alone(made: Made, tmp_path: Pat
     (path,) = made()[:1]
     amplifier = tmp_path / "amplifier.toml"
     amplifier.write_text('name = "a"\n[generator]\nresource = "x"\n[amplifier]\nslope_above = 610.0\n')
-    with Run(path) as was, Correction.of(amplifier).opened(path) as now:
+    with Run(path) as was, Correction.from_bench_file(amplifier).open(path) as now:
         assert now.sensor == was.sensor
         assert now.configuration["amplifier"]["slope_above"] == 610.0
-    with Run(path) as was, Correction.of(bench(tmp_path / "s.toml", 1.1e-4)).opened(path) as now:
+    with Run(path) as was, Correction.from_bench_file(bench(tmp_path / "s.toml", 1.1e-4)).open(path) as now:
         assert now.sensor.gain_m_per_v == 1.1e-4
         assert now.configuration == was.configuration
     neither = tmp_path / "neither.toml"
     neither.write_text('name = "n"\n[generator]\nresource = "x"\n')
     with pytest.raises(ConfigError, match="neither \\[sensor\\] nor \\[amplifier\\]"):
-        Correction.of(neither)
+        Correction.from_bench_file(neither)
 
 
 def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import DONE, FAILED, USAGE
-from model.studies.parameter_study import PRESETS, Study
+from model.studies.parameter_study import STUDY_PRESETS, Study
 from protocols.runfile.study_file import read_study
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="the extra is not installed")
@@ -22,8 +22,8 @@ def test_presets_are_the_papers(preset: str, tmp_path: Path) -> None:
     path = tmp_path / "study.h5"
     assert main(["study", preset, "--out", str(path)]) == DONE
     got = read_study(path)
-    assert np.array_equal(got.values, PRESETS[preset]().run().values)
-    assert got.axes == PRESETS[preset]().axes
+    assert np.array_equal(got.values, STUDY_PRESETS[preset]().run().values)
+    assert got.axes == STUDY_PRESETS[preset]().axes
     assert got.description["n"] == 7
 
 

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from app.common.formatting import curve_line, duration, ended, size, uncertain
-from protocols.base.records import Column, Curve
+from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome, format_uncertain
+from protocols.base.records import CurveColumn, ResultCurve
 
 
 @pytest.mark.parametrize(
     ("seconds", "words"), [(0, "0 s"), (12.4, "12 s"), (59.6, "1 min 00 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")]
 )
 def test_durations(seconds: float, words: str) -> None:
-    assert duration(seconds) == words
+    assert format_duration(seconds) == words
 
 
 @pytest.mark.parametrize(("count", "words"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
 def test_sizes(count: float, words: str) -> None:
-    assert size(count) == words
+    assert format_bytes(count) == words
 
 
 @pytest.mark.parametrize(
@@ -30,26 +30,26 @@ def test_sizes(count: float, words: str) -> None:
     ],
 )
 def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, words: str) -> None:
-    assert uncertain(value, error, unit) == words
+    assert format_uncertain(value, error, unit) == words
 
 
 def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_samples_is_not() -> None:
     columns = {
-        "frequency": Column(np.array([25.0, 151.0, 525.0]), "Hz", ""),
-        "response": Column(np.array([4e-5, 9.2531e-4, 1e-5]), "m/V", ""),
-        "response_errors": Column(np.array([1e-8, 1.2e-7, 1e-8]), "m/V", ""),
+        "frequency": CurveColumn(np.array([25.0, 151.0, 525.0]), "Hz", ""),
+        "response": CurveColumn(np.array([4e-5, 9.2531e-4, 1e-5]), "m/V", ""),
+        "response_errors": CurveColumn(np.array([1e-8, 1.2e-7, 1e-8]), "m/V", ""),
     }
-    line = curve_line(Curve("frequency response", "of sweep 2", "frequency", "response", columns))
+    line = format_curve(ResultCurve("frequency response", "of sweep 2", "frequency", "response", columns))
     assert line == "frequency response of sweep 2: 3 lines, 25 to 525 Hz, highest 925.31 ± 0.12 µm/V at 151 Hz"
     del columns["response_errors"]
-    assert curve_line(Curve("decay", "", "frequency", "response", columns)) == ""
+    assert format_curve(ResultCurve("decay", "", "frequency", "response", columns)) == ""
 
 
 def test_how_a_run_ended_is_told_once() -> None:
     assert (
-        ended("stopped", "stopped by the operator after 5 of 18 points")
+        format_outcome("stopped", "stopped by the operator after 5 of 18 points")
         == "stopped by the operator after 5 of 18 points"
     )
-    assert ended("unsafe", "UNSAFE: rest could not be confirmed") == "UNSAFE: rest could not be confirmed"
-    assert ended("completed", "all points measured") == "completed: all points measured"
-    assert ended("crashed", "") == "crashed"
+    assert format_outcome("unsafe", "UNSAFE: rest could not be confirmed") == "UNSAFE: rest could not be confirmed"
+    assert format_outcome("completed", "all points measured") == "completed: all points measured"
+    assert format_outcome("crashed", "") == "crashed"

@@ -8,12 +8,12 @@ import pytest
 from drivers.clock import WallClock
 from drivers.errors import BenchError
 from drivers.nidaq.analog_input import NiDigitizer
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.nidaq.input_task import SimulatedNiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest collects them here, with this module's cards
-    Made,
+    DigitizerUnderTest,
     test_a_block_stays_as_it_was_when_the_next_one_comes,
     test_a_closed_stream_gives_nothing,
     test_a_rate_beyond_the_card_is_refused_with_a_remedy,
@@ -30,14 +30,14 @@ from tests.wires.ni_library import NiLibrary
 
 
 @contextmanager
-def without_a_wire() -> Iterator[Made]:
-    bench = VirtualBench(simulated().truth, VirtualClock())
+def without_a_wire() -> Iterator[DigitizerUnderTest]:
+    bench = SimulatedBench(simulated().simulation_parameters, VirtualClock())
     yield bench.digitizer(), bench
 
 
 @contextmanager
-def ni_over_grpc() -> Iterator[Made]:
-    bench = VirtualBench(simulated().truth, WallClock(5.0))
+def ni_over_grpc() -> Iterator[DigitizerUnderTest]:
+    bench = SimulatedBench(simulated().simulation_parameters, WallClock(5.0))
     with ServedBench(bench) as served:
         card = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock, server=f"127.0.0.1:{served.card.port}")
         yield card, bench
@@ -45,21 +45,21 @@ def ni_over_grpc() -> Iterator[Made]:
 
 
 @contextmanager
-def ni_local_library() -> Iterator[Made]:
-    bench = VirtualBench(simulated().truth, WallClock(5.0))
-    with installed(NiLibrary(NiDevice(bench.card, bench.clock, bench.faults))):
+def ni_local_library() -> Iterator[DigitizerUnderTest]:
+    bench = SimulatedBench(simulated().simulation_parameters, WallClock(5.0))
+    with installed(NiLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))):
         card = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock)
         yield card, bench
         card.close()
 
 
 @pytest.fixture(params=[without_a_wire, ni_over_grpc, ni_local_library], ids=lambda make: make.__name__)
-def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+def made(request: pytest.FixtureRequest) -> Iterator[DigitizerUnderTest]:
     with request.param() as made:
         yield made
 
 
-def test_it_says_who_it_is(made: Made) -> None:
+def test_it_says_who_it_is(made: DigitizerUnderTest) -> None:
     card, _ = made
     assert card.identity.model == "USB-6341"
     assert card.identity.serial
@@ -72,7 +72,7 @@ def test_a_dead_server_is_a_sentence() -> None:
 
 def test_a_card_that_is_not_there_is_a_sentence() -> None:
     with (
-        ServedBench(VirtualBench(simulated().truth, WallClock(5.0))) as served,
+        ServedBench(SimulatedBench(simulated().simulation_parameters, WallClock(5.0))) as served,
         pytest.raises(BenchError, match="DAQ card Dev7"),
     ):
         NiDigitizer("Dev7", ("ai0", "ai1"), WallClock(), server=f"127.0.0.1:{served.card.port}")
@@ -84,7 +84,7 @@ def test_no_ni_driver_on_this_computer_says_what_to_install() -> None:
 
 
 def test_a_card_with_a_converter_for_each_channel_has_no_skew() -> None:
-    bench = VirtualBench(simulated(card={"convert_s": 0.0}).truth, WallClock(5.0))
+    bench = SimulatedBench(simulated(card={"convert_s": 0.0}).simulation_parameters, WallClock(5.0))
     with ServedBench(bench) as served:
         card = NiDigitizer("Dev1", ("ai0", "ai1"), bench.clock, server=f"127.0.0.1:{served.card.port}")
         with card.stream(5000.0, 100) as stream:

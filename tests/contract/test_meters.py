@@ -12,30 +12,30 @@ from drivers.errors import BenchError, InstrumentError, LinkError
 from drivers.interfaces import Meter, Reading
 from drivers.sensors.keyence_lkg import KeyenceLkg
 from drivers.sensors.optoncdt import OptoNcdt
-from drivers.transport.serial_port import SerialLine
-from sim_hardware.bench import VirtualBench
+from drivers.transport.serial_port import SerialPort
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.sensors.laser_sensors import Ild1420, LkG, PtyPort
+from sim_hardware.sensors.laser_sensors import SensorPtyServer, SimulatedKeyenceLkg, SimulatedOptoNcdt
 from tests.helpers.simulated_bench import simulated
 
-Made = tuple[Meter, VirtualBench, PtyPort]
+Made = tuple[Meter, SimulatedBench, SensorPtyServer]
 TIMEOUT_S = 0.4
 
 
 @contextmanager
 def keyence_lkg_on_a_pty() -> Iterator[Made]:
-    bench = VirtualBench(simulated().truth, VirtualClock(0.1))
-    with PtyPort(LkG(bench.laser_sees)) as wire:
-        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), bench.clock)
+    bench = SimulatedBench(simulated().simulation_parameters, VirtualClock(0.1))
+    with SensorPtyServer(SimulatedKeyenceLkg(bench.laser_reading_m)) as wire:
+        meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), bench.clock)
         yield meter, bench, wire
         meter.close()
 
 
 @contextmanager
 def optoncdt_on_a_pty() -> Iterator[Made]:
-    bench = VirtualBench(simulated().truth, VirtualClock(0.1))
-    with PtyPort(Ild1420(bench.laser_sees)) as wire:
-        meter = OptoNcdt(SerialLine(wire.port, 921600, TIMEOUT_S), bench.clock, range_m=10e-3)
+    bench = SimulatedBench(simulated().simulation_parameters, VirtualClock(0.1))
+    with SensorPtyServer(SimulatedOptoNcdt(bench.laser_reading_m)) as wire:
+        meter = OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), bench.clock, range_m=10e-3)
         yield Middle(meter), bench, wire
         meter.close()
 
@@ -59,15 +59,15 @@ def made(request: pytest.FixtureRequest) -> Iterator[Made]:
         yield made
 
 
-def deflect(bench: VirtualBench, volts: float) -> float:
+def deflect(bench: SimulatedBench, volts: float) -> float:
     """Hold the amplifier's input at `volts` until the tactor stands still; where its centre then is, in metres."""
     for message in (
         f"OUTP:LOAD INF;:FUNC SIN;:VOLT 0.01;:VOLT:OFFS {volts};:BURS:NCYC 1;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON",
     ):
-        bench.port.handle(message)
+        bench.message_port.handle(message)
     bench.enable_hv()
     bench.clock.sleep(3.0)
-    seen = bench.laser_sees()
+    seen = bench.laser_reading_m()
     assert seen is not None
     assert abs(seen) > 1e-6
     return seen
@@ -108,10 +108,10 @@ def test_out_of_range_is_no_displacement(made: Made) -> None:
 
 def test_silence_is_a_sentence_and_passes(made: Made) -> None:
     meter, _, wire = made
-    wire.silent = True
+    wire.unresponsive = True
     with pytest.raises(LinkError, match=r"was silent for 0.4 s.*; check"):
         deque((meter.read() for _ in range(3)), maxlen=0)  # what was on its way may still arrive
-    wire.silent = False
+    wire.unresponsive = False
     assert meter.read().valid
 
 
@@ -124,36 +124,36 @@ def test_a_pulled_plug_is_a_sentence(made: Made) -> None:
 
 def test_a_port_that_is_not_there_is_a_sentence() -> None:
     with pytest.raises(LinkError, match=r"no-such-port cannot be reached .*check its cable and the port's name"):
-        SerialLine("no-such-port", 9600)
+        SerialPort("no-such-port", 9600)
 
 
 def test_an_lkg_that_is_an_optoncdt_is_a_sentence() -> None:
-    with PtyPort(Ild1420(lambda: 0.0)) as wire:
-        line = SerialLine(wire.port, 9600, TIMEOUT_S)
+    with SensorPtyServer(SimulatedOptoNcdt(lambda: 0.0)) as wire:
+        line = SerialPort(wire.port, 9600, TIMEOUT_S)
         with pytest.raises(BenchError, match=f"{wire.port} was silent"):
             KeyenceLkg(line, VirtualClock())
 
 
 def test_an_optoncdt_that_is_an_lkg_is_a_sentence() -> None:
-    with PtyPort(LkG(lambda: 0.0)) as wire:
-        line = SerialLine(wire.port, 9600, TIMEOUT_S)
+    with SensorPtyServer(SimulatedKeyenceLkg(lambda: 0.0)) as wire:
+        line = SerialPort(wire.port, 9600, TIMEOUT_S)
         with pytest.raises(BenchError, match=f"{wire.port} was silent"):
             OptoNcdt(line, VirtualClock(), range_m=10e-3)
 
 
 def test_an_lkg_in_its_setting_screen_says_so() -> None:
-    controller = LkG(lambda: 0.0)
-    with PtyPort(controller) as wire:
-        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), VirtualClock())
-        controller.setting = True
+    controller = SimulatedKeyenceLkg(lambda: 0.0)
+    with SensorPtyServer(controller) as wire:
+        meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), VirtualClock())
+        controller.in_setting_mode = True
         with pytest.raises(InstrumentError, match="bring it from its setting screen back to measuring"):
             meter.read()
         meter.close()
 
 
 def test_an_output_that_does_not_measure_is_not_valid() -> None:
-    with PtyPort(LkG(lambda: 1e-3)) as wire:
-        meter = KeyenceLkg(SerialLine(wire.port, 9600, TIMEOUT_S), VirtualClock(), output=2)
+    with SensorPtyServer(SimulatedKeyenceLkg(lambda: 1e-3)) as wire:
+        meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), VirtualClock(), output=2)
         assert not meter.read().valid
         meter.close()
 
@@ -161,7 +161,7 @@ def test_an_output_that_does_not_measure_is_not_valid() -> None:
 def test_another_measuring_range_than_the_bench_file_says_is_refused() -> None:
     """Taken for a 25 mm sensor, one of 10 mm would tell two and a half times the stroke."""
     with (
-        PtyPort(Ild1420(lambda: 0.0, range_m=10e-3)) as wire,
+        SensorPtyServer(SimulatedOptoNcdt(lambda: 0.0, range_m=10e-3)) as wire,
         pytest.raises(InstrumentError, match=r"has a measuring range of 10.00 mm, the bench file says 25 mm"),
     ):
-        OptoNcdt(SerialLine(wire.port, 921600, TIMEOUT_S), VirtualClock(), range_m=25e-3)
+        OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), VirtualClock(), range_m=25e-3)

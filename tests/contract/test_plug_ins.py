@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from app.config.bench_file import ConfigError, load_bench
-from app.config.driver_registry import DIGITIZERS, SOURCES, names, open_generator, plug_ins
+from app.config.driver_registry import DIGITIZERS, SOURCES, driver_names, load_plug_ins, open_generator
 from app.session.connect import connect
 from drivers.errors import BenchError, InstrumentError
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth
+from sim_hardware.plant.parameters import GeneratorParameters, SimulationParameters
 from sim_hardware.testing.__main__ import main as run_contract
 from tests.helpers.simulated_bench import simulated
 
@@ -134,7 +134,7 @@ def test_the_digitizer_contract_runs_by_the_same_command(tmp_path: Path) -> None
 
 
 def test_a_plug_in_is_chosen_by_name_in_a_bench_file(lab: Path) -> None:
-    assert "novel" in names(SOURCES)
+    assert "novel" in driver_names(SOURCES)
     file = lab / "bench.toml"
     file.write_text('[generator]\ndriver = "novel"\n[simulation.generator]\nmodel = "33220A"\n')
     with connect(load_bench(str(file))) as laboratory:
@@ -157,16 +157,16 @@ def test_a_broken_plug_in_is_a_sentence_where_it_was_chosen(name: str, says: str
     config = config.model_copy(update={"generator": config.generator.model_copy(update={"driver": name})})
     with pytest.raises(BenchError, match=rf"plug-in driver '{name}' \(lab-drivers 1\.2\) {says}"), connect(config):
         pass
-    assert len([p for p in plug_ins(SOURCES) if p.trouble]) == 6
+    assert len([p for p in load_plug_ins(SOURCES) if p.problem]) == 6
 
 
 def test_broken_plug_ins_are_named_and_skipped_where_all_are_looked_through(
     lab: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    class Stranger(VirtualBench): ...
+    class Stranger(SimulatedBench): ...
 
-    bench = Stranger(BenchTruth(generator=GeneratorTruth(model="33220A")), VirtualClock())
-    bench._box.identity = "Acme,FG-20,1,1.0"
+    bench = Stranger(SimulationParameters(generator=GeneratorParameters(model="33220A")), VirtualClock())
+    bench._generator_model.identity = "Acme,FG-20,1,1.0"
     with (
         caplog.at_level(logging.WARNING),
         pytest.raises(InstrumentError, match=r"answered as 'Acme FG-20 #1', and no driver knows that model"),

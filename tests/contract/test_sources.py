@@ -8,12 +8,12 @@ import pytest
 
 from drivers.clock import WallClock
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here, with this module's sources
-    Made,
-    live,
+    SourceUnderTest,
+    energised,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
     test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves,
     test_a_failed_wire_is_a_sentence_and_can_be_opened_anew,
@@ -31,16 +31,16 @@ from tests.helpers.generators import BOXES, impatient_while_broken, truth
 
 
 @contextmanager
-def direct(model: str) -> Iterator[Made]:
-    bench = VirtualBench(truth(model), VirtualClock())
+def direct(model: str) -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(truth(model), VirtualClock())
     source = BOXES[model](bench.link(), bench.clock)
     yield source, bench, bench.clock
     source.close()
 
 
 @contextmanager
-def on_a_socket(model: str) -> Iterator[Made]:
-    bench = VirtualBench(truth(model), WallClock(20.0))
+def on_a_socket(model: str) -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(truth(model), WallClock(20.0))
     with ServedBench(bench) as served:
         link = VisaLink(f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET", timeout_s=2.0)
         impatient_while_broken(link, bench)
@@ -65,6 +65,6 @@ SOCKET = [
 
 
 @pytest.fixture(params=[*DIRECT, *SOCKET])
-def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
     with request.param() as made:
         yield made

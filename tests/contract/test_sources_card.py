@@ -8,14 +8,14 @@ import pytest
 from drivers.clock import WallClock
 from drivers.drive import Sine
 from drivers.errors import BenchError, InstrumentError
-from drivers.nidaq.analog_output import NiOutput
-from sim_hardware.bench import VirtualBench
+from drivers.nidaq.analog_output import NiAnalogOutput
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.input_task import NiDevice
+from sim_hardware.nidaq.input_task import SimulatedNiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
-    Made,
-    live,
+    SourceUnderTest,
+    energised,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
     test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves,
     test_a_fresh_box_is_not_at_rest_and_is_brought_there,
@@ -28,7 +28,7 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_preparing_twice_is_harmless_even_live,
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
-from tests.helpers.simulated_bench import installed, simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, installed, simulated
 from tests.wires.ni_library import NiLibrary
 
 SPEED = 5.0
@@ -37,49 +37,49 @@ MARGIN_S = 0.3 * SPEED
 
 
 @contextmanager
-def card_output_over_grpc() -> Iterator[Made]:
-    bench = VirtualBench(simulated(source="ao0").truth, WallClock(SPEED))
+def card_output_over_grpc() -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(simulated(source="ao0").simulation_parameters, WallClock(SPEED))
     with ServedBench(bench) as served:
-        source = NiOutput("Dev1", "ao0", bench.clock, server=f"127.0.0.1:{served.card.port}", margin_s=MARGIN_S)
+        source = NiAnalogOutput("Dev1", "ao0", bench.clock, server=f"127.0.0.1:{served.card.port}", margin_s=MARGIN_S)
         yield source, bench, bench.clock
         source.close()
         assert "ResetDevice" not in served.card.calls  # it would put 0 V on every output
 
 
 @contextmanager
-def card_output_by_local_library() -> Iterator[Made]:
-    bench = VirtualBench(simulated(source="ao0").truth, VirtualClock())
-    with installed(NiLibrary(NiDevice(bench.card, bench.clock, bench.faults))):
-        source = NiOutput("Dev1", "ao0", bench.clock)
+def card_output_by_local_library() -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(simulated(source="ao0").simulation_parameters, VirtualClock())
+    with installed(NiLibrary(SimulatedNiDevice(bench.card, bench.clock, bench.faults))):
+        source = NiAnalogOutput("Dev1", "ao0", bench.clock)
         yield source, bench, bench.clock
         source.close()
 
 
 @pytest.fixture(params=[card_output_over_grpc, card_output_by_local_library], ids=lambda make: make.__name__)
-def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
     with request.param() as made:
         yield made
 
 
-def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     bench.inject("card-unplugged")
     with pytest.raises(InstrumentError, match=r"DAQ card Dev1 \(USB-6341\) output ao0: .* check its USB cable"):
-        source.play(Sine(50.0, 1.0, 2.5, 5))
+        source.start_drive(Sine(50.0, 1.0, 2.5, 5))
     bench.clear("card-unplugged")
     source.reconnect()
-    assert source.at_rest(2.5, 0.0, 5.0)
-    source.play(Sine(50.0, 1.0, 2.5, 5))
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(50.0, 1.0, 2.5, 5))
     clock.sleep(0.3)
-    assert source.at_rest(2.5, 0.0, 5.0)
-    volts_are_safe(bench.report())
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
 
 
 def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_back() -> None:
     """The server took the running drive with it: the output stays where it was, and is measured before it is moved."""
     with card_output_over_grpc() as (source, bench, clock):
-        live((source, bench, clock))
-        source.play(Sine(0.5, 2.0, 2.5, 5))  # far from rest for half a second, however slow this machine is
+        energised((source, bench, clock))
+        source.start_drive(Sine(0.5, 2.0, 2.5, 5))  # far from rest for half a second, however slow this machine is
         clock.sleep(0.3)
         bench.inject("grpc-gone")
         with pytest.raises(BenchError, match="gRPC device server does not answer"):
@@ -88,8 +88,8 @@ def test_a_dead_server_is_a_sentence_and_the_way_to_rest_is_found_when_it_is_bac
         assert abs(stuck_v - 2.5) > 0.5
         bench.clear("grpc-gone")
         source.reconnect()
-        assert source.idle_v() == pytest.approx(stuck_v, abs=2e-3)
+        assert source.idle_level_v() == pytest.approx(stuck_v, abs=2e-3)
         source.stop()
-        source.move(2.5, 0.3)
-        assert source.at_rest(2.5, 0.0, 5.0)
-        volts_are_safe(bench.report())
+        source.ramp_to(2.5, 0.3)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
+        assert_safe_voltage(bench.report())

@@ -11,33 +11,35 @@ from drivers.drive import Hold, LinearSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from drivers.supplies.dc_supply import DcSupply
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
-    Made,
-    live,
+    SourceUnderTest,
+    energised,
     test_a_fresh_box_is_not_at_rest_and_is_brought_there,
     test_letting_go_leaves_the_output_at_rest,
     test_preparing_twice_is_harmless_even_live,
 )
 from tests.helpers.generators import impatient_while_broken
-from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 
 MODELS = ("E36312A", "E3631A", "DP832", "SPD3303X")
 
 
 @contextmanager
-def direct(model: str, **truth) -> Iterator[Made]:
-    bench = VirtualBench(simulated(source="supply", supply={"model": model, **truth}).truth, VirtualClock())
+def direct(model: str, **truth) -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(
+        simulated(source="supply", supply={"model": model, **truth}).simulation_parameters, VirtualClock()
+    )
     source = DcSupply(bench.link(), bench.clock)
     yield source, bench, bench.clock
     source.close()
 
 
 @contextmanager
-def on_a_socket(model: str) -> Iterator[Made]:
-    bench = VirtualBench(simulated(source="supply", supply={"model": model}).truth, WallClock(5.0))
+def on_a_socket(model: str) -> Iterator[SourceUnderTest]:
+    bench = SimulatedBench(simulated(source="supply", supply={"model": model}).simulation_parameters, WallClock(5.0))
     with ServedBench(bench) as served:
         link = VisaLink(served.scpi.resource, timeout_s=2.0)
         impatient_while_broken(link, bench)
@@ -54,23 +56,23 @@ MAKES = [
 
 
 @pytest.fixture(params=MAKES)
-def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
     with request.param() as made:
         yield made
 
 
-def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(made: Made) -> None:
-    source, bench, clock = live(made)
+def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     assert isinstance(source, DcSupply)
-    source.move(3.5, 0.2)
+    source.ramp_to(3.5, 0.2)
     before = clock.now()
-    source.move(2.5, 0.05)
+    source.ramp_to(2.5, 0.05)
     assert clock.now() - before > 0.1  # a fall of 1 V to within 20 mV takes four time constants of 50 ms
-    assert source.fall_s > 0.05
+    assert source.longest_settling_s > 0.05
     assert bench.supply.measured_v() == pytest.approx(2.5, abs=0.021)
     clock.sleep(0.3)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.highest_v == pytest.approx(3.5, abs=0.02)
     assert report.steepest_v_per_s < 200  # steps of 50 mV in a millisecond each, not one of a volt
 
@@ -80,13 +82,13 @@ def test_nothing_is_ever_sent_that_takes_the_output_off(model: str, monkeypatch:
     sent: list[str] = []
     with direct(model) as made:
         _, bench, _ = made
-        handle = bench.port.handle
-        monkeypatch.setattr(bench.port, "handle", lambda message: (sent.append(message), handle(message))[1])
-        source, _, _ = live(made)
-        source.play(Hold(2.5, 0.1))
-        source.move(3.0, 0.1)
+        handle = bench.message_port.handle
+        monkeypatch.setattr(bench.message_port, "handle", lambda message: (sent.append(message), handle(message))[1])
+        source, _, _ = energised(made)
+        source.start_drive(Hold(2.5, 0.1))
+        source.ramp_to(3.0, 0.1)
         source.stop()
-        source.move(2.5, 0.1)
+        source.ramp_to(2.5, 0.1)
         source.reconnect()
         source.close()
     assert any("ON" in message for message in sent)
@@ -94,47 +96,47 @@ def test_nothing_is_ever_sent_that_takes_the_output_off(model: str, monkeypatch:
 
 
 @pytest.mark.parametrize("drive", [Sine(5.0, 1.0, 2.5, 5), LinearSweep(1.0, 3.0, 1.0, 1.0, 2.5)])
-def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, made: Made) -> None:
-    source, bench, clock = live(made)
+def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, made: SourceUnderTest) -> None:
+    source, bench, clock = energised(made)
     with pytest.raises(
         InstrumentError, match=r"can hold and step, but not play a .*falls in up to 2 s.*Nothing was sent"
     ):
-        source.play(drive)
+        source.start_drive(drive)
     clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
 
 
 def test_steps_go_on_while_the_run_does() -> None:
     with on_a_socket("E36312A") as made:
-        source, bench, clock = live(made)
-        source.play(Steps((2.5, 3.5, 2.0, 2.5), 1.5, 0.5))
-        assert not source.at_rest(2.5, 0.0, 5.0)
+        source, bench, clock = energised(made)
+        source.start_drive(Steps((2.5, 3.5, 2.0, 2.5), 1.5, 0.5))
+        assert not source.is_at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="still plays"):
-            source.play(Ramp(2.5, 3.0, 0.1))
+            source.start_drive(Ramp(2.5, 3.0, 0.1))
         # Who takes the steps does so in real time, and may be held up on a busy computer; so may we.
         most_s = clock.now() + 300.0
         while bench.report().lowest_v > 2.05 or abs(bench.supply.measured_v() - 2.5) > 0.02:
             assert clock.now() < most_s
             clock.sleep(0.5)
         source.stop()
-        assert source.at_rest(2.5, 0.0, 5.0)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.3)
         report = bench.report()
-        volts_are_safe(report)
+        assert_safe_voltage(report)
         assert report.lowest_v == pytest.approx(2.0, abs=0.05)
         assert report.highest_v == pytest.approx(3.5, abs=0.05)
 
 
 def test_steps_that_are_stopped_stay_where_they_are() -> None:
     with on_a_socket("E36312A") as made:
-        source, bench, clock = live(made)
-        source.play(Steps((2.5, 3.5, 2.5), 4.0, 0.5))
+        source, bench, clock = energised(made)
+        source.start_drive(Steps((2.5, 3.5, 2.5), 4.0, 0.5))
         clock.sleep(6.5)
         source.stop()
-        assert source.idle_v() == pytest.approx(3.5, abs=1e-3)
-        source.move(2.5, 0.2)
+        assert source.idle_level_v() == pytest.approx(3.5, abs=1e-3)
+        source.ramp_to(2.5, 0.2)
         clock.sleep(0.3)
-        volts_are_safe(bench.report())
+        assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize("model", ["E36312A", "DP832"])
@@ -144,56 +146,56 @@ def test_protection_that_could_trip_is_refused_before_the_output_comes_up(model:
         direct(model, ovp=True, ovp_v=5.0) as (source, bench, _),
         pytest.raises(InstrumentError, match=r"over-voltage protection at 5 V could trip .* at least 5.3 V or off"),
     ):
-        source.prepare(2.5, 0.0, 5.0)
-    assert not bench.supply.on
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert not bench.supply.output_on
 
 
 @pytest.mark.parametrize("model", ["E36312A", "DP832"])
 def test_protection_that_has_tripped_is_said(model: str) -> None:
     with direct(model, ovp=True, ovp_v=6.0) as (source, bench, _):
-        bench.supply.tripped = True
+        bench.supply.ovp_tripped = True
         with pytest.raises(InstrumentError, match="protection has tripped; clear it at the front panel"):
-            source.prepare(2.5, 0.0, 5.0)
+            source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_fall_slower_than_promised_is_a_sentence_with_a_remedy(model: str) -> None:
     with direct(model, fall_tau_s=2.0) as made:
-        source, _, _ = live(made)
-        source.move(4.5, 0.2)
+        source, _, _ = energised(made)
+        source.ramp_to(4.5, 0.2)
         with pytest.raises(InstrumentError, match=r"measures .* V after 2.* put 1 kohm across its output"):
-            source.move(2.5, 0.1)
+            source.ramp_to(2.5, 0.1)
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
     with direct(model) as made:
-        source, bench, clock = live(made)
-        bench.supply.on = False  # somebody's finger on the front panel
-        bench.supply.follow()
+        source, bench, clock = energised(made)
+        bench.supply.output_on = False  # somebody's finger on the front panel
+        bench.supply.update_output()
         clock.sleep(1.0)
-        assert not source.at_rest(2.5, 0.0, 5.0)
+        assert not source.is_at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="has switched itself OFF"):
-            source.move(2.6, 0.1)
+            source.ramp_to(2.6, 0.1)
 
 
 @pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-garbled", "scpi-half", "scpi-dropped"])
 def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str) -> None:
     for make in (direct, on_a_socket):
         with make("E36312A") as made:
-            source, bench, clock = live(made)
+            source, bench, clock = energised(made)
             bench.inject(fault)
             with pytest.raises(LinkError, match=r"DC supply E36312A: |which is no"):
-                source.at_rest(2.5, 0.0, 5.0)
+                source.is_at_rest(2.5, 0.0, 5.0)
             bench.clear(fault)
             clock.sleep(1.0)
             source.reconnect()
-            assert source.at_rest(2.5, 0.0, 5.0)
-            volts_are_safe(bench.report())
+            assert source.is_at_rest(2.5, 0.0, 5.0)
+            assert_safe_voltage(bench.report())
 
 
 def test_another_instrument_is_refused() -> None:
-    bench = VirtualBench(simulated().truth, VirtualClock())
+    bench = SimulatedBench(simulated().simulation_parameters, VirtualClock())
     with pytest.raises(InstrumentError, match="answered as 'Keysight Technologies 33511B"):
         DcSupply(bench.link(), bench.clock)
 
@@ -201,12 +203,12 @@ def test_another_instrument_is_refused() -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_a_restart_finds_a_held_level_and_brings_it_to_rest_in_small_steps(model: str) -> None:
     with direct(model) as made:
-        source, bench, clock = live(made)
-        source.move(1.0, 0.3)
+        source, bench, clock = energised(made)
+        source.ramp_to(1.0, 0.3)
         second = DcSupply(bench.link(), clock)
-        assert not second.at_rest(2.5, 0.0, 5.0)
-        second.prepare(2.5, 0.0, 5.0)
+        assert not second.is_at_rest(2.5, 0.0, 5.0)
+        second.initialize_at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.5)
         report = bench.report()
-        volts_are_safe(report)
+        assert_safe_voltage(report)
         assert report.steepest_v_per_s < 200  # at once it would be 1500

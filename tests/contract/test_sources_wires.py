@@ -12,12 +12,12 @@ from drivers.clock import WallClock
 from drivers.errors import LinkError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.supplies.dc_supply import DcSupply
-from drivers.transport.scpi import Scpi
+from drivers.transport.scpi import ScpiSession
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, on this module's wires
-    Made,
-    live,
+    SourceUnderTest,
+    energised,
     test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
     test_a_failed_wire_is_a_sentence_and_can_be_opened_anew,
     test_a_fresh_box_is_not_at_rest_and_is_brought_there,
@@ -29,7 +29,7 @@ from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collec
     test_small_and_large_drives_follow_each_other_without_a_jump,
 )
 from tests.helpers.generators import IMPATIENT_S, impatient_while_broken
-from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 from tests.wires.hislip_server import HislipServer
 from tests.wires.scpi_pty import ScpiPty
 from tests.wires.threaded_server import ThreadedServer
@@ -55,11 +55,11 @@ WIRES = [LINE, *MESSAGES]
 
 
 @contextmanager
-def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iterator[tuple[VirtualBench, VisaLink]]:
-    bench = VirtualBench(simulated(**truth).truth, WallClock(SPEED))
-    with kind(bench.port, SPEED, bench.truth.generator.command_s) as wire:
+def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iterator[tuple[SimulatedBench, VisaLink]]:
+    bench = SimulatedBench(simulated(**truth).simulation_parameters, WallClock(SPEED))
+    with kind(bench.message_port, SPEED, bench.parameters.generator.command_s) as wire:
         if isinstance(wire, ThreadedServer):
-            bench.on_fault(wire.poke)
+            bench.add_fault_listener(wire.poke)
         link = VisaLink(wire.resource, TIMEOUT_S, baud=115_200)
         impatient_while_broken(link, bench, impatient_s)
         yield bench, link
@@ -69,7 +69,7 @@ def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iter
 
 
 @pytest.fixture(params=WIRES)
-def made(request: pytest.FixtureRequest) -> Iterator[Made]:
+def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
     with wired(request.param) as (bench, link):
         source = Keysight33500(link, bench.clock)
         yield source, bench, bench.clock
@@ -81,32 +81,32 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(
     kind: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # While the line is being resynchronised, and early enough for a busy computer to be late itself.
-    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * LATE_TIMEOUT_S)
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_RESPONSE_S", 1.2 * LATE_TIMEOUT_S)
     with wired(kind, LATE_TIMEOUT_S) as (bench, link):
-        scpi = Scpi(link, "generator")
+        scpi = ScpiSession(link, "generator")
         bench.inject("scpi-late")
         with pytest.raises(LinkError, match=r"no answer to 'VOLT:OFFS\?'.* was silent for 0\.5 s"):
-            scpi.ask("VOLT:OFFS?")
+            scpi.query("VOLT:OFFS?")
         bench.clear()
         time.sleep(LATE_TIMEOUT_S)  # by now it has come
-        assert scpi.ask("*IDN?").startswith("Keysight")
-        assert scpi.ask("OUTP?") == "0"
+        assert scpi.query("*IDN?").startswith("Keysight")
+        assert scpi.query("OUTP?") == "0"
 
 
 @pytest.mark.parametrize("kind", WIRES)
 def test_half_an_answer_is_forgotten(kind: type) -> None:
     with wired(kind) as (bench, link):
-        scpi = Scpi(link, "generator")
+        scpi = ScpiSession(link, "generator")
         bench.inject("scpi-half")
         with pytest.raises(LinkError):
-            scpi.ask("*IDN?")
+            scpi.query("*IDN?")
         bench.clear()
-        assert scpi.ask("OUTP?") == "0"
+        assert scpi.query("OUTP?") == "0"
 
 
 def test_a_late_answer_that_is_in_a_hislip_line_already_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """pyvisa-py takes it for the acknowledgement of its device clear, and stumbles; the session is then opened anew."""
-    monkeypatch.setattr("sim_hardware.wires.port.LATE_S", 1.2 * LATE_TIMEOUT_S)
+    monkeypatch.setattr("sim_hardware.wires.port.LATE_RESPONSE_S", 1.2 * LATE_TIMEOUT_S)
     with wired(HislipServer, LATE_TIMEOUT_S) as (bench, link):
         bench.inject("scpi-late")
         link.write("VOLT:OFFS?")
@@ -124,7 +124,7 @@ def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) 
     with wired(kind) as (bench, link):
         bench.inject("scpi-dropped")
         with pytest.raises(LinkError, match=r"cannot be reached|hislip0|inst0|USB0"):
-            Scpi(link, "generator").ask("OUTP?")
+            ScpiSession(link, "generator").query("OUTP?")
         with pytest.raises(LinkError):
             link.reopen()
         bench.clear()
@@ -135,7 +135,7 @@ def test_a_box_that_closes_its_session_is_a_sentence_and_comes_back(kind: type) 
 
 def test_noise_on_a_serial_line_does_not_last_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong baud rate gives bytes without end."""
-    monkeypatch.setattr("drivers.transport.visa.LONGEST_NOISE_S", 0.2)
+    monkeypatch.setattr("drivers.transport.visa.MAX_DRAIN_S", 0.2)
 
     class Chatters:
         def __init__(self) -> None:
@@ -156,11 +156,11 @@ def test_noise_on_a_serial_line_does_not_last_for_ever(monkeypatch: pytest.Monke
 def test_a_supply_holds_and_rests_over_it(kind: type) -> None:
     with wired(kind, source="supply", supply={"model": "E3631A"}) as (bench, link):
         source = DcSupply(link, bench.clock)
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
         bench.enable_hv()
-        source.move(3.5, 0.3)
+        source.ramp_to(3.5, 0.3)
         source.stop()
-        source.move(2.5, 0.3)
-        assert source.at_rest(2.5, 0.0, 5.0)
+        source.ramp_to(2.5, 0.3)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
         bench.clock.sleep(0.5)
-        volts_are_safe(bench.report())
+        assert_safe_voltage(bench.report())

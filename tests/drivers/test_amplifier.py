@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Ramp, Sine, Steps
-from drivers.errors import BenchError, DriveRefused, InstrumentError, LinkError
+from drivers.errors import BenchError, DriveRejectedError, InstrumentError, LinkError
 from drivers.interfaces import Identity
 from model.amplifier_map import AmplifierMap
 
@@ -21,17 +21,17 @@ class ScriptedSource:
     def __init__(self) -> None:
         self.level, self.told = 2.5, []
 
-    def play(self, drive: Drive) -> None:
+    def start_drive(self, drive: Drive) -> None:
         self.told.append(drive)
 
     def stop(self) -> None:
         self.told.append("stop")
 
-    def move(self, level_v: float, duration_s: float) -> None:
+    def ramp_to(self, level_v: float, duration_s: float) -> None:
         self.told.append(Ramp(self.level, level_v, duration_s))
         self.level = level_v
 
-    def idle_v(self) -> float:
+    def idle_level_v(self) -> float:
         return self.level
 
     def reconnect(self) -> None:
@@ -63,8 +63,8 @@ def guard() -> tuple[HvAmplifier, ScriptedSource]:
 )
 def test_refuses_with_value_limit_and_remedy_and_sends_nothing(drive: Drive, says: str) -> None:
     amplifier, source = guard()
-    with pytest.raises(DriveRefused, match=says):
-        amplifier.play(drive)
+    with pytest.raises(DriveRejectedError, match=says):
+        amplifier.start_drive(drive)
     assert source.told == []
 
 
@@ -80,8 +80,8 @@ def test_refuses_with_value_limit_and_remedy_and_sends_nothing(drive: Drive, say
 def test_whatever_is_admitted_is_harmless_and_is_played_unchanged(drive: Drive) -> None:
     amplifier, source = guard()
     try:
-        amplifier.play(drive)
-    except DriveRefused:
+        amplifier.start_drive(drive)
+    except DriveRejectedError:
         return
     assert source.told[-1] == drive
     v = drive.volts(np.linspace(0, drive.duration_s, 2001))
@@ -91,24 +91,24 @@ def test_whatever_is_admitted_is_harmless_and_is_played_unchanged(drive: Drive) 
 
 def test_a_held_level_is_reached_and_left_by_a_ramp() -> None:
     amplifier, source = guard()
-    amplifier.play(Hold(4.0, 1.0))
+    amplifier.start_drive(Hold(4.0, 1.0))
     assert source.told == [Ramp(2.5, 4.0, 0.3), Hold(4.0, 1.0)]
-    amplifier.to_rest()
+    amplifier.return_to_rest()
     assert source.told[2:] == ["stop", Ramp(4.0, 2.5, 0.3)]
     assert source.level == 2.5
 
 
 def test_a_second_drive_starts_from_rest() -> None:
     amplifier, source = guard()
-    amplifier.play(Sine(100, 1, 2.5, 1000))
-    amplifier.play(Sine(50, 1, 2.5, 1000))
+    amplifier.start_drive(Sine(100, 1, 2.5, 1000))
+    amplifier.start_drive(Sine(50, 1, 2.5, 1000))
     assert source.told == [Sine(100, 1, 2.5, 1000), "stop", Sine(50, 1, 2.5, 1000)]
 
 
 def test_after_a_failed_wire_it_is_opened_anew_before_anything_is_told() -> None:
     amplifier, source = guard()
     source.level = 3.0  # whatever it was left at
-    amplifier.recover()
+    amplifier.reconnect_and_force_rest()
     assert source.told == ["reconnect", "stop", Ramp(3.0, 2.5, 0.1)]
 
 
@@ -132,22 +132,22 @@ def test_the_map_has_two_slopes_and_clips_where_the_amplifier_does(volts: float,
 
 def test_a_held_level_lasts_until_it_is_ended_whatever_its_duration_and_rest_lasts_no_time() -> None:
     amplifier, source = guard()
-    assert amplifier.seconds_left == 0
-    amplifier.play(Hold(4.0, 0.01))
-    assert amplifier.seconds_left == float("inf")
-    amplifier.to_rest()
-    assert amplifier.seconds_left == 0
+    assert amplifier.remaining_s == 0
+    amplifier.start_drive(Hold(4.0, 0.01))
+    assert amplifier.remaining_s == float("inf")
+    amplifier.return_to_rest()
+    assert amplifier.remaining_s == 0
     told = len(source.told)
-    amplifier.to_rest()  # it is there: a staircase at every step of a protocol would cost a second each
+    amplifier.return_to_rest()  # it is there: a staircase at every step of a protocol would cost a second each
     assert len(source.told) == told
-    amplifier.play(Sine(100, 1, 2.5, 1000))
-    assert amplifier.seconds_left == pytest.approx(10.0, abs=1.0)
+    amplifier.start_drive(Sine(100, 1, 2.5, 1000))
+    assert amplifier.remaining_s == pytest.approx(10.0, abs=1.0)
 
 
 @pytest.mark.parametrize("deaf", [False, True])
 def test_a_source_that_fails_to_stop_is_moved_to_rest_all_the_same_and_the_first_failure_is_told(deaf: bool) -> None:
     amplifier, source = guard()
-    amplifier.play(Hold(4.0, 1.0))
+    amplifier.start_drive(Hold(4.0, 1.0))
     source.told.clear()
 
     def stop() -> None:
@@ -158,18 +158,18 @@ def test_a_source_that_fails_to_stop_is_moved_to_rest_all_the_same_and_the_first
 
     source.stop = stop  # type: ignore[method-assign]
     if deaf:
-        source.idle_v = idle_v  # type: ignore[method-assign]
+        source.idle_level_v = idle_v  # type: ignore[method-assign]
     with pytest.raises(InstrumentError, match="it did not stop"):
-        amplifier.to_rest()
+        amplifier.return_to_rest()
     # Where it idles cannot be asked: as slowly as for the furthest way.
     assert source.told == [Ramp(4.0, 2.5, 0.5 if deaf else 0.3)]
-    assert amplifier.seconds_left > 0  # nobody has said that it obeyed
+    assert amplifier.remaining_s > 0  # nobody has said that it obeyed
 
 
 def test_what_is_no_failure_of_the_instrument_breaks_the_way_off() -> None:
     """The watchdog took the source over: a staircase that goes on now would be the second hand."""
     amplifier, source = guard()
-    amplifier.play(Hold(4.0, 1.0))
+    amplifier.start_drive(Hold(4.0, 1.0))
     source.told.clear()
 
     def stop() -> None:
@@ -177,5 +177,5 @@ def test_what_is_no_failure_of_the_instrument_breaks_the_way_off() -> None:
 
     source.stop = stop  # type: ignore[method-assign]
     with pytest.raises(BenchError, match="watchdog"):
-        amplifier.to_rest()
+        amplifier.return_to_rest()
     assert source.told == []

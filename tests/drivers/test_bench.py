@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from app.session.connect import Laboratory
-from drivers.bench.bench import Armed, Bench
+from app.session.connect import BenchConnection
+from drivers.bench.bench import ArmedBench, Bench
 from drivers.drive import Hold, Sine
 from drivers.errors import AcquisitionError, BenchError, LinkError, UnsafeError
 from drivers.interfaces import Block
-from sim_hardware.bench import VirtualBench
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import laboratory
 
 RATE_HZ = 2000.0
@@ -23,7 +23,7 @@ RATE_HZ = 2000.0
 class Hand:
     """The person at the amplifier; `slip` is what else they do when they have switched it on."""
 
-    world: VirtualBench
+    world: SimulatedBench
     slip: Any = None
     told: list[str] = field(default_factory=list)
 
@@ -39,46 +39,46 @@ class Hand:
 
 
 @pytest.fixture
-def lab() -> Iterator[Laboratory]:
+def lab() -> Iterator[BenchConnection]:
     with laboratory() as lab:
         yield lab
 
 
-def panel(world: VirtualBench, command: str) -> None:
+def panel(world: SimulatedBench, command: str) -> None:
     link = world.link()
     link.write(f"{command};*IDN?")
     link.read()
 
 
 @contextmanager
-def live(lab: Laboratory, hand: Hand | None = None, sink: Any = lambda _: None) -> Iterator[Armed]:
+def live(lab: BenchConnection, hand: Hand | None = None, sink: Any = lambda _: None) -> Iterator[ArmedBench]:
     with lab.bench.armed(RATE_HZ, sink, hand or Hand(lab.control)) as armed:
         yield armed
 
 
-def ended_well(lab: Laboratory) -> None:
+def ended_well(lab: BenchConnection) -> None:
     lab.bench.clock.sleep(0.05)
-    volts_are_safe(lab.control.report())
+    assert_safe_voltage(lab.control.report())
 
 
 # -- arming --------------------------------------------------------------------------------------------------------------
 
 
-def test_high_voltage_is_off_while_the_source_is_set_up_and_comes_on_at_measured_rest(lab: Laboratory) -> None:
+def test_high_voltage_is_off_while_the_source_is_set_up_and_comes_on_at_measured_rest(lab: BenchConnection) -> None:
     hand = Hand(lab.control)
     seen: list[Block] = []
     with live(lab, hand, seen.append) as armed:
         assert hand.told == ["off", "on"]
-        assert armed.before is not None
-        assert armed.before.measured_v == pytest.approx(2.5, abs=0.01)
-        assert armed.energised
+        assert armed.initial_rest is not None
+        assert armed.initial_rest.measured_v == pytest.approx(2.5, abs=0.01)
+        assert armed.high_voltage_may_be_on
         assert seen  # whatever is read while arming is kept as well
-    assert armed.rest is not None
-    assert armed.rest.confirmed
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
     ended_well(lab)
 
 
-def test_a_source_that_rests_is_not_set_up_again_and_the_person_is_told_on_only(lab: Laboratory) -> None:
+def test_a_source_that_rests_is_not_set_up_again_and_the_person_is_told_on_only(lab: BenchConnection) -> None:
     with live(lab):
         pass
     hand = Hand(lab.control)
@@ -88,7 +88,7 @@ def test_a_source_that_rests_is_not_set_up_again_and_the_person_is_told_on_only(
     ended_well(lab)
 
 
-def test_one_that_was_touched_between_two_runs_is_prepared_anew_with_high_voltage_off(lab: Laboratory) -> None:
+def test_one_that_was_touched_between_two_runs_is_prepared_anew_with_high_voltage_off(lab: BenchConnection) -> None:
     with live(lab):
         pass
     panel(lab.control, "BURS:PHAS 45")
@@ -100,7 +100,7 @@ def test_one_that_was_touched_between_two_runs_is_prepared_anew_with_high_voltag
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_rest_that_is_not_there_keeps_high_voltage_off(lab: Laboratory, again: bool) -> None:
+def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, again: bool) -> None:
     world = lab.control
     world.inject("drive-cable-off")
     hand = Hand(world)
@@ -118,7 +118,7 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: Laboratory, again: b
         assert hand.told == ["off"]
 
 
-def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: Laboratory) -> None:
+def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: BenchConnection) -> None:
     """The level that the hand brushed at the front panel is 0.2 V away: it is brought back, and nothing is driven."""
     hand = Hand(lab.control, lambda: panel(lab.control, "VOLT:OFFS 2.52;:VOLT:OFFS 2.56;:VOLT:OFFS 2.6"))
     with pytest.raises(BenchError, match=r"after high voltage was enabled, the card sees 2\.6"), live(lab, hand):
@@ -129,7 +129,7 @@ def test_rest_that_is_lost_when_high_voltage_comes_on_ends_the_run_there(lab: La
     assert report.outside_rest_s < 5.0
 
 
-def test_rest_that_cannot_be_brought_back_is_unsafe_with_the_volts_that_were_seen(lab: Laboratory) -> None:
+def test_rest_that_cannot_be_brought_back_is_unsafe_with_the_volts_that_were_seen(lab: BenchConnection) -> None:
     hand = Hand(lab.control, lambda: lab.control.inject("drive-cable-off"))
     with (
         pytest.raises(UnsafeError, match=r"By hand, now: .*lowest -?0\.\d+ V, highest 0\.\d+ V") as failed,
@@ -142,7 +142,7 @@ def test_rest_that_cannot_be_brought_back_is_unsafe_with_the_volts_that_were_see
 # -- the card that cannot be opened --------------------------------------------------------------------------------------
 
 
-def test_without_a_card_nothing_is_touched_and_the_run_has_failed_only(lab: Laboratory) -> None:
+def test_without_a_card_nothing_is_touched_and_the_run_has_failed_only(lab: BenchConnection) -> None:
     lab.control.inject("card-unplugged")
     hand = Hand(lab.control)
     with pytest.raises(AcquisitionError), live(lab, hand):
@@ -150,7 +150,7 @@ def test_without_a_card_nothing_is_touched_and_the_run_has_failed_only(lab: Labo
     assert hand.told == []
 
 
-def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_unsafe(lab: Laboratory) -> None:
+def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_unsafe(lab: BenchConnection) -> None:
     with live(lab):
         pass
     lab.control.inject("card-unplugged")
@@ -169,22 +169,22 @@ def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_uns
         pass
 
 
-def test_a_file_that_cannot_be_begun_while_high_voltage_is_on_ends_at_measured_rest(lab: Laboratory) -> None:
+def test_a_file_that_cannot_be_begun_while_high_voltage_is_on_ends_at_measured_rest(lab: BenchConnection) -> None:
     with live(lab):
         pass
-    kept: list[Armed] = []
+    kept: list[ArmedBench] = []
 
-    def started(armed: Armed) -> None:
+    def started(armed: ArmedBench) -> None:
         kept.append(armed)
         raise OSError("no space left on device")
 
     with pytest.raises(OSError, match="no space"), lab.bench.armed(RATE_HZ, lambda _: None, Hand(lab.control), started):
         pass
-    assert kept[0].rest is not None
-    assert kept[0].rest.confirmed
+    assert kept[0].final_rest is not None
+    assert kept[0].final_rest.confirmed
 
 
-def test_a_sample_clock_that_is_not_the_one_asked_for_is_a_sentence(lab: Laboratory) -> None:
+def test_a_sample_clock_that_is_not_the_one_asked_for_is_a_sentence(lab: BenchConnection) -> None:
     bench: Bench = lab.bench
     stream = bench.digitizer.stream
 
@@ -227,46 +227,46 @@ class Breaks:
         self._link.close()
 
 
-def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_down(lab: Laboratory) -> None:
+def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_down(lab: BenchConnection) -> None:
     scpi = lab.bench.amplifier._source._scpi  # type: ignore[attr-defined]
     wire = scpi.link = Breaks(scpi.link)
     with live(lab) as armed:
-        armed.play(Hold(3.5, 10.0))
+        armed.start_drive(Hold(3.5, 10.0))
         begin_s = lab.bench.clock.now()
     assert wire.opened == 0  # not where the source obeys
     assert lab.bench.clock.now() - begin_s < 1.5  # told at once, not only when the card saw no rest
     with live(lab) as armed:
-        armed.play(Hold(3.5, 10.0))
+        armed.start_drive(Hold(3.5, 10.0))
         wire.cut = True
     assert wire.opened == 1
-    assert armed.rest is not None
-    assert armed.rest.confirmed
-    assert "did not obey" not in armed.rest.words
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
+    assert "did not obey" not in armed.final_rest.message
     ended_well(lab)
 
 
-def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(lab: Laboratory) -> None:
+def test_a_stream_that_is_broken_is_replaced_by_a_second_one_that_sees_the_rest(lab: BenchConnection) -> None:
     with pytest.raises(AcquisitionError, match="lost samples"), live(lab) as armed:  # noqa: PT012
-        armed.play(Sine(100.0, 1.0, 2.5, 200))
+        armed.start_drive(Sine(100.0, 1.0, 2.5, 200))
         lab.control.inject("card-overrun")
         try:
-            armed.read()
+            armed.read_block()
         finally:
             lab.control.clear("card-overrun")
             armed.stream.close()  # type: ignore[attr-defined] - what an overrun leaves of a task
-    assert armed.rest is not None
-    assert armed.rest.confirmed
-    assert armed.rest.measured_v == pytest.approx(2.5, abs=0.01)
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
+    assert armed.final_rest.measured_v == pytest.approx(2.5, abs=0.01)
     ended_well(lab)
 
 
-def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(lab: Laboratory) -> None:
+def test_without_a_second_stream_it_is_unsafe_because_nobody_can_see(lab: BenchConnection) -> None:
     with pytest.raises(UnsafeError, match="the card cannot see the drive"), live(lab):
         lab.control.inject("card-unplugged")
     ended_well(lab)
 
 
-def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_is_told(lab: Laboratory) -> None:
+def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_is_told(lab: BenchConnection) -> None:
     full = False
 
     def sink(_: Block) -> None:
@@ -274,17 +274,19 @@ def test_a_sink_that_fails_on_the_way_out_does_not_keep_the_bench_from_rest_and_
             raise OSError("no space left on device")
 
     with pytest.raises(OSError, match="no space"), live(lab, sink=sink) as armed:  # noqa: PT012
-        armed.play(Hold(3.5, 10.0))
+        armed.start_drive(Hold(3.5, 10.0))
         full = True
-    assert armed.rest is not None
-    assert armed.rest.confirmed
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
     ended_well(lab)
 
 
-def test_a_level_that_nobody_of_us_commanded_is_brought_back_before_anything_is_called_unsafe(lab: Laboratory) -> None:
+def test_a_level_that_nobody_of_us_commanded_is_brought_back_before_anything_is_called_unsafe(
+    lab: BenchConnection,
+) -> None:
     with live(lab) as armed:
         panel(lab.control, "VOLT:OFFS 2.54;:VOLT:OFFS 2.58;:VOLT:OFFS 2.62")
-    assert armed.rest is not None
-    assert armed.rest.confirmed
+    assert armed.final_rest is not None
+    assert armed.final_rest.confirmed
     lab.bench.clock.sleep(0.05)
     assert lab.control.report().ends_at_rest

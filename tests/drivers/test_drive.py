@@ -29,8 +29,8 @@ def test_samples_stay_between_the_extremes_and_begin_and_end_as_told(drive: Driv
     v = drive.volts(t)
     assert v.min() >= drive.low_v - 1e-9
     assert v.max() <= drive.high_v + 1e-9
-    assert v[0] == pytest.approx(drive.ends_v[0], abs=1e-6)
-    assert v[-1] == pytest.approx(drive.ends_v[1], abs=1e-6)
+    assert v[0] == pytest.approx(drive.end_levels_v[0], abs=1e-6)
+    assert v[-1] == pytest.approx(drive.end_levels_v[1], abs=1e-6)
 
 
 @given(drives)

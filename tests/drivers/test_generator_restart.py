@@ -6,7 +6,7 @@ import pytest
 from drivers.drive import Hold, Sine
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES
-from tests.helpers.simulated_bench import volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage
 
 
 @pytest.mark.parametrize("model", BOXES)
@@ -14,19 +14,19 @@ def test_errors_that_others_left_do_not_keep_a_box_from_being_prepared(model: st
     source, _, panel = made(model)
     for _ in range(3):
         press(panel, "NONSENSE 1")
-    source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_box_that_was_told_of_another_load_is_not_moved_by_volts_that_mean_others() -> None:
     """At 50 ohm its 2.5 V read as 1.25 V: brought 'gently' to 2.5 V it would put 5 V, 1500 V on the specimen."""
     source, bench, panel = made("33220A")
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     press(panel, "OUTP:LOAD 50")
-    found = len(bench.history.pieces())
-    source.prepare(2.5, 0.0, 5.0)
-    pieces = bench.history.pieces()[found:]
+    found = len(bench.history.entries())
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    pieces = bench.history.entries()[found:]
     assert pieces
     assert max(float(piece.segment.volts(np.array([piece.start_s + 1e-6]))[0]) for piece in pieces) < 2.6
 
@@ -34,52 +34,52 @@ def test_a_box_that_was_told_of_another_load_is_not_moved_by_volts_that_mean_oth
 @pytest.mark.parametrize("model", BOXES)
 def test_a_restart_during_a_burst_ends_it_before_anything_is_set_up(model: str) -> None:
     source, bench, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
-    source.play(Sine(50.0, 2.5, 2.5, 400))  # 8 s, and then the program is killed
+    source.start_drive(Sine(50.0, 2.5, 2.5, 400))  # 8 s, and then the program is killed
     bench.clock.sleep(0.333)
     second = BOXES[model](
         bench.link(), bench.clock
     )  # high voltage is still on: the person switched the wrong amplifier
-    second.prepare(2.5, 0.0, 5.0)
+    second.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.05)
-    volts_are_safe(bench.report())  # all the way
+    assert_safe_voltage(bench.report())  # all the way
     begin = bench.report().outside_rest_s
     bench.clock.sleep(9.0)
     assert bench.report().outside_rest_s == begin, "the old burst played on"
-    assert second.at_rest(2.5, 0.0, 5.0)
-    second.play(Sine(100.0, 1.0, 2.5, 50))
+    assert second.is_at_rest(2.5, 0.0, 5.0)
+    second.start_drive(Sine(100.0, 1.0, 2.5, 50))
     bench.clock.sleep(0.7)
     assert bench.report().outside_rest_s - begin == pytest.approx(0.5, rel=0.05)
     second.stop()
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize("model", BOXES)
 def test_a_restart_finds_a_held_level_and_brings_it_to_rest_gently(model: str) -> None:
     source, bench, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
-    source.move(4.0, 0.2)
-    source.play(Hold(4.0, 100.0))
+    source.ramp_to(4.0, 0.2)
+    source.start_drive(Hold(4.0, 100.0))
     second = BOXES[model](bench.link(), bench.clock)
-    assert not second.at_rest(2.5, 0.0, 5.0)
-    second.prepare(2.5, 0.0, 5.0)
+    assert not second.is_at_rest(2.5, 0.0, 5.0)
+    second.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.05)
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
 def test_whoever_finds_such_a_box_idle_need_not_wait_for_a_burst_that_is_long_over(model: str) -> None:
     source, bench, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
-    source.play(Sine(50.0, 1.0, 2.5, 400))
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(50.0, 1.0, 2.5, 400))
     source.stop()
     second = BOXES[model](bench.link(), bench.clock)
     begin_s = bench.clock.now()
-    assert second.at_rest(2.5, 0.0, 5.0)
+    assert second.is_at_rest(2.5, 0.0, 5.0)
     assert bench.clock.now() - begin_s < 0.5
 
 
@@ -100,11 +100,11 @@ def test_a_burst_of_anybody_elses_is_over_when_the_box_has_been_prepared(model: 
     for command in commands:
         press(panel, command)
     bench.clock.sleep(0.37)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.05)
     bench.enable_hv()
     bench.clock.sleep(3.0)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.outside_rest_s == 0
     assert bench.generator.busy_s(bench.clock.now()) == 0

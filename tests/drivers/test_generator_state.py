@@ -86,61 +86,61 @@ RANGE_ASIDE = "RANG:AUTO"
 @pytest.mark.parametrize("model", CHANGES)
 def test_whatever_is_changed_at_the_front_panel_between_two_runs_is_noticed(model: str) -> None:
     source, _, panel = made(model)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     for change, mend in CHANGES[model].items():
-        assert source.at_rest(2.5, 0.0, 5.0), f"before {change}"
+        assert source.is_at_rest(2.5, 0.0, 5.0), f"before {change}"
         press(panel, change)
-        assert not source.at_rest(2.5, 0.0, 5.0), f"{change} was not noticed"
+        assert not source.is_at_rest(2.5, 0.0, 5.0), f"{change} was not noticed"
         press(panel, mend)
         if RANGE_ASIDE in change or "BURS:NCYC" in change or "BURS:STAT" in change:
-            source.prepare(2.5, 0.0, 5.0)
+            source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_load_declared_behind_the_limits_is_noticed_though_every_other_setting_reads_the_same() -> None:
     """Declared 50 ohm, 2.5 V on the display are 5 V at the amplifier: 1500 V on the specimen."""
     source, _, panel = made("33511B")
-    source.prepare(2.5, 1.5, 3.5)
-    assert source.at_rest(2.5, 1.5, 3.5)
+    source.initialize_at_rest(2.5, 1.5, 3.5)
+    assert source.is_at_rest(2.5, 1.5, 3.5)
     away = "VOLT:LIM:STAT OFF;:OUTP:LOAD 50;:VOLT 0.01;:VOLT:OFFS 2.5;:VOLT:LIM:LOW 1.495;:VOLT:LIM:HIGH 3.505"
     for command in away.split(";"):
         press(panel, command)
     press(panel, ":VOLT:LIM:STAT ON")
     assert panel_reads(panel, "VOLT:OFFS?", "VOLT:LIM:LOW?", "VOLT:LIM:HIGH?") == pytest.approx([2.5, 1.495, 3.505])
-    assert not source.at_rest(2.5, 1.5, 3.5)
+    assert not source.is_at_rest(2.5, 1.5, 3.5)
 
 
 @pytest.mark.parametrize("model", CHANGES)
 def test_limits_of_another_bench_file_are_another_state(model: str) -> None:
     source, _, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5, 0.0, 5.0)
-    assert not source.at_rest(2.6, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
+    assert not source.is_at_rest(2.6, 0.0, 5.0)
     if model not in ("33220A", "DG1032Z"):  # these have no limits of their own, and carry the drive in the amplitude
-        assert not source.at_rest(2.5, 0.0, 4.0)
+        assert not source.is_at_rest(2.5, 0.0, 4.0)
 
 
 def test_a_box_that_does_not_read_back_is_said_with_what_and_whether_it_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
     source, bench, panel = made("33511B")
-    handle = bench.port.handle
+    handle = bench.message_port.handle
 
     def deaf_to_phase(message: str):  # a firmware that keeps a phase of its own
         return handle(message.replace("BURS:PHAS 0", "BURS:PHAS 30"))
 
-    monkeypatch.setattr(bench.port, "handle", deaf_to_phase)
+    monkeypatch.setattr(bench.message_port, "handle", deaf_to_phase)
     with pytest.raises(InstrumentError, match=r"\(BURS:PHAS is \+3\.0+E\+01, not 0\); its output was not brought up"):
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
     assert not bench.generator.settings.on
-    monkeypatch.setattr(bench.port, "handle", handle)
-    source.prepare(2.5, 0.0, 5.0)
+    monkeypatch.setattr(bench.message_port, "handle", handle)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     press(panel, "VOLT:UNIT VRMS")
-    monkeypatch.setattr(bench.port, "handle", deaf_to_phase)
+    monkeypatch.setattr(bench.message_port, "handle", deaf_to_phase)
     with pytest.raises(InstrumentError, match="its output is on as it was found"):
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_box_whose_output_does_not_come_on_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     source, bench, _ = made("33511B")
-    handle = bench.port.handle
-    monkeypatch.setattr(bench.port, "handle", lambda message: handle(message.replace("OUTP ON", "OUTP OFF")))
+    handle = bench.message_port.handle
+    monkeypatch.setattr(bench.message_port, "handle", lambda message: handle(message.replace("OUTP ON", "OUTP OFF")))
     with pytest.raises(InstrumentError, match="its output did not come on; look at its front panel"):
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)

@@ -12,16 +12,16 @@ from drivers.errors import InstrumentError, LinkError
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.transport.scpi import Link
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.front_panel import made, press
 from tests.helpers.generators import BOXES, truth
-from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 
 
 @contextmanager
-def direct(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
+def direct(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
     """`timeout_s` is of the wire; here none is waited for."""
     source, bench, panel = made(model)
     yield source, bench, panel
@@ -29,8 +29,8 @@ def direct(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator,
 
 
 @contextmanager
-def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, VirtualBench, Link]]:
-    bench = VirtualBench(truth(model), WallClock(5.0))
+def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, SimulatedBench, Link]]:
+    bench = SimulatedBench(truth(model), WallClock(5.0))
     with ServedBench(bench) as served:
         source = BOXES[model](VisaLink(served.scpi.resource, timeout_s=timeout_s), bench.clock)
         panel = VisaLink(served.scpi.resource, timeout_s=2.0)
@@ -39,17 +39,17 @@ def wired(model: str, timeout_s: float = 2.0) -> Iterator[tuple[BurstGenerator, 
         panel.close()
 
 
-HOLDERS = [model for model in BOXES if BOXES[model].HOLDS_RANGE]
+HOLDERS = [model for model in BOXES if BOXES[model].CAN_FREEZE_RANGE]
 
 
 WAYS = [pytest.param(make, model, id=f"{model} {make.__name__}") for model in HOLDERS for make in (direct, wired)]
 
 
-def playing(source: BurstGenerator, bench: VirtualBench) -> None:
-    source.prepare(2.5, 0.0, 5.0)
+def playing(source: BurstGenerator, bench: SimulatedBench) -> None:
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
-    source.play(Sine(40.0, 2.5, 2.5, 40 * 60))
+    source.start_drive(Sine(40.0, 2.5, 2.5, 40 * 60))
     bench.clock.sleep(0.2)
 
 
@@ -61,7 +61,7 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
             press(panel, "NONSENSE 1")
         source.stop()
         bench.clock.sleep(0.1)
-        volts_are_safe(bench.report())
+        assert_safe_voltage(bench.report())
         assert source.at_rest(2.5, 0.0, 5.0)
 
 
@@ -74,7 +74,7 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
-        volts_are_safe(bench.report())  # stands still at rest, and came there in small steps
+        assert_safe_voltage(bench.report())  # stands still at rest, and came there in small steps
         bench.clear(fault)
         bench.clock.sleep(0.1)
         source.reconnect()
@@ -85,31 +85,31 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
 @pytest.mark.parametrize("model", BOXES)
 def test_a_held_level_comes_to_rest_although_no_answer_can_be_read(model: str, fault: str) -> None:
     with direct(model) as (source, bench, _):
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
         bench.clock.sleep(0.1)
         bench.enable_hv()
-        source.move(4.0, 0.3)
+        source.ramp_to(4.0, 0.3)
         bench.inject(fault)
         with pytest.raises(LinkError):
-            source.move(2.5, 0.3)
+            source.ramp_to(2.5, 0.3)
         bench.clock.sleep(0.1)
-        volts_are_safe(bench.report())
+        assert_safe_voltage(bench.report())
 
 
 def test_away_from_rest_an_unreadable_answer_ends_the_way_at_once() -> None:
     with direct("33511B") as (source, bench, _):
-        source.prepare(2.5, 0.0, 5.0)
-        source.move(3.0, 0.1)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
+        source.ramp_to(3.0, 0.1)
         bench.inject("scpi-garbled")
         with pytest.raises(LinkError):
-            source.move(4.0, 0.3)
+            source.ramp_to(4.0, 0.3)
         assert bench.report().end_v == pytest.approx(3.0, abs=0.06)  # one step at most
 
 
 def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:
     with direct("33511B") as (source, bench, panel):
         playing(source, bench)
-        tell, steps = source._scpi.tell, []
+        tell, steps = source._scpi.write_checked, []
 
         def refuses_every_fifth(command: str) -> None:
             if command.startswith("VOLT "):
@@ -118,11 +118,11 @@ def test_a_step_that_the_box_refuses_does_not_end_the_way_down() -> None:
                     press(panel, "NONSENSE 1")  # its error answers our step
             tell(command)
 
-        source._scpi.tell = refuses_every_fifth
+        source._scpi.write_checked = refuses_every_fifth
         with pytest.raises(InstrumentError, match=r"33511B refused 'VOLT .*it was sent all the same; \d+ more"):
             source.stop()
         bench.clock.sleep(0.1)
-        volts_are_safe(bench.report())
+        assert_safe_voltage(bench.report())
 
 
 def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing() -> None:
@@ -142,23 +142,23 @@ def test_a_driver_that_was_never_told_an_amplitude_and_cannot_ask_sends_nothing(
 def test_a_supply_with_others_errors_in_its_queue_is_prepared_and_brought_to_rest() -> None:
     from drivers.supplies.dc_supply import DcSupply
 
-    bench = VirtualBench(simulated(source="supply").truth, VirtualClock())
+    bench = SimulatedBench(simulated(source="supply").simulation_parameters, VirtualClock())
     panel = bench.link()
     source = DcSupply(bench.link(), bench.clock)
     press(panel, "NONSENSE 1")
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
-    source.move(4.0, 0.3)
+    source.ramp_to(4.0, 0.3)
     for _ in range(3):
         press(panel, "NONSENSE 1")
     with pytest.raises(InstrumentError, match="it was sent all the same"):
-        source.move(2.5, 0.3)  # the queue was not emptied: that is for `stop`
+        source.ramp_to(2.5, 0.3)  # the queue was not emptied: that is for `stop`
     for _ in range(3):
         press(panel, "NONSENSE 1")
     source.stop()
-    source.move(2.5, 0.3)
+    source.ramp_to(2.5, 0.3)
     bench.clock.sleep(0.5)
-    volts_are_safe(bench.report())
-    assert source.at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
+    assert source.is_at_rest(2.5, 0.0, 5.0)
     press(panel, "CURR 0.002,(@1)")
-    assert not source.at_rest(2.5, 0.0, 5.0)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)

@@ -13,24 +13,25 @@ from drivers.generators.keysight_33200 import Keysight33200
 from drivers.generators.rigol_dg import RigolDg
 from drivers.generators.siglent_sdg import SiglentSdg
 from drivers.generators.tektronix_afg import TektronixAfg
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from tests.drivers.test_keysight_33500 import Tapped
 from tests.helpers.generators import BOXES, truth
-from tests.helpers.simulated_bench import laboratory, simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, simulated
 
 
-def made(model: str, **generator: object) -> tuple[BurstGenerator, VirtualBench, Tapped]:
-    bench = VirtualBench(
-        simulated(generator={"model": model, **generator}).truth if generator else truth(model), VirtualClock()
+def made(model: str, **generator: object) -> tuple[BurstGenerator, SimulatedBench, Tapped]:
+    bench = SimulatedBench(
+        simulated(generator={"model": model, **generator}).simulation_parameters if generator else truth(model),
+        VirtualClock(),
     )
     link = Tapped(bench.link())
     return BOXES[model](link, bench.clock), bench, link
 
 
-def live(model: str) -> tuple[BurstGenerator, VirtualBench, Tapped]:
+def live(model: str) -> tuple[BurstGenerator, SimulatedBench, Tapped]:
     source, bench, link = made(model)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
     return source, bench, link
@@ -45,11 +46,11 @@ def test_nothing_any_driver_sends_drops_the_output(model: str) -> None:
     source, bench, link = live(model)
     ready = len(link.sent)
     for drive in (Sine(100.0, 1.0, 2.5, 5), LinearSweep(10, 20, 1.0, 0.5, 2.5), Steps((2.5, 2.6, 2.5), 0.05, 0.05)):
-        source.play(drive)
+        source.start_drive(drive)
         bench.clock.sleep(0.02)
         source.stop()
-    source.move(3.0, 0.1)
-    source.move(2.5, 0.1)
+    source.ramp_to(3.0, 0.1)
+    source.ramp_to(2.5, 0.1)
     source.reconnect()
     source.close()
     texts = [m.partition(",#")[0].partition("WAVEDATA")[0].upper() for m in link.sent]
@@ -71,15 +72,15 @@ def test_nothing_any_driver_sends_drops_the_output(model: str) -> None:
         "VOLL:",
     )
     assert not [t for t in texts[ready:] if any(f in t for f in functions) and "?" not in t.split(";")[0]]
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize("model", [m for m in BOXES if m != "AFG1022"])
 def test_the_load_is_declared_before_the_output_comes_up(model: str) -> None:
     """At 50 ohm the same settings would give 5 V for 2.5 V."""
     source, bench, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
-    assert max(piece.segment.volts([piece.start_s])[0] for piece in bench.history.pieces()[1:]) < 2.52
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert max(piece.segment.volts([piece.start_s])[0] for piece in bench.history.entries()[1:]) < 2.52
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
@@ -92,12 +93,12 @@ def test_a_tektronix_1000_left_at_fifty_ohm_is_found_by_measuring_and_high_volta
             lab.bench.armed(5000.0, lambda _: None, Switch(control)),
         ):
             pass
-        assert source.source_at_rest()  # by its own word it is; nobody believed it
+        assert source.is_source_at_rest()  # by its own word it is; nobody believed it
         assert control.report().live_s == 0
 
 
 class Switch:
-    def __init__(self, bench: VirtualBench) -> None:
+    def __init__(self, bench: SimulatedBench) -> None:
         self._bench = bench
 
     def disable(self) -> None:
@@ -114,8 +115,8 @@ def test_a_rigol_found_in_dc_is_read_where_it_tells_the_truth() -> None:
     link.read()
     link.write(":SOUR1:VOLT:OFFS?")
     assert float(link.read()) == 0.0
-    assert source.idle_v() == pytest.approx(2.5, abs=1e-3)
-    assert not source.at_rest(2.5, 0.0, 5.0)
+    assert source.idle_level_v() == pytest.approx(2.5, abs=1e-3)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
 
 
 @pytest.mark.parametrize(("dwell_s", "rise_s", "packets"), [(0.5, 0.5, 1), (1.0, 0.005, 1), (3.0, 0.005, 3)])
@@ -124,21 +125,21 @@ def test_a_rigol_plays_at_the_rate_it_was_told_whatever_the_size_of_a_waveform(
 ) -> None:
     """More than 8192 points put it into its sample-rate mode by itself; it is in that mode from the start."""
     source, bench, link = live("DG1032Z")
-    source.play(Steps((2.5, 3.5, 2.5), dwell_s, rise_s))
+    source.start_drive(Steps((2.5, 3.5, 2.5), dwell_s, rise_s))
     bench.clock.sleep(3 * dwell_s + 2 * rise_s + 0.1)
     report = bench.report()
     assert report.outside_rest_s == pytest.approx(dwell_s + 2 * rise_s * 0.98, rel=0.01)
     assert len(sent(link, "DAC16")) == 1 + packets  # the first is the sine of the preparation
-    volts_are_safe(report)
+    assert_safe_voltage(report)
 
 
 def test_a_siglent_clips_without_a_word_and_is_caught_reading_back() -> None:
     source, bench, link = made("SDG1032X")
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     with pytest.raises(
         InstrumentError, match=r"BSWV OFST was set to 7\.\d+ and reads back 7\.5 .*nothing more was sent"
     ):
-        source.move(8.0, 0.01)
+        source.ramp_to(8.0, 0.01)
     link.write("SYST:ERR?")
     assert link.read().startswith("+0")  # it never complained
     assert bench.report().end_v <= 7.51
@@ -151,18 +152,18 @@ def test_a_siglent_hears_burst_settings_only_once_burst_is_on() -> None:
     link.write("C1:BTWV?")
     assert "TRSR,INT,TIME,1," in link.read()
     source, _, _ = live("SDG1032X")
-    assert source.at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 def test_a_siglent_waveform_is_stored_with_the_levels_that_hold() -> None:
     """It brings its stored offset along when it is selected; one stored with 0 V would drop the output."""
     source, bench, link = live("SDG1032X")
-    source.move(3.0, 0.1)
-    source.play(Steps((3.0, 3.2, 3.0), 0.05, 0.05))
+    source.ramp_to(3.0, 0.1)
+    source.start_drive(Steps((3.0, 3.2, 3.0), 0.05, 0.05))
     assert "OFST,3," in sent(link, "WVDT")[-1]
     bench.clock.sleep(0.4)
-    source.move(2.5, 0.1)
-    volts_are_safe(bench.report())
+    source.ramp_to(2.5, 0.1)
+    assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
@@ -170,10 +171,10 @@ def test_a_box_that_cannot_freeze_its_range_keeps_one_amplitude_for_ever(model: 
     source, bench, link = live(model)
     ready = len(link.sent)
     for amplitude in (0.05, 0.4, 1.2, 2.5, 0.1):  # crosses every attenuator range of the simulated box
-        source.play(Sine(100.0, amplitude, 2.5, 5))
+        source.start_drive(Sine(100.0, amplitude, 2.5, 5))
         bench.clock.sleep(0.1)
         source.stop()
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
     assert not [m for m in link.sent[ready:] if m.startswith(("SOUR1:VOLT ", "C1:BSWV AMP"))]
 
 
@@ -181,7 +182,7 @@ def test_a_box_that_cannot_freeze_its_range_keeps_one_amplitude_for_ever(model: 
 def test_such_a_box_refuses_what_could_not_be_stopped_in_time(model: str) -> None:
     source, bench, _ = live(model)
     with pytest.raises(InstrumentError, match=r"lasts 30 s \(limit 9 s\)"):
-        source.play(Sine(100.0, 1.0, 2.5, 3000))
+        source.start_drive(Sine(100.0, 1.0, 2.5, 3000))
     bench.clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
 
@@ -189,16 +190,16 @@ def test_such_a_box_refuses_what_could_not_be_stopped_in_time(model: str) -> Non
 def test_a_driver_opened_in_the_middle_of_a_drive_waits_for_its_end() -> None:
     """The watchdog's: it has not begun what plays."""
     source, bench, _ = live("SDG1032X")
-    source.play(Sine(50.0, 1.0, 2.5, 100))
+    source.start_drive(Sine(50.0, 1.0, 2.5, 100))
     second = SiglentSdg(bench.link(), bench.clock)
     second.stop()
-    assert second.at_rest(2.5, 0.0, 5.0)
-    volts_are_safe(bench.report())
+    assert second.is_at_rest(2.5, 0.0, 5.0)
+    assert_safe_voltage(bench.report())
 
 
 def test_a_tektronix_burst_is_not_repeated_by_the_internal_timer() -> None:
     source, bench, link = live("AFG3022C")
-    source.play(Sine(100.0, 1.0, 2.5, 5))
+    source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     bench.clock.sleep(2.0)
     assert bench.report().outside_rest_s == pytest.approx(0.05, rel=0.1)
     assert "TRIG:SOUR EXT;:SYST:ERR?" in link.sent
@@ -207,18 +208,18 @@ def test_a_tektronix_burst_is_not_repeated_by_the_internal_timer() -> None:
 def test_a_33220a_counts_to_fifty_thousand() -> None:
     source, bench, _ = live("33220A")
     with pytest.raises(InstrumentError, match=r"plays 50000 cycles at most, not 60000; shorten the drive"):
-        source.play(Sine(1000.0, 0.5, 2.5, 60_000))
+        source.start_drive(Sine(1000.0, 0.5, 2.5, 60_000))
     assert bench.report().outside_rest_s == 0
 
 
 def test_the_keysight_memory_is_cleared_when_it_is_full_without_a_jump() -> None:
     source, bench, link = live("33511B")
     for k in range(8):
-        source.play(LinearSweep(20.0, 120.0 + 20 * k, 60.0, 0.5, 2.5))
+        source.start_drive(LinearSweep(20.0, 120.0 + 20 * k, 60.0, 0.5, 2.5))
         bench.clock.sleep(0.02)
         source.stop()
     assert len(sent(link, "DATA:VOL:CLE")) > 1
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
 @pytest.mark.parametrize(
@@ -226,11 +227,11 @@ def test_the_keysight_memory_is_cleared_when_it_is_full_without_a_jump() -> None
     [("33220A", Keysight33200), ("DG812", RigolDg), ("SDG2042X", SiglentSdg), ("AFG1022", TektronixAfg)],
 )
 def test_auto_asks_the_box_who_it_is(model: str, driver: Callable[..., BurstGenerator]) -> None:
-    bench = VirtualBench(simulated(generator={"model": model}).truth, VirtualClock())
+    bench = SimulatedBench(simulated(generator={"model": model}).simulation_parameters, VirtualClock())
     source = open_generator("auto", bench.link(), bench.clock, 0.05)
     assert type(source) is driver
-    source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 def test_the_wrong_driver_by_name_is_a_sentence() -> None:

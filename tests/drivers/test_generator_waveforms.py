@@ -6,24 +6,24 @@ import pytest
 from drivers.drive import Sine, Steps
 from drivers.errors import InstrumentError, LinkError
 from tests.helpers.front_panel import made, press
-from tests.helpers.simulated_bench import volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage
 
 
 def test_another_waveform_at_the_front_panel_is_never_played() -> None:
     """What the driver remembers of the waveform memory holds no longer than until the next run asks for rest."""
     source, bench, panel = made("33511B")
-    source.prepare(2.5, 0.0, 5.0)
-    source.play(Sine(100.0, 1.0, 2.5, 5))
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     bench.clock.sleep(0.2)
     source.stop()
     press(panel, "FUNC:ARB EXP_RISE")
-    assert source.at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
-    source.play(Sine(100.0, 1.0, 2.5, 5))
+    source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     bench.clock.sleep(0.2)
     source.stop()
     report = bench.report()
-    volts_are_safe(report)  # EXP_RISE at this amplitude would begin with a jump of a volt
+    assert_safe_voltage(report)  # EXP_RISE at this amplitude would begin with a jump of a volt
     assert (report.lowest_v, report.highest_v) == (pytest.approx(1.5, abs=0.01), pytest.approx(3.5, abs=0.01))
 
 
@@ -31,24 +31,24 @@ def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(mon
     """Clearing it selects EXP_RISE, whose first point is the lowest: half of the amplitude below the idle level."""
     monkeypatch.setattr("sim_hardware.generators.keysight_33500.MEMORY_POINTS", 4500)
     source, bench, _ = made("33511B")
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
-    source.play(Sine(100.0, 2.5, 2.5, 5))
+    source.start_drive(Sine(100.0, 2.5, 2.5, 5))
     bench.clock.sleep(0.2)  # it has ended by itself, its amplitude stands
-    source.play(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
+    source.start_drive(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
     bench.clock.sleep(0.4)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     assert report.highest_v == pytest.approx(5.0, abs=0.01)
 
 
 @pytest.mark.parametrize("model", ["SDG1032X", "AFG3022C"])
 def test_a_drive_beyond_the_one_amplitude_of_such_a_box_is_refused(model: str) -> None:
     source, bench, _ = made(model)
-    source.prepare(2.5, 1.5, 3.5)
+    source.initialize_at_rest(2.5, 1.5, 3.5)
     with pytest.raises(InstrumentError, match=r"was set up for 1 V at most .* not 1\.5 V; .*Nothing was sent"):
-        source.play(Sine(50.0, 1.5, 2.5, 10))
+        source.start_drive(Sine(50.0, 1.5, 2.5, 10))
     assert bench.report().outside_rest_s == 0
 
 
@@ -57,8 +57,8 @@ def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_p
     model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, bench, _ = made(model)
-    source.prepare(2.5, 0.0, 5.0)
-    handle = bench.port.handle
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    handle = bench.message_port.handle
 
     def steps_of_a_percent(message: str):
         command, space, rate = message.partition(" ")
@@ -67,9 +67,9 @@ def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_p
             message = f"{command} {float(rate) * 1.01:.10g};{rest}"
         return handle(message)
 
-    monkeypatch.setattr(bench.port, "handle", steps_of_a_percent)
+    monkeypatch.setattr(bench.message_port, "handle", steps_of_a_percent)
     with pytest.raises(InstrumentError, match=r"was set to .* and reads back .* nothing more was sent"):
-        source.play(Sine(100.0, 1.0, 2.5, 5))
+        source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     assert bench.report().outside_rest_s == 0
 
 
@@ -78,25 +78,25 @@ def test_a_waveform_whose_loading_was_never_answered_is_not_taken_for_the_one_be
 ) -> None:
     """The box has taken the steps, and nobody knows: the next sine must be loaded anew, or it would play the steps."""
     source, bench, _ = made("33511B")
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
-    source.play(Sine(100.0, 1.0, 2.5, 5))
+    source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     bench.clock.sleep(0.2)
     source.stop()
-    handle = bench.port.handle
+    handle = bench.message_port.handle
 
     def answers_nothing_to_it(message: str):
         reply = handle(message)
         return None if "FUNC:ARB TB" in message else reply
 
-    monkeypatch.setattr(bench.port, "handle", answers_nothing_to_it)
+    monkeypatch.setattr(bench.message_port, "handle", answers_nothing_to_it)
     with pytest.raises(LinkError):
-        source.play(Steps((2.5, 3.5, 2.5), 0.1, 0.05))
-    monkeypatch.setattr(bench.port, "handle", handle)
+        source.start_drive(Steps((2.5, 3.5, 2.5), 0.1, 0.05))
+    monkeypatch.setattr(bench.message_port, "handle", handle)
     before_s = bench.clock.now()
-    source.play(Sine(100.0, 0.5, 2.5, 5))
+    source.start_drive(Sine(100.0, 0.5, 2.5, 5))
     bench.clock.sleep(0.2)
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     played = bench.history.volts(before_s + np.arange(2000) / 1e4)
     assert (played.min(), played.max()) == (pytest.approx(2.0, abs=0.01), pytest.approx(3.0, abs=0.01))

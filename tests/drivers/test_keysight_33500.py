@@ -5,9 +5,9 @@ import pytest
 from drivers.errors import InstrumentError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.scpi import Link
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 
 
 class Tapped:
@@ -33,15 +33,15 @@ class Tapped:
         self._link.close()
 
 
-def driver() -> tuple[Keysight33500, VirtualBench, Tapped]:
-    bench = VirtualBench(simulated().truth, VirtualClock())
+def driver() -> tuple[Keysight33500, SimulatedBench, Tapped]:
+    bench = SimulatedBench(simulated().simulation_parameters, VirtualClock())
     link = Tapped(bench.link())
     return Keysight33500(link, bench.clock), bench, link
 
 
 def test_the_load_is_declared_before_the_output_comes_up() -> None:
     source, bench, link = driver()
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     commands = [message.split(";")[0] for message in link.sent]
     assert commands.index("OUTP:LOAD INF") < commands.index("OUTP ON")
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)  # 5.0 V in the 50-ohm trap
@@ -49,27 +49,27 @@ def test_the_load_is_declared_before_the_output_comes_up() -> None:
 
 def test_the_range_is_frozen_so_that_no_relay_drops_the_output() -> None:
     source, bench, _ = driver()
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
     from drivers.drive import Sine
 
     for amplitude in (0.05, 0.4, 1.2, 2.5, 0.1):  # crosses every attenuator range
-        source.play(Sine(100.0, amplitude, 2.5, 5))
+        source.start_drive(Sine(100.0, amplitude, 2.5, 5))
         bench.clock.sleep(0.1)
         source.stop()
-    volts_are_safe(bench.report())
+    assert_safe_voltage(bench.report())
 
 
 def test_nothing_it_ever_sends_drops_the_output() -> None:
     from drivers.drive import Hold, Sine
 
     source, _, link = driver()
-    source.prepare(2.5, 0.0, 5.0)
-    source.play(Sine(100.0, 1.0, 2.5, 5))
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    source.start_drive(Sine(100.0, 1.0, 2.5, 5))
     source.stop()
-    source.move(3.0, 0.1)
-    source.play(Hold(3.0, 1.0))
-    source.move(2.5, 0.1)
+    source.ramp_to(3.0, 0.1)
+    source.start_drive(Hold(3.0, 1.0))
+    source.ramp_to(2.5, 0.1)
     source.reconnect()
     source.close()
     forbidden = ("*RST", "OUTP OFF", "OUTP 0", "APPL", "*RCL", "FUNC DC")
@@ -80,15 +80,15 @@ def test_nothing_it_ever_sends_drops_the_output() -> None:
 
 def test_every_setting_is_confirmed_in_its_own_message() -> None:
     source, _, link = driver()
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     assert all("?" in message for message in link.sent)
 
 
 def test_a_setting_the_box_refuses_is_told_in_its_own_words() -> None:
     source, bench, _ = driver()
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     with pytest.raises(InstrumentError, match=r"33511B refused 'VOLT:OFFS 5.05.*': .*\(-22[12]\)"):
-        source.move(7.0, 0.01)
+        source.ramp_to(7.0, 0.01)
     assert bench.report().end_v <= 5.01
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from drivers.bench.rest import (
-    FRESH_S,
-    MORE_NOISE,
-    MORE_NOISE_V,
-    REST_HELD_S,
+    MAX_NOISE_RATIO,
+    NOISE_MARGIN_V,
+    REST_DURATION_S,
+    REST_REPEATABILITY_V,
     REST_TOLERANCE_V,
-    RETURN_TOLERANCE_V,
-    Rest,
-    see_rest,
+    STALE_SAMPLES_S,
+    RestMeasurement,
+    verify_rest,
 )
 from sim_hardware.clock import VirtualClock
 
@@ -22,7 +22,9 @@ RATE_HZ, BLOCK = 1000.0, 50
 REST_V = 2.5
 
 
-def watched(volts: Callable[[np.ndarray], np.ndarray], before: Rest | None = None, begin_s: float = 0.0) -> Rest:
+def watched(
+    volts: Callable[[np.ndarray], np.ndarray], before: RestMeasurement | None = None, begin_s: float = 0.0
+) -> RestMeasurement:
     """What is said of a drive that is `volts(t)`, looked at from `begin_s` on for two seconds."""
     clock = VirtualClock()
     clock.sleep(begin_s)
@@ -34,7 +36,7 @@ def watched(volts: Callable[[np.ndarray], np.ndarray], before: Rest | None = Non
         clock.sleep(BLOCK / RATE_HZ)
         return start, np.asarray(volts(np.arange(start, index) / RATE_HZ), float)
 
-    return see_rest(next_volts, clock, 0.0, RATE_HZ, REST_V, 2.0, before)
+    return verify_rest(next_volts, clock, 0.0, RATE_HZ, REST_V, 2.0, before)
 
 
 def steady(level_v: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -50,14 +52,14 @@ def test_rest_is_within_fifty_millivolts_and_not_beyond(side: int) -> None:
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_where_rest_was_seen_before_it_is_that_level_to_ten_millivolts(side: int) -> None:
-    assert RETURN_TOLERANCE_V == 0.01
-    before = Rest(True, REST_V + 0.02, "", 1e-3)
+    assert REST_REPEATABILITY_V == 0.01
+    before = RestMeasurement(True, REST_V + 0.02, "", 1e-3)
     assert watched(steady(REST_V + 0.02 + side * 0.009), before).confirmed
     assert not watched(steady(REST_V + 0.02 + side * 0.011), before).confirmed
 
 
 def test_every_sample_of_a_tenth_of_a_second_lies_there() -> None:
-    assert REST_HELD_S == 0.1
+    assert REST_DURATION_S == 0.1
 
     def a_spike_every(period: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda t: np.where(np.rint(t * RATE_HZ) % period == 0, REST_V + 0.2, REST_V)
@@ -68,37 +70,37 @@ def test_every_sample_of_a_tenth_of_a_second_lies_there() -> None:
 
 def test_samples_from_before_the_command_count_for_nothing() -> None:
     """The card is read with delay: what lies in its buffer was taken while the drive still stood at rest."""
-    assert FRESH_S == 0.1
+    assert STALE_SAMPLES_S == 0.1
     begin_s = 1.0
-    leaves = begin_s + FRESH_S
+    leaves = begin_s + STALE_SAMPLES_S
     assert not watched(lambda t: np.where(t < leaves, REST_V, 4.0), begin_s=begin_s - 0.0).confirmed
 
 
 def test_a_small_sine_is_not_rest_although_its_mean_is() -> None:
-    before = Rest(True, REST_V, "", 1e-3)
+    before = RestMeasurement(True, REST_V, "", 1e-3)
     rng = np.random.default_rng(1)
 
     def noisy(rms_v: float) -> Callable[[np.ndarray], np.ndarray]:
         return lambda t: REST_V + rms_v * math.sqrt(2) * np.sin(2 * np.pi * 50 * t) + 0 * rng.random(t.size)
 
-    limit_v = MORE_NOISE * before.noise_v + MORE_NOISE_V
+    limit_v = MAX_NOISE_RATIO * before.noise_v + NOISE_MARGIN_V
     assert limit_v == pytest.approx(4e-3)
     assert watched(noisy(0.9 * limit_v), before).confirmed
     seen = watched(noisy(1.1 * limit_v), before)
     assert not seen.confirmed
-    assert "noise 0.0044 V" in seen.words
+    assert "noise 0.0044 V" in seen.message
 
 
 def words_of(levels: Sequence[float], period_s: float = 0.3) -> str:
-    return watched(lambda t: np.asarray(levels)[(t / period_s).astype(int) % len(levels)]).words
+    return watched(lambda t: np.asarray(levels)[(t / period_s).astype(int) % len(levels)]).message
 
 
 def test_what_is_not_rest_is_told_with_its_lowest_and_highest_of_the_last_second() -> None:
     """A mean of 2.5 V is also that of a sine that shakes the specimen from -500 to 1500 V."""
     seen = watched(lambda t: 2.5 + 2.5 * np.sin(2 * np.pi * 25 * t))
-    assert "(lowest 0.000 V, highest 5.000 V)" in seen.words
+    assert "(lowest 0.000 V, highest 5.000 V)" in seen.message
     seen = watched(lambda t: 2.5 + np.where(t < 0.5, 2.0, 0.3) * np.sin(2 * np.pi * 25 * t))
-    assert "(lowest 2.200 V, highest 2.800 V)" in seen.words  # what was over long before is not told
+    assert "(lowest 2.200 V, highest 2.800 V)" in seen.message  # what was over long before is not told
     assert "lowest 1.000 V, highest 4.000 V" in words_of((1.0, 4.0))  # slower than a block
 
 

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from model.identification.calibration import Calibration, Estimate
-from model.identification.fit_options import Setting
+from model.identification.calibration import Calibration, EstimatedQuantity
+from model.identification.fit_options import FitOptions
 
 
 def calibration(version: int, found: Mapping[str, tuple[float, float]]) -> Calibration:
     """Of specimen T7, with a value and a standard error for each name, and the paper's values for the rest."""
-    estimates = tuple(Estimate(name, value, error, "1", ("run",)) for name, (value, error) in found.items())
+    estimates = tuple(EstimatedQuantity(name, value, error, "1", ("run",)) for name, (value, error) in found.items())
     covariance = np.diag([error**2 for _, error in found.values()])
     return Calibration(
         specimen="T7",
@@ -23,5 +23,5 @@ def calibration(version: int, found: Mapping[str, tuple[float, float]]) -> Calib
         accepted_at="2026-11-21T12:00:00+00:00",
         accepted_by="somebody",
         simulated=True,
-        fixed=Setting().base(),
+        fixed=FitOptions().base_values(),
     )

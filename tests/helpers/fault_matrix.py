@@ -21,28 +21,28 @@ from pydantic.fields import FieldInfo
 
 from app.config.bench_file import BenchConfig
 from app.session.connect import connect
-from app.session.session import header
+from app.session.session import run_metadata
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError
 from protocols.base.events import (
-    Armed,
-    AtRest,
-    BlockTaken,
+    BenchArmed,
+    BlockStored,
+    DriveStarted,
     Event,
-    GoingToRest,
-    Playing,
-    Recorded,
-    Status,
+    RecordingFinished,
+    RestMeasured,
+    RunStatus,
+    ShutdownStarted,
     StreamStarted,
 )
 from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import RunFile
+from protocols.runfile.writer import RunFileWriter
 from protocols.runner.runner import Runner
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.operator import SimulatedOperator
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.simulated_bench import simulated
@@ -117,9 +117,9 @@ def _unit(info: FieldInfo) -> str:
 class Cell:
     """What became of a run in which something broke."""
 
-    status: Status
+    status: RunStatus
     reason: str
-    told_rest: AtRest | None
+    told_rest: RestMeasured | None
     at_rest: bool
     """The plant's input stands still at rest, and nothing will move it."""
     end_v: float
@@ -138,7 +138,7 @@ class Cell:
             wrong.append("the moment never came")
         if not self.ended:
             wrong.append(f"it did not end within {TOO_LONG_S:g} s")
-        if not self.at_rest and self.status is not Status.UNSAFE:
+        if not self.at_rest and self.status is not RunStatus.UNSAFE:
             wrong.append(f"the input is at {self.end_v:.3f} V and the run says {self.status}")
         if self.told_rest is not None and self.told_rest.confirmed and abs(self.end_v - 2.5) > REST_TOLERANCE_V:
             wrong.append(f"rest was confirmed with {self.end_v:.3f} V at the input")
@@ -158,7 +158,7 @@ class Cell:
 class _Looker:
     """Learns from a run in which nothing breaks when a protocol's moments come."""
 
-    def __init__(self, bench: VirtualBench) -> None:
+    def __init__(self, bench: SimulatedBench) -> None:
         self._clock = bench.clock
         self._anchor_s: float | None = None
         self._live, self._leaving = False, False
@@ -173,25 +173,25 @@ class _Looker:
     def __call__(self, event: Event) -> None:
         now_s = self._clock.now()
         match event:
-            case Armed():
+            case BenchArmed():
                 self._live, self._anchor_s = True, now_s
-            case Playing() if self.record_after_s is None:
+            case DriveStarted() if self.record_after_s is None:
                 self._anchor_s = now_s
-            case Recorded(rows=(first, last)) if self.record_after_s is None and self._anchor_s is not None:
+            case RecordingFinished(rows=(first, last)) if self.record_after_s is None and self._anchor_s is not None:
                 self.record_after_s = max(now_s - self._anchor_s - 0.5 * (last - first) / self.rate_hz, 0.0)
             case StreamStarted(rate_hz):
                 self.rate_hz = rate_hz
-            case GoingToRest():
+            case ShutdownStarted():
                 self._leaving = True
 
 
 class _Breaker:
     """Breaks the fault when the moment has come; it sees the run's events and the messages to the generator."""
 
-    def __init__(self, bench: VirtualBench, fault: str, moment: str, seen: "Moments") -> None:
+    def __init__(self, bench: SimulatedBench, fault: str, moment: str, seen: "Moments") -> None:
         self.bench, self.fault, self.moment, self._seen = bench, fault, moment, seen
         self.done = False
-        self._counting: type | None = {"ramp": Armed, "stopping": GoingToRest}.get(moment)
+        self._counting: type | None = {"ramp": BenchArmed, "stopping": ShutdownStarted}.get(moment)
         self._left: int | None = None
         self._anchor_s: float | None = None
         _on_moves(bench, self._moved)
@@ -216,11 +216,11 @@ class _Breaker:
         match event:
             case StreamStarted() if self.moment == "arming":
                 self.act()
-            case Armed():
+            case BenchArmed():
                 self._anchor_s = now_s
-            case Playing():
+            case DriveStarted():
                 self._anchor_s = now_s
-            case BlockTaken() if self._anchor_s is not None and self.moment in ("settling", "recording"):
+            case BlockStored() if self._anchor_s is not None and self.moment in ("settling", "recording"):
                 if self.moment == "settling" or now_s - self._anchor_s >= (self._seen.record_after_s or 0.0):
                     self.act()
 
@@ -239,23 +239,23 @@ def moments_of(name: str) -> Moments:
     """From a run in which nothing breaks, which must end well."""
     with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
         looker = _Looker(world)
-        store = RunFile.new(Path(folder), header(protocol(name), bench, "matrix"))
+        store = RunFileWriter.new(Path(folder), run_metadata(protocol(name), bench, "matrix"))
         status, reason = Runner(protocol(name), bench, store, operator, [looker]).run()
-        assert status is Status.COMPLETED, f"{name} without a fault: {reason}"
+        assert status is RunStatus.COMPLETED, f"{name} without a fault: {reason}"
     missing = {"ramp"} if looker.moves_live < ON_THE_WAY else set()
     return Moments(tuple(m for m in MOMENTS if m not in missing), looker.record_after_s, looker.moves_leaving)
 
 
-def _on_moves(bench: VirtualBench, told: Callable[[], None]) -> None:
+def _on_moves(bench: SimulatedBench, told: Callable[[], None]) -> None:
     """Be told before every message that moves the generator's output."""
-    handle = bench.port.handle
+    handle = bench.message_port.handle
 
     def handled(message: str) -> Any:
         if MOVES.match(message):
             told()
         return handle(message)
 
-    bench.port.handle = handled  # type: ignore[method-assign]
+    bench.message_port.handle = handled  # type: ignore[method-assign]
 
 
 @cache
@@ -265,15 +265,15 @@ def _bench_file() -> BenchConfig:
 
 
 @contextmanager
-def _virtual() -> Iterator[tuple[Any, VirtualBench, Any]]:
+def _virtual() -> Iterator[tuple[Any, SimulatedBench, Any]]:
     with connect(_bench_file(), None) as lab:
         lab.bench.block_s = 0.2  # fewer writes to the file
         yield lab.bench, lab.control, lab.operator
 
 
 @contextmanager
-def _wires() -> Iterator[tuple[Any, VirtualBench, Any]]:
-    bench = VirtualBench(simulated().truth, WallClock(1.0))
+def _wires() -> Iterator[tuple[Any, SimulatedBench, Any]]:
+    bench = SimulatedBench(simulated().simulation_parameters, WallClock(1.0))
     with ExitStack() as stack:
         served = stack.enter_context(ServedBench(bench))
         config = BenchConfig.model_validate(
@@ -300,7 +300,7 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
     opening: Callable[[], Any] = _wires if wires else _virtual
     try:
         with opening() as (bench, world, operator):
-            bench.watchdog.log_to(folder)
+            bench.watchdog.set_log_folder(folder)
             breaker = _Breaker(world, fault, moment, moments_of(name))
             events: list[Event] = []
             cancel = threading.Event()
@@ -311,7 +311,7 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
                     cancel.set()
 
             chosen = protocol(name)
-            store = RunFile.new(folder, header(chosen, bench, "matrix"))
+            store = RunFileWriter.new(folder, run_metadata(chosen, bench, "matrix"))
             runner = Runner(chosen, bench, store, operator, [events.append, breaker, patience], cancel)
             status, reason = runner.run()
             report = world.report()
@@ -323,7 +323,7 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
     return Cell(
         status=status,
         reason=reason,
-        told_rest=next((e for e in events if isinstance(e, AtRest)), None),
+        told_rest=next((e for e in events if isinstance(e, RestMeasured)), None),
         at_rest=report.ends_at_rest or report.live_s == 0,
         end_v=report.end_v,
         largest_jump_v=report.largest_jump_v,

@@ -2,13 +2,13 @@
 
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.transport.scpi import Link
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from tests.helpers.generators import BOXES, truth
 
 
-def made(model: str) -> tuple[BurstGenerator, VirtualBench, Link]:
-    bench = VirtualBench(truth(model), VirtualClock())
+def made(model: str) -> tuple[BurstGenerator, SimulatedBench, Link]:
+    bench = SimulatedBench(truth(model), VirtualClock())
     link = bench.link()
     return BOXES[model](link, bench.clock), bench, bench.link()
 

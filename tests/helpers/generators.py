@@ -9,8 +9,8 @@ from drivers.generators.rigol_dg import RigolDg
 from drivers.generators.siglent_sdg import SiglentSdg
 from drivers.generators.tektronix_afg import TektronixAfg
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.parameters import SimulationParameters
 from tests.helpers.simulated_bench import simulated
 
 BOXES: dict[str, type[BurstGenerator]] = {
@@ -27,18 +27,18 @@ IMPATIENT_S = 0.2
 
 
 @cache
-def truth(model: str) -> BenchTruth:
-    return simulated(generator={"model": model}).truth
+def truth(model: str) -> SimulationParameters:
+    return simulated(generator={"model": model}).simulation_parameters
 
 
-def impatient_while_broken(link: VisaLink, bench: VirtualBench, impatient_s: float = IMPATIENT_S) -> None:
+def impatient_while_broken(link: VisaLink, bench: SimulatedBench, impatient_s: float = IMPATIENT_S) -> None:
     """Wait for an answer as long as a busy computer needs while the wire is whole, and briefly while it is broken."""
     patient_s = link.timeout_s
 
     def follow() -> None:
-        broken = any(name.startswith("scpi-") for name in bench.faults.all_active())
+        broken = any(name.startswith("scpi-") for name in bench.faults.active_faults())
         link.timeout_s = impatient_s if broken else patient_s
         if link._session is not None:
             link._session.timeout = 1000 * link.timeout_s
 
-    bench.on_fault(follow)
+    bench.add_fault_listener(follow)

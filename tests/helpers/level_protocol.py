@@ -8,16 +8,16 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Unit
 
-from app.session.session import header
+from app.session.session import run_metadata
 from drivers.drive import Drive, Hold
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate, Planned, Recording
-from protocols.base.steps import Play, Prompt, Record, Redo, Step
-from protocols.resume import earlier
-from protocols.runfile.writer import RunFile
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
+from protocols.base.steps import Play, Prompt, Record, Repeat, Step
+from protocols.resume import load_resumable
+from protocols.runfile.writer import RunFileWriter
 from protocols.runner.runner import Runner
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import Ran
 
 
@@ -44,19 +44,19 @@ class Levels(Protocol):
     sample_rate_hz: float = 5000.0
     script: ClassVar[dict[int, list[Any]]] = {}
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         setups = self.setups or (0,) * len(self.levels_v)
         return tuple(self._entry(v, s) for v, s in zip(self.levels_v, setups, strict=True))
 
-    def _entry(self, level_v: float, setup: int) -> Planned:
+    def _entry(self, level_v: float, setup: int) -> PlanEntry:
         prompt = Prompt("fix-mass", f"Fix mass {setup}", {"mass_kg": float(setup)}, hands_on=True) if setup else None
-        return Planned(f"{level_v:g} V", (Hold(level_v, 10.0),), 0.6, (level_v,), prompt)
+        return PlanEntry(f"{level_v:g} V", (Hold(level_v, 10.0),), 0.6, (level_v,), prompt)
 
-    def more(self, points: Sequence[Any], rest_v: float) -> tuple[Planned, ...]:
+    def refine(self, points: Sequence[Any], rest_v: float) -> tuple[PlanEntry, ...]:
         have = [point.level for point in points]
         return tuple(self._entry(v, 0) for v in self.more_v if v not in have)
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
         drive: Drive = entry.drives[0]
         yield Play(drive, 0.3)
         yield Record(0.2)
@@ -69,8 +69,8 @@ class Levels(Protocol):
         quality = recordings[-1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         return Level(float(key[0]), float(moved.mean()), float(moved.std() / np.sqrt(len(moved))), int(quality))
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
-        return (Estimate("count", float(len(list(points))), 0.0, "1", "here"),)
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
+        return (EstimatedQuantity("count", float(len(list(points))), 0.0, "1", "here"),)
 
 
 LEVELS = Levels()
@@ -97,15 +97,15 @@ class Handy:
 
 def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), operator: Any = None) -> Ran:
     """Go on with a run, as a session does."""
-    before = earlier(path, again)
+    before = load_resumable(path, again)
     events: list[Any] = []
-    store = RunFile.new(folder, header(before.protocol, lab.bench, before.specimen, before.path))
+    store = RunFileWriter.new(folder, run_metadata(before.protocol, lab.bench, before.specimen, before.path))
     runner = Runner(
-        before.protocol, lab.bench, store, operator or lab.operator, [events.append], continuation=before.continuation
+        before.protocol, lab.bench, store, operator or lab.operator, [events.append], resume_state=before.resume_state
     )
     status, reason = runner.run()
     report = lab.control.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     return Ran(status, reason, store.path, events, report, lab)
 
 

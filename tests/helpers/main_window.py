@@ -12,8 +12,8 @@ from PySide6.QtTest import QTest
 
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
-from app.live.session_link import Link
-from app.session.connect import Laboratory, connect
+from app.live.session_link import SessionAdapter
+from app.session.connect import BenchConnection, connect
 from app.session.session import SessionEvent
 from protocols.base.events import PointMeasured
 from protocols.base.protocol import Protocol
@@ -69,7 +69,7 @@ class ListeningSession:
         if earlier is not None:
             self.continued.append(earlier)
 
-    def measure_again(self, path: Path, entries: Any, folder: Path) -> None:
+    def repeat_entries(self, path: Path, entries: Any, folder: Path) -> None:
         self.again.append((path, tuple(entries), folder))
 
     def pause(self) -> None:
@@ -81,7 +81,7 @@ class ListeningSession:
     def stop(self) -> None:
         self.stops += 1
 
-    def happened(self, event: Any) -> None: ...
+    def inject_event(self, event: Any) -> None: ...
 
     def close(self, _timeout_s: float | None = None) -> bool:
         self.closed = True
@@ -98,22 +98,22 @@ class Stage:
     def happen(self, *events: SessionEvent) -> None:
         """Tell events as the bench thread would, and let the window hear them."""
         for event in events:
-            self.window.link.observe(event)
+            self.window.adapter.observe(event)
         self.window.tick()
 
     def press(self, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
         press(self.window, key, modifier)
 
 
-class Bench(Link):
+class Bench(SessionAdapter):
     """The simulated bench on its virtual clock, with hands that may break it when a point arrives."""
 
     def __init__(self, config: BenchConfig) -> None:
-        self.laboratory: Laboratory | None = None
-        self.at_a_point: Callable[[Laboratory], None] = lambda _: None
+        self.laboratory: BenchConnection | None = None
+        self.at_a_point: Callable[[BenchConnection], None] = lambda _: None
 
         @contextmanager
-        def open_bench() -> Iterator[Laboratory]:
+        def open_bench() -> Iterator[BenchConnection]:
             with connect(config, None) as self.laboratory:
                 yield self.laboratory
 
@@ -137,14 +137,14 @@ def whole_window(
     window.show()
     window.activateWindow()
     assert QTest.qWaitForWindowActive(window, 5000)
-    until(lambda: window.view.connected, "for the bench")
+    until(lambda: window.state.connected, "for the bench")
     yield window
     end(window)
 
 
 def end(window: MainWindow) -> None:
     """Close a window whatever it shows, and delete it."""
-    window.leave(at_once=True)
+    window.close_session(force=True)
     until(lambda: not window.isVisible(), "for the window to close")
     window.deleteLater()
     QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)

@@ -10,16 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.clock import WallClock
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.history_report import HistoryReport
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.service.served_bench import ServedBench
-from tests.helpers.simulated_bench import simulated, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 
 
 class Program:
     """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
 
-    def __init__(self, bench: VirtualBench, process: subprocess.Popen[str]) -> None:
+    def __init__(self, bench: SimulatedBench, process: subprocess.Popen[str]) -> None:
         self.bench, self.process = bench, process
         self.said: list[str] = []
         self._grew = threading.Condition()
@@ -78,7 +78,7 @@ class Program:
 
 @contextmanager
 def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[Program, ServedBench]]:
-    bench = VirtualBench(simulated().truth, WallClock(1.0))
+    bench = SimulatedBench(simulated().simulation_parameters, WallClock(1.0))
     with ServedBench(bench) as served:
         file = folder / "bench.toml"
         file.write_text(
@@ -112,7 +112,7 @@ def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[
             process.stdout.close()
 
 
-def safe(bench: VirtualBench) -> HistoryReport:
+def safe(bench: SimulatedBench) -> VoltageReport:
     report = bench.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
     return report

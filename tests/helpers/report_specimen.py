@@ -15,5 +15,5 @@ STEPS = VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.2, read_s=0.2, hol
 
 def blocks_of(report: Report, kind: type) -> Sequence[Any]:
     """All words, tables or plots of a report, in order."""
-    every = (*report.first, *(block for section in report.appendix for block in section.blocks))
+    every = (*report.first_page, *(block for section in report.appendix for block in section.blocks))
     return [block for block in every if isinstance(block, kind)]

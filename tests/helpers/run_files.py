@@ -10,16 +10,16 @@ import numpy as np
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import Armed, Noted, Status
+from protocols.base.events import BenchArmed, LogMessage, RunStatus
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate
+from protocols.base.records import EstimatedQuantity
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from protocols.runfile.writer import Header, RunFile
+from protocols.runfile.writer import RunFileWriter, RunMetadata
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))
 NOBODY = 4_200_000
 """No process has this number: it is beyond what the system gives."""
-FOUND = Estimate("resonance frequency", 158.35, 0.01, "Hz", "fit")
+FOUND = EstimatedQuantity("resonance frequency", 158.35, 0.01, "Hz", "fit")
 
 
 def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Quality.SIMULATED) -> SinePoint:
@@ -29,8 +29,8 @@ def sine_point(frequency_hz: float, size_m: float = 1e-3, quality: Quality = Qua
     )  # fmt: skip
 
 
-def _begun(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFile:
-    header = Header(
+def _begun(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz: float) -> RunFileWriter:
+    header = RunMetadata(
         protocol="sine-dwell",
         title="Sine dwell",
         parameters=SineDwell(frequencies_hz=frequencies, sample_rate_hz=rate_hz).model_dump(),
@@ -41,15 +41,15 @@ def _begun(folder: Path, specimen: str, frequencies: tuple[float, ...], rate_hz:
         simulated=True,
         specimen=specimen,
     )
-    file = RunFile.new(folder, header)
-    file.begin(rate_hz, SCALES)
+    file = RunFileWriter.new(folder, header)
+    file.start_stream(rate_hz, SCALES)
     wave = np.sin(2 * np.pi * 100.0 * np.arange(1000) / rate_hz)
     raw = np.round(np.stack([2.5 + 2.5 * wave, 5 * wave]) * 3276.8).astype(np.int16)
-    file.event(Armed(), 0.0)
-    file.block(Block(0, raw), 0.2)
-    file.block(Block(2000, raw), 0.6)  # a gap: a thousand scans were not kept
-    file.event(Noted("ß: a long remark " * 100), 0.3)
-    file.recording((0, 1000), int(Quality.SIMULATED), Sine(100.0, 2.5, 2.5, 20))
+    file.append_event(BenchArmed(), 0.0)
+    file.append_block(Block(0, raw), 0.2)
+    file.append_block(Block(2000, raw), 0.6)  # a gap: a thousand scans were not kept
+    file.append_event(LogMessage("ß: a long remark " * 100), 0.3)
+    file.append_recording((0, 1000), int(Quality.SIMULATED), Sine(100.0, 2.5, 2.5, 20))
     return file
 
 
@@ -63,8 +63,8 @@ def finished_run(
     """A run of a few points that ended in order."""
     file = _begun(folder, specimen, frequencies, rate_hz)
     for f in frequencies:
-        file.point(sine_point(f, size_m))
-    file.finish(Status.COMPLETED, "all points measured", (FOUND,))
+        file.append_point(sine_point(f, size_m))
+    file.finish(RunStatus.COMPLETED, "all points measured", (FOUND,))
     return file.path
 
 
@@ -72,11 +72,11 @@ def crashed_run(folder: Path, specimen: str = "T3") -> Path:
     """What a program leaves that is killed after its first point."""
     with mock.patch("protocols.runfile.writer.os.getpid", return_value=NOBODY):
         file = _begun(folder / ".writing", specimen, (100.0, 160.0), 5000.0)
-    file.point(sine_point(100.0))
+    file.append_point(sine_point(100.0))
     folder.mkdir(exist_ok=True)
     left = folder / file.path.name
     shutil.copy(file.path, left)
-    file.abandon()
+    file.close_after_error()
     shutil.rmtree(folder / ".writing")
     return left
 

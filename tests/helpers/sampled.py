@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.beam.poles import Modal
+from model.beam.poles import ModalForm
 from model.studies.parameter_study import Study
-from model.studies.sensitivity import many_responses
-from model.studies.uncertainty import Band, Curve, Estimates
+from model.studies.sensitivity import chunked_responses
+from model.studies.uncertainty import EstimateSet, ParameterizedCurve, UncertaintyBand
 
 Array = NDArray[np.float64]
 
 
-def march(form: Modal, u: Array, rate_hz: float, hold: Literal["linear", "zero"] = "linear") -> Array:
+def march(form: ModalForm, u: Array, rate_hz: float, hold: Literal["linear", "zero"] = "linear") -> Array:
     """Exact recursion z_k[m + 1] = exp(s h) z_k[m] + drive over one sample, summed over the poles; shape (N,)."""
     from scipy.signal import lfilter
 
@@ -47,16 +47,16 @@ def sampled_series(input_v: Array, orders: int) -> NDArray[np.complex128]:
     return V
 
 
-def model_curve(study: Study) -> Curve:
+def model_curve(study: Study) -> ParameterizedCurve:
     """The study's measure as a curve over its frequencies; estimates take the place of its specimen's values."""
     bare = replace(study, vary={})
-    return lambda values: many_responses(bare, values)
+    return lambda values: chunked_responses(bare, values)
 
 
-def sampled_band(curve: Curve, estimates: Estimates, draws: int) -> Band:
+def sampled_band(curve: ParameterizedCurve, estimates: EstimateSet, draws: int) -> UncertaintyBand:
     """A 95 % band from the quantiles of curves drawn from the estimates."""
     v = np.asarray(estimates.values)
     x = np.random.default_rng(1).multivariate_normal(v, estimates.covariance, draws, check_valid="ignore")
     w = curve(dict(zip(estimates.names, np.vstack((v, x)).T, strict=True)))
     lower, upper = np.quantile(w[1:], (0.025, 0.975), axis=0)
-    return Band(w[0], w[1:].std(axis=0, ddof=1), lower, upper)
+    return UncertaintyBand(w[0], w[1:].std(axis=0, ddof=1), lower, upper)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from drivers.drive import Sine
 from protocols.base.protocol import Protocol
-from protocols.base.records import Estimate, Planned, Recording
+from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
 from protocols.base.steps import Settle, Step
 from protocols.measurements.sine_dwell import SineDwell
 
@@ -34,10 +34,10 @@ class Scripted(Protocol):
     script: Any = Field(default=(), exclude=True)
     sample_rate_hz: float = 5000.0
 
-    def plan(self, rest_v: float) -> tuple[Planned, ...]:
-        return (Planned("only", (Sine(100, 1, rest_v, 300),), 1.0),)
+    def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
+        return (PlanEntry("only", (Sine(100, 1, rest_v, 300),), 1.0),)
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         for step in self.script:
             answer = yield step() if callable(step) else step
             self.__dict__.setdefault("answers", []).append(answer)
@@ -47,7 +47,7 @@ class Scripted(Protocol):
             raise ValueError("nothing was recorded")
         return Spot(100.0, float(recordings[-1].displacement_m.mean()))
 
-    def estimates(self, points: Iterable[Any]) -> tuple[Estimate, ...]:
+    def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         return ()
 
 

@@ -5,7 +5,16 @@ import numpy as np
 from app.session.session import BenchOpened
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
-from protocols.base.events import Armed, AtRest, GoingToRest, Playing, PointMeasured, RunEnded, RunStarted, Status
+from protocols.base.events import (
+    BenchArmed,
+    DriveStarted,
+    PointMeasured,
+    RestMeasured,
+    RunEnded,
+    RunStarted,
+    RunStatus,
+    ShutdownStarted,
+)
 from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SinePoint
 
@@ -15,13 +24,13 @@ OPENED = BenchOpened(
     {"generator": "Keysight 33511B #1", "amplifier": "AMT2012-CE3", "card": "NI USB-6341 #2", "sensor": "laser"},
 )
 STARTED = RunStarted("sine-dwell", "run.h5", 27.0, 18, True)
-LIVE = (STARTED, Armed(), Playing(Sine(160.0, 2.5, 2.5, 1000)))
-AT_REST = AtRest(True, 2.5, "the card sees 2.500 V at the amplifier's input: rest")
-STOPPED = (GoingToRest(), AT_REST, RunEnded(Status.STOPPED, "stopped by the operator", "run.h5"))
+LIVE = (STARTED, BenchArmed(), DriveStarted(Sine(160.0, 2.5, 2.5, 1000)))
+AT_REST = RestMeasured(True, 2.5, "the card sees 2.500 V at the amplifier's input: rest")
+STOPPED = (ShutdownStarted(), AT_REST, RunEnded(RunStatus.STOPPED, "stopped by the operator", "run.h5"))
 LOST = (
-    GoingToRest(),
-    AtRest(False, 0.0, "the card sees 0.000 V"),
-    RunEnded(Status.UNSAFE, "UNSAFE: switch the high voltage OFF by hand", "run.h5"),
+    ShutdownStarted(),
+    RestMeasured(False, 0.0, "the card sees 0.000 V"),
+    RunEnded(RunStatus.UNSAFE, "UNSAFE: switch the high voltage OFF by hand", "run.h5"),
 )
 
 SCALES = (Scale((0.0, 10 / 32768)), Scale((0.0, 10 / 32768)))

@@ -8,26 +8,26 @@ from pathlib import Path
 from typing import Any
 
 from app.config.bench_file import BenchConfig, load_bench
-from app.session.connect import Laboratory, connect
-from app.session.session import header
-from protocols.base.events import Event, PointMeasured, Status
+from app.session.connect import BenchConnection, connect
+from app.session.session import run_metadata
+from protocols.base.events import Event, PointMeasured, RunStatus
 from protocols.base.protocol import Protocol
-from protocols.runfile.writer import RunFile
+from protocols.runfile.writer import RunFileWriter
 from protocols.runner.runner import Runner
-from sim_hardware.plant.history_report import HistoryReport
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.plant.history_report import VoltageReport
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 
 
 @dataclass
 class Ran:
     """What became of a run."""
 
-    status: Status
+    status: RunStatus
     reason: str
     path: Path
     events: list[Event]
-    report: HistoryReport
-    laboratory: Laboratory
+    report: VoltageReport
+    laboratory: BenchConnection
 
     @property
     def points(self) -> list[Any]:
@@ -47,7 +47,7 @@ def simulated(**truth: Any) -> BenchConfig:
 
 
 @contextmanager
-def laboratory(config: BenchConfig | None = None) -> Iterator[Laboratory]:
+def laboratory(config: BenchConfig | None = None) -> Iterator[BenchConnection]:
     with connect(config or simulated(), None) as lab:
         yield lab
 
@@ -83,7 +83,7 @@ class Trigger:
 def run(
     protocol: Protocol,
     folder: Path,
-    lab: Laboratory,
+    lab: BenchConnection,
     *observers: Callable[[Event], None],
     cancel: threading.Event | None = None,
     pause: threading.Event | None = None,
@@ -92,11 +92,11 @@ def run(
 ) -> Ran:
     """Run a protocol on a virtual bench; unless the test says otherwise, the volts must have been safe."""
     events: list[Event] = []
-    store = RunFile.new(folder, header(protocol, lab.bench, "T1"))
+    store = RunFileWriter.new(folder, run_metadata(protocol, lab.bench, "T1"))
     told = [events.append, *observers]
     runner = Runner(protocol, lab.bench, store, operator or lab.operator, told, cancel, pause)
     status, reason = runner.run()
     report = lab.control.report()
     if safe:
-        volts_are_safe(report)
+        assert_safe_voltage(report)
     return Ran(status, reason, store.path, events, report, lab)

@@ -10,13 +10,13 @@ from annotated_types import Interval, Unit
 
 from model.amplifier_map import AmplifierMap
 from model.membrane import sag
-from model.parameter_spec import ParameterError, quantities, validate
+from model.parameter_spec import ParameterError, parameter_specs, validate_parameters
 from model.parameters import Membrane, Tactor, beams
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import series
-from model.response.frequency_response import amplifier_response, frequency_response, modal, poles
+from model.response.drive_spectrum import fourier_series
+from model.response.frequency_response import amplifier_response, frequency_response, poles, tactor_modal_form
 from model.response.latency import sine_latency, step_latency
-from model.response.perception import Threshold, usable_bands
+from model.response.perception import PerceptionThreshold, usable_bands
 from model.response.statics import deflection
 from model.response.sweep_response import sweep_response
 from model.response.time_response import step_response
@@ -24,12 +24,12 @@ from model.skin import Skin, skin
 from model.specimen import Specimen
 from model.studies.convergence import convergence
 from model.studies.parameter_study import Study
-from model.studies.sensitivity import sobol
-from model.studies.uncertainty import Estimates, linear_band
+from model.studies.sensitivity import sobol_indices_of
+from model.studies.uncertainty import EstimateSet, linear_band
 from tests.helpers.sampled import model_curve
 
 T, M = Tactor(), Membrane()
-ONE = Estimates(("k2",), (7e-3,), np.array([[1e-10]]))
+ONE = EstimateSet(("k2",), (7e-3,), np.array([[1e-10]]))
 BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: Tactor(k2=-7e-3), ("k2", "-0.007 N m^2", "greater than 0", "bending stiffness")),
     (lambda: Tactor(E_Al=0.0), ("E_Al", "0 Pa", "greater than 0")),
@@ -56,13 +56,13 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: frequency_response(T, 10.0, x=0.03), ("x (", "0.03 m", "at most 0.022 m")),
     (lambda: exact_response(T, -2.0), ("frequency", "-2 Hz")),
     (lambda: exact_response(T, 2.0, x=-1e-3), ("x (", "-0.001 m", "at least 0")),
-    (lambda: modal(T, x=[0.0, 1.0]), ("x (", "1 m")),
+    (lambda: tactor_modal_form(T, x=[0.0, 1.0]), ("x (", "1 m")),
     (lambda: deflection(T, 0.5), ("x (", "0.5 m")),
     (lambda: amplifier_response(T, 0.0), ("frequency", "0 Hz", "greater than 0")),
     (lambda: amplifier_response(T, 10.0, amplitude_v=3.0), ("-0.5..5.5 V", "0..5 V", "lower the amplitude")),
     (lambda: amplifier_response(T, 10.0, offset_v=float("nan")), ("nan", "0..5 V")),
     (lambda: amplifier_response(T, 10.0, waveform="saw"), ("'saw'", "sine or square")),  # type: ignore[arg-type]
-    (lambda: series("square", 1.0, 2.5, AmplifierMap(), duty=1.0), ("duty is 1.0", "between 0 and 1")),
+    (lambda: fourier_series("square", 1.0, 2.5, AmplifierMap(), duty=1.0), ("duty is 1.0", "between 0 and 1")),
     (lambda: step_response(T, -1.0), ("time", "-1 s")),
     (lambda: step_latency(T, threshold_m=0.0), ("threshold", "0 m", "greater than 0")),
     (lambda: step_latency(T, tolerance=1.0), ("tolerance", "1", "less than 1")),
@@ -72,9 +72,9 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: sweep_response(T, [1.0], orders=0), ("orders is 0",)),
     (lambda: sag(M, -1.0), ("load", "-1 N/m")),
     (lambda: sag(M, delta=-1e-3), ("delta", "-0.001")),
-    (lambda: Threshold((), ()), ("0 frequencies",)),
-    (lambda: Threshold((20.0, 10.0), (1e-6, 1e-6)), ("do not rise", "sort")),
-    (lambda: Threshold((20.0,), (0.0,)), ("threshold amplitude", "0 m")),
+    (lambda: PerceptionThreshold((), ()), ("0 frequencies",)),
+    (lambda: PerceptionThreshold((20.0, 10.0), (1e-6, 1e-6)), ("do not rise", "sort")),
+    (lambda: PerceptionThreshold((20.0,), (0.0,)), ("threshold amplitude", "0 m")),
     (lambda: usable_bands([2.0, 1.0], [1e-3, 1e-3]), ("rising row",)),
     (lambda: beams(T, {"E_m": [1.0]}), ("E_m", "choose from L, L1")),
     (lambda: beams(T, {"k2": [1.0, -1.0]}), ("k2", "-1 N m^2")),
@@ -91,15 +91,24 @@ BAD: list[tuple[Callable[[], object], tuple[str, ...]]] = [
     (lambda: Specimen(membrane=M, delta=-1.0), ("delta", "-1")),
     (lambda: Specimen(k_s=-1.0), ("k_s", "-1")),
     (lambda: Specimen().value("E_m"), ("E_m", "not a variable of this specimen")),
-    (lambda: sobol(Study({}, (1.0,)), {"k2": (8e-3, 6e-3)}), ("k2 ranges from 0.008 to 0.006",)),
-    (lambda: sobol(Study({}, (1.0,)), {"k2": (6e-3, 8e-3)}, samples=100), ("samples is 100", "power of two")),
-    (lambda: sobol(Study({}, (1.0,), measure="receptance"), {"k2": (6e-3, 8e-3)}), ("receptance", "fundamental")),
-    (lambda: Estimates(("k2",), (7e-3,), np.eye(2)), ("shape (2, 2)", "need (1, 1)")),
-    (lambda: Estimates(("k2",), (7e-3,), np.array([[-1.0]])), ("negative variance",)),
-    (lambda: Estimates(("k2", "c0"), (7e-3, 1.0), np.array([[1.0, 2.0], [2.0, 1.0]])), ("not symmetric and positive",)),
-    (lambda: Estimates(("k2",), (-7e-3,), np.eye(1)), ("k2", "-0.007")),
-    (lambda: Estimates(("colour",), (1.0,), np.eye(1)), ("colour", "choose from")),
-    (lambda: Estimates(("k2", "c0"), (7e-3,), np.eye(1)), ("2 names but 1 values",)),
+    (lambda: sobol_indices_of(Study({}, (1.0,)), {"k2": (8e-3, 6e-3)}), ("k2 ranges from 0.008 to 0.006",)),
+    (
+        lambda: sobol_indices_of(Study({}, (1.0,)), {"k2": (6e-3, 8e-3)}, samples=100),
+        ("samples is 100", "power of two"),
+    ),
+    (
+        lambda: sobol_indices_of(Study({}, (1.0,), measure="receptance"), {"k2": (6e-3, 8e-3)}),
+        ("receptance", "fundamental"),
+    ),
+    (lambda: EstimateSet(("k2",), (7e-3,), np.eye(2)), ("shape (2, 2)", "need (1, 1)")),
+    (lambda: EstimateSet(("k2",), (7e-3,), np.array([[-1.0]])), ("negative variance",)),
+    (
+        lambda: EstimateSet(("k2", "c0"), (7e-3, 1.0), np.array([[1.0, 2.0], [2.0, 1.0]])),
+        ("not symmetric and positive",),
+    ),
+    (lambda: EstimateSet(("k2",), (-7e-3,), np.eye(1)), ("k2", "-0.007")),
+    (lambda: EstimateSet(("colour",), (1.0,), np.eye(1)), ("colour", "choose from")),
+    (lambda: EstimateSet(("k2", "c0"), (7e-3,), np.eye(1)), ("2 names but 1 values",)),
     (lambda: linear_band(model_curve(Study({}, (1.0,))), ONE, coverage=1.0), ("coverage is 1.0",)),
 ]
 
@@ -124,19 +133,19 @@ def test_annotations_are_read_once_and_for_all() -> None:
         label: str = "x"
 
         def __post_init__(self) -> None:
-            validate(self)
+            validate_parameters(self)
 
-    (start,) = quantities(Sweep)
-    assert (start.name, start.unit, start.words, start.default) == ("start_hz", "Hz", "first frequency", None)
+    (start,) = parameter_specs(Sweep)
+    assert (start.name, start.unit, start.description, start.default) == ("start_hz", "Hz", "first frequency", None)
     assert start.limits == "greater than 0 Hz and at most 1000 Hz"
-    assert start.admits([0.0, 1.0, 1000.0, 1001.0]).tolist() == [False, True, True, False]
+    assert start.is_valid([0.0, 1.0, 1000.0, 1001.0]).tolist() == [False, True, True, False]
     with pytest.raises(ParameterError, match=r"start_hz \(first frequency\) is 2000 Hz"):
         Sweep(2000.0)
 
 
 def test_every_parameter_of_table_i_has_unit_words_and_default() -> None:
     for cls in (Tactor, Membrane):
-        for q in quantities(cls):
+        for q in parameter_specs(cls):
             assert q.unit
-            assert q.words != q.name
+            assert q.description != q.name
             assert q.default == getattr(cls(), q.name)

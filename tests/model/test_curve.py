@@ -5,7 +5,7 @@ import pytest
 
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.fast_response import curve, motion
+from model.response.fast_response import operating_deflection_shape, response_curve
 from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen
 
@@ -23,7 +23,7 @@ FREQUENCY = np.linspace(1.0, 500.0, 120)
     ],
 )
 def test_quick_and_thorough_agree(specimen: Specimen, tolerance: float) -> None:
-    quick = curve(specimen, FREQUENCY)
+    quick = response_curve(specimen, FREQUENCY)
     thorough = amplifier_response(specimen.tactor, FREQUENCY, skin=specimen.skin)
     np.testing.assert_allclose(quick.fundamental, thorough.fundamental, rtol=1e-12)
     np.testing.assert_allclose(quick.peak_to_peak, thorough.peak_to_peak, rtol=tolerance)
@@ -33,14 +33,16 @@ def test_quick_and_thorough_agree(specimen: Specimen, tolerance: float) -> None:
 def test_the_motion_of_the_centre_has_the_amplitude_of_the_curve(frequency_hz: float) -> None:
     specimen = Specimen()
     x = np.linspace(0, specimen.tactor.L, 21)
-    w = motion(specimen, frequency_hz, x, phases=256)
-    assert np.ptp(w[:, -1]) == pytest.approx(curve(specimen, np.array([frequency_hz])).peak_to_peak[0], rel=1e-3)
+    w = operating_deflection_shape(specimen, frequency_hz, x, phases=256)
+    assert np.ptp(w[:, -1]) == pytest.approx(
+        response_curve(specimen, np.array([frequency_hz])).peak_to_peak[0], rel=1e-3
+    )
     assert np.abs(w[:, 0]).max() < 1e-12  # clamped
     assert np.abs(w[:, 1]).max() < 0.02 * np.abs(w[:, -1]).max()
 
 
 def test_what_cannot_be_driven_is_refused() -> None:
     with pytest.raises(ParameterError, match="greater than 0"):
-        curve(Specimen(), np.array([0.0, 10.0]))
+        response_curve(Specimen(), np.array([0.0, 10.0]))
     with pytest.raises(ParameterError, match="lower the amplitude"):
-        curve(Specimen(), np.array([10.0]), amplitude_v=2.6)
+        response_curve(Specimen(), np.array([10.0]), amplitude_v=2.6)

@@ -7,9 +7,9 @@ import pytest
 
 from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
-from model.response.perception import ABDOMEN, Threshold, margin, usable_bands
+from model.response.perception import ABDOMEN_THRESHOLD, PerceptionThreshold, perception_margin, usable_bands
 from model.skin import skin
-from model.studies.paper_figures import Figure, figures
+from model.studies.paper_figures import PaperFigure, paper_figures
 
 F = np.arange(1.0, 251.0)
 
@@ -17,7 +17,9 @@ F = np.arange(1.0, 251.0)
 def test_free_tactor_is_felt_everywhere_below_250_hz() -> None:
     w = amplifier_response(Tactor(), F).peak_to_peak
     assert usable_bands(F, w) == ((1.0, 250.0),)
-    assert margin(160.0, amplifier_response(Tactor(), 160.0).peak_to_peak)[0] == pytest.approx(1115.7 / 50, rel=1e-4)
+    assert perception_margin(160.0, amplifier_response(Tactor(), 160.0).peak_to_peak)[0] == pytest.approx(
+        1115.7 / 50, rel=1e-4
+    )
 
 
 def test_ends_of_the_usable_band_lie_on_the_threshold() -> None:
@@ -36,14 +38,14 @@ def test_several_bands_and_none() -> None:
 
 
 def test_threshold_curve_is_straight_in_log_log() -> None:
-    curve = Threshold((10.0, 1000.0), (100e-6, 1e-6))
-    assert curve.at([1.0, 10.0, 100.0, 1e4]) == pytest.approx([100e-6, 100e-6, 10e-6, 1e-6])
-    assert ABDOMEN.at([3.0, 200.0]) == pytest.approx(50e-6)
+    curve = PerceptionThreshold((10.0, 1000.0), (100e-6, 1e-6))
+    assert curve.amplitude_at([1.0, 10.0, 100.0, 1e4]) == pytest.approx([100e-6, 100e-6, 10e-6, 1e-6])
+    assert ABDOMEN_THRESHOLD.amplitude_at([3.0, 200.0]) == pytest.approx(50e-6)
 
 
 @cache
-def every() -> dict[str, Figure]:
-    return {figure.name: figure for figure in figures()}
+def every() -> dict[str, PaperFigure]:
+    return {figure.name: figure for figure in paper_figures()}
 
 
 def test_every_theory_figure_is_there_with_units() -> None:

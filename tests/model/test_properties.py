@@ -9,7 +9,7 @@ from model.beam.galerkin import gram
 from model.beam.poles import modal_form, receptance
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import frequency_response, modal, system
+from model.response.frequency_response import frequency_response, system_matrices, tactor_modal_form
 from model.response.modes import natural_frequencies
 from model.response.statics import deflection, load_compliance, voltage_gain
 from model.skin import Skin
@@ -29,9 +29,9 @@ def test_galerkin_agrees_with_the_closed_form(pair: tuple[Tactor, Skin]) -> None
     for on in (None, skin):
         f = around_resonance(t, on)
         for source in ("voltage", "load"):
-            exact = exact_response(t, f, on, source=source)
+            exact = exact_response(t, f, on, excitation=source)
             error = [
-                abs(frequency_response(t, f, on, n, source=source) - exact).max() / abs(exact).max()
+                abs(frequency_response(t, f, on, n, excitation=source) - exact).max() / abs(exact).max()
                 for n in (7, 14, 28)
             ]
             assert error[0] > error[1] > error[2]
@@ -44,15 +44,15 @@ def test_galerkin_agrees_with_the_closed_form(pair: tuple[Tactor, Skin]) -> None
 def test_statics_are_the_zero_frequency_limit(t: Tactor) -> None:
     x = np.linspace(0, t.L, 11)
     for source, whole, volts, load in (("voltage", voltage_gain(t), 1, 0), ("load", load_compliance(t), 0, 1)):
-        w = exact_response(t, 0.0, x=x, source=source)[:, 0]
+        w = exact_response(t, 0.0, x=x, excitation=source)[:, 0]
         assert w.real == pytest.approx(deflection(t, x, volts, load), rel=1e-9, abs=1e-12 * abs(whole))
         assert w[-1].real == pytest.approx(whole, rel=1e-9)
         # The inertia of a soft tactor shows at 1e-4 Hz: how slow is slow enough is told by its resonance.
-        slow = exact_response(t, natural_frequencies(t)[0] * np.logspace(-14, -6, 9), source=source)
+        slow = exact_response(t, natural_frequencies(t)[0] * np.logspace(-14, -6, 9), excitation=source)
         assert slow.real == pytest.approx(np.full(9, whole), rel=1e-9)
     # Eq. (16) holds the whole static answer to a voltage; the load's is only approached
     assert frequency_response(t, 0.0, n=3)[0].real == pytest.approx(voltage_gain(t), rel=1e-9)
-    assert frequency_response(t, 0.0, n=40, source="load")[0].real == pytest.approx(load_compliance(t), rel=2e-4)
+    assert frequency_response(t, 0.0, n=40, excitation="load")[0].real == pytest.approx(load_compliance(t), rel=2e-4)
 
 
 @few
@@ -62,7 +62,7 @@ def test_reciprocity_of_load_and_moment(pair: tuple[Tactor, Skin]) -> None:
     t, skin = pair
     f = around_resonance(t, skin)
     moved = exact_response(t, f, skin)
-    turned = exact_response(t, f, skin, x=t.L1, source="load", derivative=1)
+    turned = exact_response(t, f, skin, x=t.L1, excitation="load", derivative=1)
     assert abs(moved + 2 * t.mu * turned).max() < 1e-8 * abs(moved).max()
 
 
@@ -74,7 +74,7 @@ def test_power_in_is_power_dissipated(pair: tuple[Tactor, Skin]) -> None:
     omega = 2 * np.pi * f
     nodes, weights = leggauss(40)
     exact = galerkin = 0.0
-    m, g = system(t, skin, 14), gram(t.L1 / t.L, t.L2 / t.L, 14)
+    m, g = system_matrices(t, skin, 14), gram(t.L1 / t.L, t.L2 / t.L, 14)
     turned = receptance(modal_form(m.M, m.C, m.K, m.B, g.slope / t.L), omega)
     for a, b, c in ((0, t.L1, t.c0), (t.L1, t.L2, t.c0), (t.L2, t.L, t.c0 + skin.c_s)):
         x, w = (a + b) / 2 + (b - a) / 2 * nodes, (b - a) / 2 * weights
@@ -90,15 +90,15 @@ def test_power_in_is_power_dissipated(pair: tuple[Tactor, Skin]) -> None:
 def test_matrices_are_positive_definite_and_poles_passive(pair: tuple[Tactor, Skin]) -> None:
     t, skin = pair
     for n in (3, 7, 40):
-        m = system(t, skin, n)
+        m = system_matrices(t, skin, n)
         for A in (m.M, m.K, m.C):
             assert abs(A - A.T).max() < 1e-12 * abs(A).max()
             scale = 1 / np.sqrt(np.diag(A))
             assert np.linalg.eigvalsh(A * np.outer(scale, scale)).min() > 0
-        form = modal(t, skin, n)
+        form = tactor_modal_form(t, skin, n)
         assert (form.poles.real < 0).all()
         f = around_resonance(t, skin)
-        drive_point = frequency_response(t, f, skin, n, source="load")
+        drive_point = frequency_response(t, f, skin, n, excitation="load")
         assert (drive_point.imag < 0).all()
 
 
@@ -126,8 +126,8 @@ def test_changing_the_units_changes_nothing(pair: tuple[Tactor, Skin], other: Ta
     f = around_resonance(t, skin)
     assert frequency_response(scaled, f / s, on) == pytest.approx(frequency_response(t, f, skin) * m / v, rel=1e-7)
     assert exact_response(scaled, f / s, on) == pytest.approx(exact_response(t, f, skin) * m / v, rel=1e-7)
-    compliance = frequency_response(t, f, skin, source="load") * s**2 / kg
-    assert frequency_response(scaled, f / s, on, source="load") == pytest.approx(compliance, rel=1e-7)
+    compliance = frequency_response(t, f, skin, excitation="load") * s**2 / kg
+    assert frequency_response(scaled, f / s, on, excitation="load") == pytest.approx(compliance, rel=1e-7)
     assert voltage_gain(scaled) == pytest.approx(voltage_gain(t) * m / v)
     assert scaled.tau == pytest.approx(t.tau * s)
     assert scaled.c_bar == pytest.approx(t.c_bar * kg / (m * s))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from model.amplifier_map import AmplifierMap
-from model.membrane import sag, weight
+from model.membrane import sag, weight_per_length
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import series
+from model.response.drive_spectrum import fourier_series
 from model.response.frequency_response import amplifier_response, frequency_response, poles
 from model.response.latency import step_latency
 from model.response.modes import damping_ratios, natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
-from model.skin import FREE, Skin, point_stiffness, skin
+from model.skin import NO_SKIN, Skin, point_stiffness, skin
 
 TABLE = np.array(
     [
@@ -44,7 +44,7 @@ def test_the_exact_solution_at_three_frequencies() -> None:
 
 
 def test_full_scale_sine_on_the_specimen() -> None:
-    V = series("sine", 2.5, 2.5, AmplifierMap(), 6)
+    V = fourier_series("sine", 2.5, 2.5, AmplifierMap(), 6)
     assert V[0].real == pytest.approx(318.3, abs=0.05)
     assert abs(V[[1, 2, 4, 6]]) == pytest.approx([1000.0, 212.2, 42.4, 18.2], abs=0.05)
     assert abs(V[[3, 5]]) == pytest.approx(0, abs=1e-9)
@@ -95,12 +95,12 @@ def test_pre_stretches_of_the_paper() -> None:
 
 
 def test_the_membrane_sags_by_stretching_not_by_bending() -> None:
-    assert weight(Membrane()) == pytest.approx(0.906, abs=5e-4)
+    assert weight_per_length(Membrane()) == pytest.approx(0.906, abs=5e-4)
     s = sag(Membrane(), 0.906)
     assert s.centre_m == pytest.approx(3.5e-3, abs=0.05e-3)
-    assert s.linear_m == pytest.approx(20e-3, rel=0.1)
-    assert s.linear_m == pytest.approx(18.8e-3, rel=1e-3)
-    assert s.linear_m / Membrane().h_m > 13
+    assert s.linear_theory_m == pytest.approx(20e-3, rel=0.1)
+    assert s.linear_theory_m == pytest.approx(18.8e-3, rel=1e-3)
+    assert s.linear_theory_m / Membrane().h_m > 13
 
 
 def test_galerkin_with_seven_shapes_at_three_frequencies() -> None:
@@ -148,4 +148,4 @@ def test_characteristic_scales() -> None:
 def test_no_skin_is_the_free_tactor() -> None:
     f = np.array([10.0, 160.0])
     assert frequency_response(Tactor(), f) == pytest.approx(frequency_response(Tactor(), f, Skin()))
-    assert Skin() == FREE
+    assert Skin() == NO_SKIN

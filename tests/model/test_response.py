@@ -7,15 +7,15 @@ from model.amplifier_map import AmplifierMap
 from model.beam.poles import modal_form, receptance
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import series
+from model.response.drive_spectrum import fourier_series
 from model.response.frequency_response import (
     amplifier_response,
     frequency_response,
-    modal,
     peak_to_peak,
     periodic_response,
     poles,
-    system,
+    system_matrices,
+    tactor_modal_form,
 )
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
 from model.skin import Skin, skin
@@ -27,7 +27,7 @@ ON = skin(Membrane(), 0.01)
 def test_sum_over_poles_is_the_plain_solve() -> None:
     f = np.linspace(0, 3000, 50)
     for on in (None, ON, Skin(0.0, 3e3)):
-        m = system(Tactor(), on)
+        m = system_matrices(Tactor(), on)
         w = 2 * np.pi * f
         plain = [2 * m.B_F @ np.linalg.solve(m.K + 1j * x * m.C - x * x * m.M, m.B) for x in w]
         assert frequency_response(Tactor(), f, on) == pytest.approx(np.array(plain), rel=1e-10)
@@ -105,11 +105,11 @@ def test_sine_through_the_amplifier(amplitude: float, offset: float) -> None:
     """Against the samples of the map itself."""
     theta = 2 * np.pi * np.arange(20_000) / 20_000
     sampled = sampled_series(offset + amplitude * np.sin(theta), 20)
-    assert series("sine", amplitude, offset, AmplifierMap(), 20) == pytest.approx(sampled, abs=1e-4)
+    assert fourier_series("sine", amplitude, offset, AmplifierMap(), 20) == pytest.approx(sampled, abs=1e-4)
 
 
 def test_square_of_the_belts_multivibrator() -> None:
-    V = series("square", 2.5, 2.5, AmplifierMap(), 400, duty=0.25)
+    V = fourier_series("square", 2.5, 2.5, AmplifierMap(), 400, duty=0.25)
     theta = np.array([0.1, 1.4, 2.0, 5.0])
     assert V[0].real == pytest.approx(0.25 * 1500 - 0.75 * 500)
     assert (V * np.exp(1j * np.outer(theta, np.arange(401)))).sum(1).real == pytest.approx(
@@ -124,7 +124,7 @@ def test_periodic_response_is_what_time_stepping_settles_to(waveform: str) -> No
     theta = 2 * np.pi * np.arange(40 * per) / per
     wave = np.sin(theta) if waveform == "sine" else np.where(np.mod(theta, 2 * np.pi) < np.pi - 1e-9, 1.0, -1.0)
     v = AmplifierMap().specimen_v(2.5 + 2.5 * wave)
-    w = march(modal(Tactor()), v, rate, "linear" if waveform == "sine" else "zero")[-per:]
+    w = march(tactor_modal_form(Tactor()), v, rate, "linear" if waveform == "sine" else "zero")[-per:]
     r = amplifier_response(Tactor(), f, waveform=waveform)
     one = theta[:per]
     assert r.fundamental[0] == pytest.approx(2j * np.mean(w * np.exp(-1j * one)), rel=2e-3)
@@ -147,7 +147,7 @@ def test_peak_to_peak_finds_the_peak_between_its_samples() -> None:
 def test_any_periodic_drive_from_its_samples() -> None:
     theta = 2 * np.pi * np.arange(4096) / 4096
     V = sampled_series(2.5 + 1.5 * np.sin(theta) + 0.5 * np.sin(3 * theta), 64)
-    r = periodic_response(modal(Tactor()), np.array([40.0, 90.0]), V)
+    r = periodic_response(tactor_modal_form(Tactor()), np.array([40.0, 90.0]), V)
     assert r.fundamental == pytest.approx(1j * V[1] * frequency_response(Tactor(), [40, 90]))
 
 

@@ -16,8 +16,8 @@ from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
 from model.skin import skin
 from model.specimen import Specimen
-from model.studies.parameter_study import PRESETS, Study
-from model.studies.sensitivity import sobol
+from model.studies.parameter_study import STUDY_PRESETS, Study
+from model.studies.sensitivity import sobol_indices_of
 
 F = (10.0, 90.0, 150.0, 400.0)
 GRID = Study(
@@ -71,7 +71,7 @@ def test_membrane_is_spread_over_the_contact_of_the_varied_tactor() -> None:
 
 def test_chunks_change_nothing() -> None:
     small = replace(GRID, memory_mb=1e-3)
-    assert small.chunk < GRID.chunk
+    assert small.chunk_size < GRID.chunk_size
     assert small.run().values == pytest.approx(GRID.run().values, rel=1e-12)
 
 
@@ -81,7 +81,7 @@ def test_memory_is_bounded_by_the_chunk_not_by_the_study() -> None:
     for sets in (1000, 4000):
         study = Study({"k2": tuple(np.linspace(5e-3, 9e-3, sets))}, tuple(np.arange(1.0, 101.0)), memory_mb=4)
         tracemalloc.start()
-        with closing(study.blocks()) as blocks:
+        with closing(study.chunks()) as blocks:
             assert sum(len(block) for _, block in blocks) == sets
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
@@ -92,9 +92,9 @@ def test_memory_is_bounded_by_the_chunk_not_by_the_study() -> None:
 @pytest.mark.parametrize("measure", ["fundamental", "peak_to_peak"])
 def test_a_chunk_stays_within_its_memory(measure: str) -> None:
     study = replace(GRID, vary={"k2": tuple(np.linspace(5e-3, 9e-3, 300))}, measure=measure, memory_mb=16)
-    next(study.blocks())
+    next(study.chunks())
     tracemalloc.start()
-    next(study.blocks())
+    next(study.chunks())
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert 1e5 < peak < 20e6
@@ -115,7 +115,7 @@ class Counting(Executor):
 
 def test_only_a_few_chunks_are_handed_out_ahead() -> None:
     pool = Counting()
-    with closing(replace(GRID, memory_mb=1e-3).blocks(pool, in_flight=3)) as blocks:
+    with closing(replace(GRID, memory_mb=1e-3).chunks(pool, in_flight=3)) as blocks:
         next(blocks)
         assert pool.submitted == 3
         next(blocks)
@@ -144,13 +144,13 @@ def dask_workers() -> Iterator[Executor]:
 @pytest.mark.parametrize("workers", [threads, *([dask_workers] if find_spec("distributed") else [])])
 def test_executors_give_the_same_study(workers) -> None:  # type: ignore[no-untyped-def]
     study = replace(GRID, memory_mb=0.02)
-    assert study.chunk < 12
+    assert study.chunk_size < 12
     with workers() as pool:
         assert study.run(pool).values == pytest.approx(GRID.run().values, rel=1e-12)
 
 
 def test_presets_are_the_papers() -> None:
-    stiffness, damping, stretch = (PRESETS[name]() for name in ("fig10", "fig11", "fig12"))
+    stiffness, damping, stretch = (STUDY_PRESETS[name]() for name in ("fig10", "fig11", "fig12"))
     assert stiffness.vary == {"E_m": (1e3, 1e6, 1e7, 1e8, 1e9)}
     assert stiffness.specimen.skin.c_s == 0
     assert stiffness.specimen.delta == pytest.approx(0.00588, abs=5e-6)
@@ -181,7 +181,7 @@ def test_csv_names_its_units_and_keeps_its_digits(tmp_path: Path) -> None:
 def test_sensitivity_finds_the_linear_truth() -> None:
     """At almost no frequency w = gain x volts: mu alone matters, and c0 not at all."""
     at_rest = Study({}, (0.5,))
-    got = sobol(at_rest, {"mu": (-1.6e-5, -1e-5), "c0": (100.0, 200.0)}, samples=256)
+    got = sobol_indices_of(at_rest, {"mu": (-1.6e-5, -1e-5), "c0": (100.0, 200.0)}, samples=256)
     assert got.outputs == ("peak [m]", "frequency of peak [Hz]", "amplitude at 0.5 Hz [m]")
     assert got.first_order[2] == pytest.approx([1, 0], abs=0.02)
     assert got.total_order[2] == pytest.approx([1, 0], abs=0.02)
@@ -189,7 +189,7 @@ def test_sensitivity_finds_the_linear_truth() -> None:
 
 def test_sensitivity_of_the_peak_is_to_damping() -> None:
     """At the resonance c0 matters, far below it only mu does."""
-    got = sobol(Study({}, (1.0, 150.0)), {"mu": (-1.34e-5, -1.32e-5), "c0": (140.0, 180.0)}, samples=128)
+    got = sobol_indices_of(Study({}, (1.0, 150.0)), {"mu": (-1.34e-5, -1.32e-5), "c0": (140.0, 180.0)}, samples=128)
     assert got.first_order[0, 1] > 0.9
     assert got.first_order[2, 0] > 0.9
     assert got.first_order[3, 1] > 0.9
@@ -199,7 +199,7 @@ def test_sensitivity_on_an_executor_is_the_same() -> None:
     study = Study({}, tuple(np.arange(100.0, 200.0, 5)), memory_mb=0.5)
     ranges = {"k2": (6e-3, 8e-3), "m_add": (6e-3, 9e-3), "c0": (120.0, 200.0)}
     with ThreadPoolExecutor(2) as pool:
-        there = sobol(study, ranges, samples=64, executor=pool)
-    here = sobol(study, ranges, samples=64)
+        there = sobol_indices_of(study, ranges, samples=64, executor=pool)
+    here = sobol_indices_of(study, ranges, samples=64)
     assert there.total_order == pytest.approx(here.total_order)
     assert here.first_order[1, :2].sum() > 0.8

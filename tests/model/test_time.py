@@ -5,7 +5,7 @@ import pytest
 
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import frequency_response, modal
+from model.response.frequency_response import frequency_response, tactor_modal_form
 from model.response.latency import sine_latency, step_latency
 from model.response.statics import voltage_gain
 from model.response.sweep_response import chirp_response, sweep_response
@@ -21,7 +21,9 @@ def test_step_is_the_sampled_drive_that_never_changes(on: Skin | None) -> None:
     t = np.arange(2000) / 20_000
     w = step_response(Tactor(), t, 1500.0, on)
     for hold in ("linear", "zero"):
-        assert march(modal(Tactor(), on), np.full(2000, 1500.0), 20_000, hold) == pytest.approx(w, abs=1e-12)
+        assert march(tactor_modal_form(Tactor(), on), np.full(2000, 1500.0), 20_000, hold) == pytest.approx(
+            w, abs=1e-12
+        )
     assert w[0] == 0
     assert step_response(Tactor(), 10.0, 1500.0) == pytest.approx(1500 * voltage_gain(Tactor()), rel=2e-3)
 
@@ -33,7 +35,7 @@ def test_step_begins_with_no_speed() -> None:
 
 
 def test_march_is_exact_for_a_ramp_whatever_the_rate() -> None:
-    coarse, fine = (march(modal(Tactor()), np.arange(n) / (n - 1), (n - 1) / 0.02) for n in (21, 2001))
+    coarse, fine = (march(tactor_modal_form(Tactor()), np.arange(n) / (n - 1), (n - 1) / 0.02) for n in (21, 2001))
     assert coarse == pytest.approx(fine[::100], abs=1e-12 * abs(fine).max())
 
 
@@ -49,8 +51,8 @@ def test_chirp_in_closed_form_is_the_sampled_chirp(start: float, stop: float) ->
     T, rate = 0.4, 200_000
     t = np.arange(int(T * rate) + 1) / rate
     theta = 2 * np.pi * (start * t + (stop - start) * t**2 / (2 * T))
-    sampled = march(modal(Tactor(), ON), np.cos(theta), rate)
-    exact = chirp_response(modal(Tactor(), ON), t, 2 * np.pi * start, 2 * np.pi * (stop - start) / T)
+    sampled = march(tactor_modal_form(Tactor(), ON), np.cos(theta), rate)
+    exact = chirp_response(tactor_modal_form(Tactor(), ON), t, 2 * np.pi * start, 2 * np.pi * (stop - start) / T)
     assert exact.real == pytest.approx(sampled, abs=1e-5 * abs(sampled).max())
 
 
@@ -58,7 +60,7 @@ def test_sweep_through_the_amplifier() -> None:
     T, rate = 0.3, 100_000
     t = np.arange(int(T * rate) + 1) / rate
     u = 2.5 + 2.5 * np.sin(2 * np.pi * (25 * t + 500 * t**2 / (2 * T)))
-    sampled = march(modal(Tactor()), AmplifierMap().specimen_v(u), rate)
+    sampled = march(tactor_modal_form(Tactor()), AmplifierMap().specimen_v(u), rate)
     w = sweep_response(Tactor(), t[::7], duration_s=T, orders=32)
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
 
@@ -67,7 +69,9 @@ def test_sweep_around_an_offset_begins_at_its_deflection() -> None:
     T, rate, hold = 0.2, 100_000, 20_000
     t = np.arange(int(T * rate) + 1) / rate
     u = 3.2 + 1.5 * np.sin(2 * np.pi * (50 * t + 250 * t**2 / (2 * T)))
-    sampled = march(modal(Tactor()), AmplifierMap().specimen_v(np.concatenate((np.full(hold, 3.2), u))), rate)[hold:]
+    sampled = march(
+        tactor_modal_form(Tactor()), AmplifierMap().specimen_v(np.concatenate((np.full(hold, 3.2), u))), rate
+    )[hold:]
     w = sweep_response(Tactor(), t[::7], 50.0, 300.0, T, amplitude_v=1.5, offset_v=3.2, orders=32)
     assert w == pytest.approx(sampled[::7], abs=2e-4 * np.ptp(sampled))
     assert w[0] == pytest.approx(600 * 0.7 * voltage_gain(Tactor()), rel=1e-2)
@@ -96,7 +100,7 @@ def test_latency_figures_are_those_of_a_finely_sampled_step() -> None:
 def test_sine_onset() -> None:
     t = np.arange(0, 0.1, 2e-6)
     v = AmplifierMap().specimen_v(2.5 + 2.5 * np.sin(2 * np.pi * 100 * t))
-    w = march(modal(Tactor()), v, 500_000)
+    w = march(tactor_modal_form(Tactor()), v, 500_000)
     got = sine_latency(Tactor(), 100.0)
     assert got.to_threshold_s == pytest.approx(t[np.argmax(abs(w) >= 50e-6)], abs=4e-6)
     assert got.final_m == pytest.approx(724.0e-6 / 2, rel=1e-4)

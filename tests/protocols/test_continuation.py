@@ -7,10 +7,10 @@ import h5py
 import pytest
 
 from protocols import registry
-from protocols.base.events import EntryBegan, Noted, PointMeasured, Status
+from protocols.base.events import EntryStarted, LogMessage, PointMeasured, RunStatus
 from protocols.base.quality import Quality
-from protocols.resume import earlier
-from protocols.runfile.reader import Run, RunError
+from protocols.resume import load_resumable
+from protocols.runfile.reader import Run, RunReadError
 from tests.helpers.level_protocol import LEVELS, Handy, Levels, resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -25,15 +25,15 @@ def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> Non
     with laboratory() as lab:
         second = Trigger(lambda e: isinstance(e, PointMeasured) and e.index == 1, cancel.set)
         first = run(LEVELS, tmp_path, lab, second, cancel=cancel)
-        assert first.status == Status.STOPPED
+        assert first.status == RunStatus.STOPPED
         ran = resumed(first.path, tmp_path, lab)
-    assert ran.status == Status.COMPLETED
-    assert any("Drift check at 2.2 V" in e.text for e in ran.events if isinstance(e, Noted))
+    assert ran.status == RunStatus.COMPLETED
+    assert any("Drift check at 2.2 V" in e.text for e in ran.events if isinstance(e, LogMessage))
     with Run(ran.path) as file:
         columns = file.points()
         good = [Quality(int(q)).usable for q in columns["quality"]]
         assert columns["level"][good].tolist() == [2.0, 2.2, 2.8, 3.0]
-        assert file.continues == first.path
+        assert file.resumed_from == first.path
         assert [r.entry for r in file.recordings()] == [0, 1, 1, 2, 3]
         again = {r.entry: LEVELS.point((LEVELS.levels_v[r.entry],), [r], file.simulated) for r in file.recordings()}
         for level, moved, entry, usable in zip(
@@ -49,7 +49,7 @@ def test_points_can_be_measured_again_into_a_continuation(known: None, tmp_path:
     with laboratory() as lab:
         first = run(LEVELS, tmp_path, lab)
         ran = resumed(first.path, tmp_path, lab, again=(2,))
-    assert [e.index for e in ran.events if isinstance(e, EntryBegan)] == [2]
+    assert [e.index for e in ran.events if isinstance(e, EntryStarted)] == [2]
     with Run(ran.path) as file:
         flags = [Quality(int(q)) for q in file.points()["quality"]]
         assert [Quality.SUPERSEDED in flag for flag in flags] == [False, False, True, False, False]
@@ -66,13 +66,13 @@ def test_a_moved_sensor_is_noticed_before_a_run_goes_on(known: None, tmp_path: P
     question = operator.asked[-1]
     assert question.action == "drifted"
     assert question.choices == ("go on", "stop")
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
 
 
 def test_what_cannot_be_gone_on_with_is_a_sentence(known: None, tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Levels(levels_v=(2.0,)), tmp_path, lab)
-    with pytest.raises(RunError, match="is complete: there is nothing to resume"):
-        earlier(ran.path)
-    with pytest.raises(RunError, match="has no point of entry 7"):
-        earlier(ran.path, again=(7,))
+    with pytest.raises(RunReadError, match="is complete: there is nothing to resume"):
+        load_resumable(ran.path)
+    with pytest.raises(RunReadError, match="has no point of entry 7"):
+        load_resumable(ran.path, repeat_entries=(7,))

@@ -8,10 +8,19 @@ from typing import Any, ClassVar
 import pytest
 
 from protocols import registry
-from protocols.base.events import Answered, Asked, BlockSeen, EntryBegan, Paused, PointMeasured, Resumed, Status
+from protocols.base.events import (
+    BlockDiscarded,
+    EntryStarted,
+    PointMeasured,
+    PromptAnswered,
+    PromptShown,
+    RunPaused,
+    RunResumed,
+    RunStatus,
+)
 from protocols.base.quality import Quality
-from protocols.base.records import Planned, Recording
-from protocols.base.steps import Ask, Await, Prompt, Record, Redo, Step
+from protocols.base.records import PlanEntry, Recording
+from protocols.base.steps import Ask, Prompt, Record, Repeat, Step, WaitForDetection
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from tests.helpers.level_protocol import LEVELS, Handy, Level, Levels, high_voltage
@@ -25,9 +34,9 @@ def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(
     waited = [0]
 
     def watch(event: Any) -> None:
-        if isinstance(event, Paused):
+        if isinstance(event, RunPaused):
             seen.append("rest" in event.words)
-        waited[0] += isinstance(event, BlockSeen)
+        waited[0] += isinstance(event, BlockDiscarded)
         if waited[0] == 5:
             pause.clear()
 
@@ -35,14 +44,14 @@ def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(
         begun = [0]
 
         def when(event: Any) -> bool:
-            begun[0] += isinstance(event, EntryBegan)
+            begun[0] += isinstance(event, EntryStarted)
             return begun[0] == 2 and event.kind == moment
 
         ran = run(LEVELS, tmp_path, lab, Trigger(when, pause.set), watch, pause=pause)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert seen == [True]
     assert [p.level for p in ran.points] == [2.0, 2.2, 2.8, 3.0]
-    assert [e.index for e in ran.events if isinstance(e, EntryBegan)] == [0, 1, 1, 2, 3]
+    assert [e.index for e in ran.events if isinstance(e, EntryStarted)] == [0, 1, 1, 2, 3]
     kinds = ran.kinds()
     assert kinds.index("Paused") < kinds.index("Resumed")
 
@@ -50,11 +59,11 @@ def test_a_pause_goes_to_measured_rest_and_measures_the_interrupted_entry_again(
 def test_a_paused_run_can_be_stopped(tmp_path: Path) -> None:
     pause, cancel = threading.Event(), threading.Event()
     with laboratory() as lab:
-        hold = Trigger(lambda e: isinstance(e, EntryBegan), pause.set)
-        end = Trigger(lambda e: isinstance(e, Paused), cancel.set)
+        hold = Trigger(lambda e: isinstance(e, EntryStarted), pause.set)
+        end = Trigger(lambda e: isinstance(e, RunPaused), cancel.set)
         ran = run(LEVELS, tmp_path, lab, hold, end, cancel=cancel, pause=pause)
-    assert ran.status == Status.STOPPED
-    assert not any(isinstance(e, Resumed) for e in ran.events)
+    assert ran.status == RunStatus.STOPPED
+    assert not any(isinstance(e, RunResumed) for e in ran.events)
 
 
 def test_hands_reach_the_specimen_only_at_measured_rest_with_high_voltage_off(tmp_path: Path) -> None:
@@ -72,7 +81,7 @@ def test_hands_reach_the_specimen_only_at_measured_rest_with_high_voltage_off(tm
         operator.show = watching  # type: ignore[method-assign]
         ran = run(protocol, tmp_path, lab, operator=operator)
         told = rehearse(protocol, lab.bench.amplifier)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     off, on = "disable-high-voltage", "enable-high-voltage"
     assert [p.action for p in operator.asked] == [off, on, off, "fix-mass", on, off, "fix-mass", on]
     assert states == [False, False]
@@ -80,20 +89,20 @@ def test_hands_reach_the_specimen_only_at_measured_rest_with_high_voltage_off(tm
 
 
 def test_an_entry_can_ask_for_itself_or_the_one_before_again(tmp_path: Path) -> None:
-    asked = {1: [Redo.THIS], 2: [Redo.PREVIOUS]}
+    asked = {1: [Repeat.THIS], 2: [Repeat.PREVIOUS]}
 
     class Fussy(Levels):
         name: ClassVar[str] = "fussy"
 
-        def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
             yield from Levels.measure(self, entry, rest_v)
             wish = asked.get(self.levels_v.index(entry.key[0]), [])
             return wish.pop() if wish else None
 
     with laboratory() as lab:
         ran = run(Fussy(), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
-    assert [e.index for e in ran.events if isinstance(e, EntryBegan)] == [0, 1, 1, 2, 1, 2, 3]
+    assert ran.status == RunStatus.COMPLETED
+    assert [e.index for e in ran.events if isinstance(e, EntryStarted)] == [0, 1, 1, 2, 1, 2, 3]
     with Run(ran.path) as file:
         columns = file.points()
         assert columns["entry"].tolist() == [0, 1, 1, 2, 3]
@@ -114,7 +123,7 @@ def test_a_protocol_may_ask_for_more_once_all_is_measured(tmp_path: Path) -> Non
 def test_an_entry_without_a_point_is_told_and_the_run_goes_on(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Levels(levels_v=(2.0, 2.222, 3.0)), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert ran.reason == "2 of 3 points; none from 2.222 V"
     assert [p.level for p in ran.points] == [2.0, 3.0]
 
@@ -124,10 +133,10 @@ def test_without_high_voltage_it_is_switched_off_and_the_drive_seen_at_rest(tmp_
         name: ClassVar[str] = "shorted"
         high_voltage: ClassVar[bool] = False
 
-        def plan(self, rest_v: float) -> tuple[Planned, ...]:
-            return (Planned("weight", (), 1.0, ("weight",), Prompt("load", "Place it", hands_on=True)),)
+        def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
+            return (PlanEntry("weight", (), 1.0, ("weight",), Prompt("load", "Place it", hands_on=True)),)
 
-        def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
             yield Record(0.2)
             return None
 
@@ -139,7 +148,7 @@ def test_without_high_voltage_it_is_switched_off_and_the_drive_seen_at_rest(tmp_
         operator = Handy(lab.operator)
         ran = run(Shorted(), tmp_path, lab, operator=operator)
         assert not high_voltage(lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert [p.action for p in operator.asked] == ["disable-high-voltage", "load"]
 
 
@@ -163,20 +172,20 @@ def test_a_wait_ends_by_what_the_laser_sees_or_by_the_operator(
     class Waiting(Levels):
         name: ClassVar[str] = "waiting"
 
-        def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
-            ended.append((yield Await(Prompt(action, "Place it"), Landing(2000))))
+        def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
+            ended.append((yield WaitForDetection(Prompt(action, "Place it"), Landing(2000))))
             yield Ask(Prompt("then", "Then?"))
             return (yield from Levels.measure(self, entry, rest_v))
 
     with laboratory() as lab:
         ran = run(Waiting(levels_v=(2.0,)), tmp_path, lab, operator=Handy(lab.operator))
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert ended[0].seen == seen
-    asked = next(e.ask_id for e in ran.events if isinstance(e, Asked) and e.prompt.action == action)
-    assert words in [e.words for e in ran.events if isinstance(e, Answered) and e.ask_id == asked]
+    asked = next(e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == action)
+    assert words in [e.words for e in ran.events if isinstance(e, PromptAnswered) and e.ask_id == asked]
 
 
-@pytest.mark.parametrize("step", [Ask(Prompt("bump", "Go")), Await(Prompt("bump", "Go"), Landing(10**9))])
+@pytest.mark.parametrize("step", [Ask(Prompt("bump", "Go")), WaitForDetection(Prompt("bump", "Go"), Landing(10**9))])
 def test_what_the_card_saw_before_the_answer_is_not_in_the_recording_after_it(step: Step, tmp_path: Path) -> None:
     class Late(Handy):
         """The program is two seconds behind the card when the answer comes."""
@@ -191,7 +200,7 @@ def test_what_the_card_saw_before_the_answer_is_not_in_the_recording_after_it(st
     class Bumped(Levels):
         name: ClassVar[str] = "bumped"
 
-        def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, Redo | None]:
+        def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, Repeat | None]:
             yield step
             lowest.append(float((yield Record(0.2)).displacement_m.min()))
             return None
@@ -210,7 +219,7 @@ def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
     good.write_text(
         "from protocols.measurements.sine_dwell import SineDwell\n\nclass Mine(SineDwell):\n    name = 'mine'\n    title = 'Mine'\n"
     )
-    assert registry.load_file(good).name == "mine"
+    assert registry.load_protocol_file(good).name == "mine"
     assert "mine" in registry.PROTOCOLS
     for text, says in (
         ("1 / 0\n", "does not run: ZeroDivisionError"),
@@ -224,4 +233,4 @@ def test_a_labs_own_file_is_a_protocol_and_a_broken_one_a_sentence(
         bad = tmp_path / "bad.py"
         bad.write_text(text)
         with pytest.raises(registry.ProtocolFileError, match=says):
-            registry.load_file(bad)
+            registry.load_protocol_file(bad)

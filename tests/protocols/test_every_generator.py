@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -14,7 +14,7 @@ def test_a_dwell_gives_the_same_point_whoever_made_the_generator(model: str, tmp
     dwell = SineDwell(frequencies_hz=(60.0, 150.0), settle_limit_s=1.0, record_s=0.2)
     with laboratory(simulated(generator={"model": model})) as lab:
         ran = run(dwell, tmp_path, lab)
-    assert ran.status == Status.COMPLETED, ran.reason
+    assert ran.status == RunStatus.COMPLETED, ran.reason
     assert lab.bench.amplifier.identity.model == model
     assert [p.drive_amplitude for p in ran.points] == pytest.approx([2.5, 2.5], rel=1e-3)
     assert [1e6 * p.peak_to_peak for p in ran.points] == pytest.approx([590.6, 1155.8], rel=2e-3)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.base.events import BlockSeen, PointMeasured, Recorded, SettleEnded, Status
+from protocols.base.events import BlockDiscarded, PointMeasured, RecordingFinished, RunStatus, SettlingFinished
 from protocols.base.records import Recording
-from protocols.base.steps import Ask, Note, Prompt, Read, Record
+from protocols.base.steps import Ask, Log, Prompt, ReadMeter, Record
 from protocols.runfile.reader import Run
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted, Spot
 from tests.helpers.simulated_bench import Trigger, laboratory, run
@@ -19,10 +19,10 @@ from tests.helpers.simulated_bench import Trigger, laboratory, run
 
 def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
     prompt = Prompt("enable-high-voltage", "Press when ready.")
-    protocol = Scripted(script=(Note("hello"), Ask(prompt), SETTLE, Record(0.05)))
+    protocol = Scripted(script=(Log("hello"), Ask(prompt), SETTLE, Record(0.05)))
     with laboratory() as lab:
         ran = run(protocol, tmp_path, lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert protocol.__dict__["answers"][1] == "done"
     recording = protocol.__dict__["answers"][3]
     assert recording.drive_v.shape == recording.displacement_m.shape == (250,)
@@ -50,21 +50,21 @@ def test_a_person_may_take_a_minute_to_answer_without_losing_the_card(tmp_path: 
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab, operator=Hesitant(lab.operator, 1200))
         assert lab.bench.clock.now() > 60
-        assert ran.status == Status.COMPLETED
+        assert ran.status == RunStatus.COMPLETED
     with Run(ran.path) as file:
-        assert file.trace.samples < 10 * 5000  # the wait itself is no measurement
+        assert file.trace.sample_count < 10 * 5000  # the wait itself is no measurement
 
 
 @pytest.mark.parametrize(
     ("script", "says"),
     [
-        ((Read("scale"),), "this bench has no meter 'scale' .it has: none."),
+        ((ReadMeter("scale"),), "this bench has no meter 'scale' .it has: none."),
     ],
 )
 def test_what_the_bench_cannot_do_is_a_sentence(script: tuple, says: str, tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Scripted(script=script), tmp_path, lab)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     import re
 
     assert re.search(says, ran.reason)
@@ -75,9 +75,9 @@ def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path
     kept: list[int] = []
 
     def weigh(event: Any) -> None:
-        if isinstance(event, SettleEnded):
+        if isinstance(event, SettlingFinished):
             tracemalloc.start()
-        elif isinstance(event, Recorded):
+        elif isinstance(event, RecordingFinished):
             kept.append(tracemalloc.get_traced_memory()[0])
 
     protocol = Scripted(script=(SETTLE, Record(0.5), *[Record(2.5)] * 3), sample_rate_hz=20_000)
@@ -89,7 +89,7 @@ def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path
         )
         ran = run(protocol, tmp_path, lab, weigh, observed)
         tracemalloc.stop()
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     # One of them is 50 000 scans: 0.2 MB in the blocks that this test keeps, 0.8 MB in volts and metres.
     assert max(np.diff(kept)) < 0.4e6
     with Run(ran.path) as file:
@@ -103,7 +103,7 @@ def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path
 def test_a_step_that_records_longer_than_memory_holds_fails_in_a_sentence(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Scripted(script=(SETTLE, Record(100_000.0))), tmp_path, lab)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "a recording of 500 million scans does not fit into memory (limit 50 million)" in ran.reason
 
 
@@ -120,6 +120,6 @@ def test_the_card_is_emptied_while_a_point_is_worked_out(tmp_path: Path) -> None
             return super().point(key, recordings, simulated)
 
     with laboratory() as lab:
-        looked = [lambda event: emptied.release() if isinstance(event, BlockSeen) else None]
+        looked = [lambda event: emptied.release() if isinstance(event, BlockDiscarded) else None]
         ran = run(Slow(script=(SETTLE, Record(0.1))), tmp_path, lab, *looked)
-    assert (ran.status, ran.reason) == (Status.COMPLETED, "all points measured")
+    assert (ran.status, ran.reason) == (RunStatus.COMPLETED, "all points measured")

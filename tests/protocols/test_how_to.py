@@ -9,7 +9,7 @@ import pytest
 
 from app.cli.main import main
 from app.common.errors import DONE
-from app.gui.widgets.form import check, fields_of
+from app.gui.widgets.form import check_form, protocol_fields
 from protocols import registry
 from protocols.base.protocol import Protocol
 from protocols.rehearsal import rehearse
@@ -30,7 +30,7 @@ def file(tmp_path: Path) -> Path:
 @pytest.fixture
 def kind(file: Path) -> Iterator[type[Protocol]]:
     before = dict(registry.PROTOCOLS)
-    yield registry.load_file(file)
+    yield registry.load_protocol_file(file)
     registry.PROTOCOLS.clear()
     registry.PROTOCOLS.update(before)
 
@@ -40,11 +40,11 @@ def test_it_is_short(file: Path) -> None:
 
 
 def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
-    fields = {field.name: field for field in fields_of(kind)}
+    fields = {field.name: field for field in protocol_fields(kind)}
     assert set(fields) == {"levels_v", "wait_s", "sample_rate_hz"}
-    assert (fields["levels_v"].unit, fields["levels_v"].many, fields["levels_v"].limits) == ("V", True, "0 to 5 V")
-    assert check(kind, {"levels_v": "3 V, 6 V"}).faults.keys() == {"levels_v"}
-    assert check(kind, {"levels_v": "3000 mV, 4"}).protocol == kind(levels_v=(3.0, 4.0))  # type: ignore[call-arg]
+    assert (fields["levels_v"].unit, fields["levels_v"].is_list, fields["levels_v"].limits) == ("V", True, "0 to 5 V")
+    assert check_form(kind, {"levels_v": "3 V, 6 V"}).errors.keys() == {"levels_v"}
+    assert check_form(kind, {"levels_v": "3000 mV, 4"}).protocol == kind(levels_v=(3.0, 4.0))  # type: ignore[call-arg]
 
 
 def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path: Path) -> None:

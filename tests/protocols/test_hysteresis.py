@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.common.formatting import curve_line
+from app.common.formatting import format_curve
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.response.statics import voltage_gain
-from protocols.base.events import CurveReady, PointMeasured, Status
+from protocols.base.events import CurveReady, PointMeasured, RunStatus
 from protocols.base.quality import Quality
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.voltage_steps import VoltageSteps
@@ -51,7 +51,7 @@ def found(ran) -> dict:
 
 
 def test_without_hysteresis_the_loop_is_that_of_the_models_damping(plain) -> None:
-    assert plain.status is Status.COMPLETED
+    assert plain.status is RunStatus.COMPLETED
     for p in plain.points:
         assert Quality(p.quality) is Quality.SIMULATED
         assert p.frequency == pytest.approx(round(p.frequency), rel=1e-4)
@@ -78,7 +78,7 @@ def test_each_loop_is_told_whole_the_moment_it_is_measured(plain, looped) -> Non
             area = 0.5 * float(np.sum(moved[1:] * drive[:-1] - moved[:-1] * drive[1:]))
             assert abs(area) == pytest.approx(abs(point.area), rel=0.02)
             assert 0 < np.median(errors) < 1e-6
-            assert curve_line(curve) == ""
+            assert format_curve(curve) == ""
     # Where the model's displacement is at that drive, rising and falling, by its own harmonics.
     driven = amplifier_response(Tactor(), np.array([1.0]), 2.5, 2.5, AmplifierMap())
     with Run(plain.path) as file:

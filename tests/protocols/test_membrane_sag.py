@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from model.membrane import linear_modulus, modulus, sag
+from model.membrane import linear_young_modulus, sag, young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-from protocols.base.events import Asked, Status
+from protocols.base.events import PromptShown, RunStatus
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 from protocols.measurements.membrane_sag import MembraneSag, SagPoint
@@ -29,7 +29,7 @@ def test_the_modulus_of_the_simulated_rubber_comes_out(E_m: float, reference_m: 
     with laboratory(simulated(plant_rate_hz=10e3, membrane={"E_m": E_m})) as lab:
         ran = run(SHORT.model_copy(update={"reference_m": reference_m}), tmp_path, lab)
         assert not lab.control.history.live
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     found = estimates_of(ran.path)
     value, error = found["Young modulus"]
     assert abs(value - E_m) < 0.1 * error < 0.01 * E_m  # the geometry's uncertainty, which here is not there
@@ -47,8 +47,8 @@ def test_a_reference_that_lies_deeper_than_it_says_is_within_the_error(tmp_path:
 def test_a_sag_beyond_the_sensor_is_asked_about_flagged_and_gives_no_modulus(tmp_path: Path) -> None:
     with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         ran = run(MembraneSag(repeats=1, reference_m=1e-3, sample_rate_hz=1000), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
-    questions = [e.prompt for e in ran.events if isinstance(e, Asked) and e.prompt.action == "out-of-range"]
+    assert ran.status == RunStatus.COMPLETED
+    questions = [e.prompt for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == "out-of-range"]
     assert len(questions) == 2
     assert "Choose another depth" in questions[0].text
     assert ran.points[0].quality & Quality.OUT_OF_RANGE
@@ -78,7 +78,7 @@ def test_stop_at_any_prompt_keeps_what_was_measured(action: str, tmp_path: Path)
     cancel = threading.Event()
     with laboratory(simulated(plant_rate_hz=10e3)) as lab:
         ran = run(SHORT, tmp_path, lab, operator=Stops(lab, action, cancel), cancel=cancel)
-    assert ran.status == Status.STOPPED
+    assert ran.status == RunStatus.STOPPED
     with Run(ran.path) as file:
         assert len(file.points()["sag"]) == 1
 
@@ -87,12 +87,16 @@ def test_the_modulus_inverts_the_sag_and_meets_linear_theory_where_nothing_stret
     for E_m in (1e5, 6.95e6, 1e9):
         for delta in (0.0, 0.01):
             strip = Membrane(E_m=E_m)
-            assert modulus(Membrane(), sag(strip, delta=delta).centre_m, delta=delta) == pytest.approx(E_m, rel=1e-6)
+            assert young_modulus_from_sag(Membrane(), sag(strip, delta=delta).centre_m, delta=delta) == pytest.approx(
+                E_m, rel=1e-6
+            )
     thick = Membrane(h_m=0.02, E_m=1e9)
     little = sag(thick, 0.01).centre_m
-    assert linear_modulus(thick, little, 0.01) == pytest.approx(modulus(thick, little, 0.01), rel=1e-6)
+    assert linear_young_modulus(thick, little, 0.01) == pytest.approx(
+        young_modulus_from_sag(thick, little, 0.01), rel=1e-6
+    )
     with pytest.raises(ParameterError, match="no modulus lets this membrane sag"):
-        modulus(Membrane(), -1e-3)
+        young_modulus_from_sag(Membrane(), -1e-3)
 
 
 def test_the_standard_error_is_what_uncertain_inputs_make_of_it() -> None:

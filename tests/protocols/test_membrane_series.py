@@ -10,7 +10,7 @@ import pytest
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.skin import Membrane, skin
-from protocols.base.events import Asked, Noted
+from protocols.base.events import LogMessage, PromptShown
 from protocols.base.quality import Quality
 from protocols.measurements.membrane_series import MembraneSeries
 from protocols.runfile.reader import Run
@@ -31,7 +31,7 @@ class Mistaken(SimulatedOperator):
 
 
 def notes(ran: Any) -> list[str]:
-    return [event.text for event in ran.events if isinstance(event, Noted)]
+    return [event.text for event in ran.events if isinstance(event, LogMessage)]
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_every_point_is_the_models_at_its_elongation(ran) -> None:
 
 
 def test_hands_are_asked_once_for_each_elongation_in_millimetres_and_turns(ran) -> None:
-    asked = [e.prompt for e in ran.events if isinstance(e, Asked) and "high-voltage" not in e.prompt.action]
+    asked = [e.prompt for e in ran.events if isinstance(e, PromptShown) and "high-voltage" not in e.prompt.action]
     assert [p.action for p in asked] == ["remove-membrane", *["stretch-membrane"] * 3, "remove-membrane"]
     assert all(p.hands_on for p in asked)
     assert "stretch it by 2.54 mm, 2.00 turns" in asked[2].text
@@ -82,5 +82,5 @@ def test_a_free_tactor_that_changed_meanwhile_is_told(ran) -> None:
     from dataclasses import replace
 
     points = [replace(p, fundamental=1.03 * p.fundamental) if p.part == 4 else p for p in ran.points]
-    (told,) = SERIES.remarks(points)
+    (told,) = SERIES.warnings(points)
     assert "The free tactor moves +3.0 % after the series" in told

@@ -5,12 +5,12 @@ import sys
 
 import pytest
 
-from protocols.registry import OWN, PROTOCOLS
+from protocols.registry import BUILT_IN_PROTOCOLS, PROTOCOLS
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", BUILT_IN_PROTOCOLS)
 def test_name_and_title_are_the_protocols_own(name: str) -> None:
-    assert (PROTOCOLS[name].name, PROTOCOLS[name].title) == (name, OWN[name][0])
+    assert (PROTOCOLS[name].name, PROTOCOLS[name].title) == (name, BUILT_IN_PROTOCOLS[name][0])
 
 
 def test_the_list_imports_no_protocol() -> None:

@@ -13,17 +13,17 @@ from app.config.bench_file import BenchConfig
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.clock import WallClock
 from drivers.drive import Drive, Hold, LinearSweep, Sine, Steps
-from drivers.errors import DriveRefused
+from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import modal
-from protocols.base.events import Status
-from protocols.base.records import Planned
+from model.response.frequency_response import tactor_modal_form
+from protocols.base.events import RunStatus
+from protocols.base.records import PlanEntry
 from protocols.base.steps import Prompt, Step
 from protocols.measurements.sine_dwell import SineDwell
-from protocols.predicted_travel import predicted
-from protocols.rehearsal import CannotRun, rehearse
+from protocols.predicted_travel import predict_travel
+from protocols.rehearsal import CannotRunError, rehearse
 from tests.helpers.sampled import march
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -39,7 +39,7 @@ class Metered(SineDwell):
     def meters(self) -> tuple[str, ...]:
         return ("scale",)
 
-    def measure(self, entry: Planned, rest_v: float) -> Generator[Step, Any, None]:
+    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
         raise AssertionError("nothing is measured")
 
 
@@ -49,7 +49,7 @@ def guard(**limits: float) -> HvAmplifier:
 
 def reach(drive: Drive, setup: Prompt | None = None) -> tuple[float, float]:
     """Micrometres below and above rest."""
-    found = list(predicted([(Planned("entry", (drive,), 1.0, setup=setup), drive)], Tactor(), AmplifierMap()))
+    found = list(predict_travel([(PlanEntry("entry", (drive,), 1.0, setup=setup), drive)], Tactor(), AmplifierMap()))
     return 1e6 * min(r.low_m for r in found), 1e6 * max(r.high_m for r in found)
 
 
@@ -74,7 +74,9 @@ def test_a_held_level_does_not_ring_and_a_fast_step_does() -> None:
     low, high = reach(Steps((2.5, 5.0, 2.5), 0.1, 1e-4))
     rate = 1e5
     t = np.arange(0, 0.3, 1 / rate)
-    moved = 1e6 * march(modal(Tactor()), AmplifierMap().specimen_v(Steps((2.5, 5.0, 2.5), 0.1, 1e-4).volts(t)), rate)
+    moved = 1e6 * march(
+        tactor_modal_form(Tactor()), AmplifierMap().specimen_v(Steps((2.5, 5.0, 2.5), 0.1, 1e-4).volts(t)), rate
+    )
     assert high == pytest.approx(moved.max(), rel=0.02)
     assert low == pytest.approx(moved.min(), rel=0.05)
 
@@ -96,7 +98,7 @@ def test_the_current_into_the_specimen_is_held_against_the_amplifiers() -> None:
     assert told.worst == "250 Hz: 2.8 mA into the specimen, 94 % of the limit"
     assert told.cautions == ()
     with pytest.raises(
-        DriveRefused, match=r"^250 Hz: Sine refused: it needs 2.83 mA into 1.2 nF, and .* 2.5 mA; lower"
+        DriveRejectedError, match=r"^250 Hz: Sine refused: it needs 2.83 mA into 1.2 nF, and .* 2.5 mA; lower"
     ):
         rehearse(SineDwell(frequencies_hz=(100, 250)), guard(current_limit_a=2.5e-3, specimen_capacitance_f=1.2e-9))
     assert "current is not checked" in rehearse(SineDwell(), guard()).cautions[0]
@@ -104,14 +106,14 @@ def test_the_current_into_the_specimen_is_held_against_the_amplifiers() -> None:
 
 def test_under_rest_only_the_lower_slope_counts() -> None:
     amplifier = guard(current_limit_a=1, specimen_capacitance_f=1e-9)
-    assert amplifier.current_a(Steps((2.5, 2.0, 2.5), 1, 1)) == pytest.approx(0.5 * 200 * 1e-9)
-    assert amplifier.current_a(Steps((2.5, 3.0, 2.5), 1, 1)) == pytest.approx(0.5 * 600 * 1e-9)
+    assert amplifier.peak_current_a(Steps((2.5, 2.0, 2.5), 1, 1)) == pytest.approx(0.5 * 200 * 1e-9)
+    assert amplifier.peak_current_a(Steps((2.5, 3.0, 2.5), 1, 1)) == pytest.approx(0.5 * 600 * 1e-9)
 
 
 def test_a_meter_that_is_not_there_is_told_before_anything_moves(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Metered(), tmp_path, lab)
-    assert ran.status is Status.FAILED
+    assert ran.status is RunStatus.FAILED
     assert ran.reason == (
         "Sine dwell reads the meter 'scale', and this bench has no such meter (it has: none); "
         "add [meters.scale] to the bench file"
@@ -123,7 +125,7 @@ def test_a_sine_on_a_supply_is_told_before_anybody_is_asked_for_high_voltage(tmp
     record = {**simulated().model_dump(), "source": {"kind": "dc-supply"}}
     with laboratory(BenchConfig.model_validate(record)) as lab:
         ran = run(SineDwell(), tmp_path, lab)
-    assert ran.status is Status.FAILED
+    assert ran.status is RunStatus.FAILED
     assert "E36312A can hold and step, but not play a Sine" in ran.reason
     assert "Asked" not in ran.kinds()
     assert ran.report.live_s == 0
@@ -132,17 +134,17 @@ def test_a_sine_on_a_supply_is_told_before_anybody_is_asked_for_high_voltage(tmp
 def test_a_disk_without_room_is_told_before_anything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = SimpleNamespace(free=32_400_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    with pytest.raises(CannotRun, match=r"has 32 MB left; this takes about 1 MB, and 32 MB are kept"):
+    with pytest.raises(CannotRunError, match=r"has 32 MB left; this takes about 1 MB, and 32 MB are kept"):
         rehearse(SineDwell(), guard(), folder=tmp_path / "not" / "there" / "yet")
     with laboratory() as lab:
         ran = run(SineDwell(), tmp_path, lab)
-    assert ran.status is Status.FAILED
+    assert ran.status is RunStatus.FAILED
     assert "Free some space" in ran.reason
     assert "Asked" not in ran.kinds()
 
 
 def test_a_recording_that_no_memory_holds_is_told_before_anything_moves() -> None:
     with pytest.raises(
-        CannotRun, match=r"^200 Hz: a recording of 15\d million scans does not fit into memory \(limit 50"
+        CannotRunError, match=r"^200 Hz: a recording of 15\d million scans does not fit into memory \(limit 50"
     ):
         rehearse(SineDwell(frequencies_hz=(200,), record_s=600, sample_rate_hz=250_000), guard())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response.frequency_response import modal
+from model.response.frequency_response import tactor_modal_form
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
 
 AMPLITUDE_V = 2.5
@@ -15,14 +15,14 @@ AMPLITUDE_V = 2.5
 
 def first_pole(tactor: Tactor) -> tuple[float, float]:
     """Natural frequency and damping ratio as the model's own eigenvalues have them."""
-    poles = modal(tactor, None, 7).poles
+    poles = tactor_modal_form(tactor, None, 7).poles
     first = min(poles[poles.imag > 0], key=abs)
     return abs(first) / (2 * np.pi), -first.real / abs(first)
 
 
 def dwelt(tactor: Tactor, frequencies_hz: np.ndarray, noise: float, rng: np.random.Generator) -> list[SimpleNamespace]:
     """Points of a linear tactor with complex noise relative to the largest of them."""
-    form = modal(tactor, None, 7)
+    form = tactor_modal_form(tactor, None, 7)
     s = 2j * np.pi * frequencies_hz
     response = 400 * np.sum(form.residues[:, None] / (s[None, :] - form.poles[:, None]), axis=0)
     noisy = response + noise * np.abs(response).max() * (rng.standard_normal((2, s.size)) * [[1], [1j]]).sum(axis=0)

@@ -21,13 +21,13 @@ from hypothesis.extra import numpy as hnp
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import AtRest, Event, Noted, Status
+from protocols.base.events import Event, LogMessage, RestMeasured, RunStatus
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate
+from protocols.base.records import EstimatedQuantity
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
-from protocols.runfile.errors import StoreError
-from protocols.runfile.reader import Run, RunError
-from protocols.runfile.writer import Header, RunFile, append_estimates
+from protocols.runfile.errors import StorageError
+from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.writer import RunFileWriter, RunMetadata, append_estimates
 from tests.helpers.simulated_bench import laboratory, run
 
 
@@ -41,14 +41,14 @@ class Spot:
 
 SENSOR = LaserSensor("laser", 1e-4, 0.5, -10, 10, 1e-4, 0.01, "S1", "2026-01-01")
 SCALE = Scale((1e-4, 3.2e-4, 2e-14, -3e-19))
-HEADER = Header(
+HEADER = RunMetadata(
     "sine-dwell", "Sine dwell", {"x": 1}, Spot, ("frequency", "height"), SENSOR, {"name": "b"}, True, "T 1/µ"
 )
 
 
-def new(folder: Path) -> RunFile:
-    file = RunFile.new(folder, HEADER)
-    file.begin(5000.0, (SCALE, SCALE))
+def new(folder: Path) -> RunFileWriter:
+    file = RunFileWriter.new(folder, HEADER)
+    file.start_stream(5000.0, (SCALE, SCALE))
     return file
 
 
@@ -66,24 +66,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_is_written_is_read_back(folder: Path, raw: np.ndarray, text: str, quality: int) -> None:
     drive = Sine(123.456, 1.5, 2.5, 77)
     file = new(folder)
-    file.block(Block(0, raw), 0.1)
-    file.block(Block(raw.shape[1], raw[:, ::-1]), 0.2)
-    file.event(Noted(text), 0.3)
-    file.recording((1, raw.shape[1]), quality, drive)
-    file.point(Spot(1.5, 2.5e-6))
-    file.finish(Status.COMPLETED, "fine", [Estimate("c0", 159.0, 0.5, "kg/(m s)", "here")])
+    file.append_block(Block(0, raw), 0.1)
+    file.append_block(Block(raw.shape[1], raw[:, ::-1]), 0.2)
+    file.append_event(LogMessage(text), 0.3)
+    file.append_recording((1, raw.shape[1]), quality, drive)
+    file.append_point(Spot(1.5, 2.5e-6))
+    file.finish(RunStatus.COMPLETED, "fine", [EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here")])
     with Run(file.path) as run:
         both = np.concatenate([raw, raw[:, ::-1]], axis=1)
-        assert np.array_equal(run.trace.raw("drive"), both[0])
-        assert np.array_equal(run.trace.raw("displacement"), both[1])
-        assert run.trace.displacement_m() == pytest.approx((SCALE.volts(both[1]) - 0.5) * 1e-4)
+        assert np.array_equal(run.trace.read_raw("drive"), both[0])
+        assert np.array_equal(run.trace.read_raw("displacement"), both[1])
+        assert run.trace.displacement_m() == pytest.approx((SCALE.to_volts(both[1]) - 0.5) * 1e-4)
         (event,) = run.events()
         assert (event.time_s, event.kind, event.fields) == (0.3, "Noted", {"text": text})
         (recording,) = run.recordings()
         assert (recording.drive, recording.quality, recording.sensor_delay_s) == (drive, Quality(quality), 1e-4)
         assert run.points()["height"].tolist() == [2.5e-6]
         assert run.units() == {"frequency": "Hz", "height": "m", "entry": "1"}
-        assert run.estimates() == (Estimate("c0", 159.0, 0.5, "kg/(m s)", "here"),)
+        assert run.estimates() == (EstimatedQuantity("c0", 159.0, 0.5, "kg/(m s)", "here"),)
         assert run.sensor == SENSOR
         assert run.specimen == "T 1/µ"
     file.path.unlink()
@@ -93,15 +93,15 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
     file = new(tmp_path)
     try:
         for k in range(2):
-            file.block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
-            file.point(Spot(k, k))
+            file.append_block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
+            file.append_point(Spot(k, k))
             code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.samples, len(r.points()['height']))"
             seen = subprocess.run(
                 [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
             )
             assert seen.stdout.split() == ["running", str(100 * (k + 1)), str(k + 1)]
     finally:
-        file.finish(Status.STOPPED, "")
+        file.finish(RunStatus.STOPPED, "")
 
 
 WRITER = """
@@ -145,9 +145,9 @@ def test_a_killed_program_leaves_everything_it_had_acknowledged(tmp_path: Path) 
         writer.stdout.close()
         with Run(path) as run:
             assert run.state == "crashed"
-            assert run.status == Status.RUNNING
-            assert run.trace.samples >= acknowledged - 500  # the last number printed may be cut
-            raw = run.trace.raw("displacement")
+            assert run.status == RunStatus.RUNNING
+            assert run.trace.sample_count >= acknowledged - 500  # the last number printed may be cut
+            raw = run.trace.read_raw("displacement")
             assert np.array_equal(raw, (np.arange(len(raw)) // 500 % 1000).astype(np.int16))
         path.unlink()
 
@@ -174,7 +174,7 @@ def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_writte
     assert events[-2]["event"] == "AtRest"
     assert events[-2]["confirmed"]
     with Run(Path(events[-1]["path"])) as file:
-        assert file.trace.samples > 5_000
+        assert file.trace.sample_count > 5_000
         assert file.state in ("crashed", "failed")  # the status is told where it still can be
         assert file.trace.drive_v().max() == pytest.approx(5, abs=0.01)
 
@@ -189,10 +189,10 @@ def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Pat
     monkeypatch.setattr(shutil, "disk_usage", usage)
     with laboratory() as lab:
         ran = run(SineDwell(), tmp_path, lab)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "is full: 28 MB are left" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == Status.FAILED
+        assert file.status == RunStatus.FAILED
         assert len(file.points()["frequency"]) == len(ran.points) > 0
 
 
@@ -200,8 +200,8 @@ def test_a_disk_that_fills_up_is_noticed_in_time_to_close_in_order(tmp_path: Pat
     os.name == "nt" or (os.geteuid() == 0 and not Path("/proc").exists()), reason="needs a folder nobody may write"
 )
 def test_a_folder_that_cannot_be_written_is_a_sentence() -> None:
-    with pytest.raises(StoreError, match=r"cannot be created: .*; choose another folder"):
-        RunFile.new(Path("/proc/nowhere"), HEADER)
+    with pytest.raises(StorageError, match=r"cannot be created: .*; choose another folder"):
+        RunFileWriter.new(Path("/proc/nowhere"), HEADER)
 
 
 def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
@@ -217,31 +217,31 @@ def test_what_is_no_run_is_told_apart(tmp_path: Path) -> None:
         (other, "not a run of this program"),
         (newer, "run format 99; this program reads up to 2: install a newer version"),
     ):
-        with pytest.raises(RunError, match=says):
+        with pytest.raises(RunReadError, match=says):
             Run(path)
 
 
 class Twice(SineDwell):
     """Identifies something that no file can hold: two quantities of one name."""
 
-    def estimates(self, points: Any) -> tuple[Estimate, ...]:
-        return tuple(Estimate("gain", value, 0.1, "1", "the test") for value in (1.0, 2.0))
+    def estimates(self, points: Any) -> tuple[EstimatedQuantity, ...]:
+        return tuple(EstimatedQuantity("gain", value, 0.1, "1", "the test") for value in (1.0, 2.0))
 
 
 class Once(Twice):
     """Identifies one of them."""
 
-    def estimates(self, points: Any) -> tuple[Estimate, ...]:
+    def estimates(self, points: Any) -> tuple[EstimatedQuantity, ...]:
         return super().estimates(points)[:1]
 
 
 def test_estimates_that_cannot_be_stored_are_told_and_the_file_says_how_the_run_ended(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(Twice(frequencies_hz=(200,), record_s=0.05, min_cycles=5), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert "all points measured; what was identified could not be stored: " in ran.reason
     with Run(ran.path) as file:
-        assert (file.state, file.reason) == (Status.COMPLETED, ran.reason)
+        assert (file.state, file.reason) == (RunStatus.COMPLETED, ran.reason)
         assert len(file.points()["frequency"]) == 1
 
 
@@ -250,7 +250,7 @@ def test_a_reader_that_holds_the_file_does_not_keep_the_estimates_out(tmp_path: 
     kept: list[Any] = []
 
     def hold(event: Event) -> None:
-        if isinstance(event, AtRest):
+        if isinstance(event, RestMeasured):
             kept.append(next(tmp_path.glob("*.h5")).open("rb"))
             fcntl.flock(kept[0], fcntl.LOCK_SH | fcntl.LOCK_NB)  # as a program does that has the file open to read it
 
@@ -267,17 +267,17 @@ def test_two_runs_of_one_second_get_two_files(tmp_path: Path) -> None:
     assert len({file.path for file in files}) == 3
     assert all("T-1-" in file.path.name for file in files)
     for file in files:
-        file.finish(Status.COMPLETED, "")
+        file.finish(RunStatus.COMPLETED, "")
 
 
 def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100,)), tmp_path, lab)
     with Run(ran.path) as file:
-        before = file.trace.raw("displacement").tobytes()
-    append_estimates(ran.path, [Estimate("quality factor", 2.4, 0.1, "1", "by hand")])
+        before = file.trace.read_raw("displacement").tobytes()
+    append_estimates(ran.path, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
     with Run(ran.path) as file:
-        assert file.trace.raw("displacement").tobytes() == before
+        assert file.trace.read_raw("displacement").tobytes() == before
         assert [e.name for e in file.estimates()] == ["quality factor"]
 
 

@@ -10,23 +10,23 @@ import pytest
 
 from drivers.drive import Sine
 from protocols.base.events import (
-    Answered,
-    Armed,
-    Asked,
-    AtRest,
-    BlockTaken,
-    Playing,
+    BenchArmed,
+    BlockStored,
+    DriveStarted,
     PointMeasured,
-    Progressed,
+    ProgressUpdated,
+    PromptAnswered,
+    PromptShown,
+    RestMeasured,
     RunEnded,
     RunStarted,
-    SettleEnded,
-    Status,
+    RunStatus,
+    SettlingFinished,
     StreamStarted,
 )
 from protocols.base.steps import Settle, Step
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import RunFile
+from protocols.runfile.writer import RunFileWriter
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -52,25 +52,25 @@ def test_events_come_in_order_and_the_file_has_them_too(tmp_path: Path) -> None:
     with Run(ran.path) as file:
         stored = [event.kind for event in file.events()]
         assert stored == [kind for kind in kinds if kind not in ("GoingToRest", "RunEnded")]
-        assert (file.status, file.reason) == (Status.COMPLETED, "all points measured")
+        assert (file.status, file.reason) == (RunStatus.COMPLETED, "all points measured")
 
 
 def test_the_bench_is_silent_until_rest_was_measured_and_high_voltage_enabled(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab)
-    prompts = [event.prompt.action for event in ran.events if isinstance(event, Asked)]
+    prompts = [event.prompt.action for event in ran.events if isinstance(event, PromptShown)]
     assert prompts == ["disable-high-voltage", "enable-high-voltage"]
-    first_play = next(i for i, e in enumerate(ran.events) if isinstance(e, Playing))
-    assert any(isinstance(e, Armed) for e in ran.events[:first_play])
+    first_play = next(i for i, e in enumerate(ran.events) if isinstance(e, DriveStarted))
+    assert any(isinstance(e, BenchArmed) for e in ran.events[:first_play])
 
 
 def test_every_run_asks_before_its_first_drive_even_if_the_source_rests(tmp_path: Path) -> None:
     with laboratory() as lab:
         run(SHORT, tmp_path, lab)
         ran = run(SHORT, tmp_path, lab)
-    prompts = [event.prompt.action for event in ran.events if isinstance(event, Asked)]
+    prompts = [event.prompt.action for event in ran.events if isinstance(event, PromptShown)]
     assert prompts == ["enable-high-voltage"]
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
 
 
 @pytest.mark.breaks_the_drive
@@ -79,21 +79,21 @@ def test_a_generator_lost_between_two_runs_with_high_voltage_on_is_unsafe(tmp_pa
         run(SHORT, tmp_path, lab)
         lab.control.inject("generator-power-off")
         ran = run(SHORT, tmp_path, lab, safe=False)
-    assert ran.status == Status.UNSAFE
+    assert ran.status == RunStatus.UNSAFE
     assert "switch the high voltage OFF at the amplifier itself" in ran.reason
 
 
 MOMENTS = [
     RunStarted,
     StreamStarted,
-    Asked,
-    Answered,
-    Armed,
-    Playing,
-    BlockTaken,
-    SettleEnded,
+    PromptShown,
+    PromptAnswered,
+    BenchArmed,
+    DriveStarted,
+    BlockStored,
+    SettlingFinished,
     PointMeasured,
-    Progressed,
+    ProgressUpdated,
 ]
 
 
@@ -102,10 +102,10 @@ def test_stop_at_any_moment_goes_to_rest_and_keeps_what_was_measured(moment: typ
     cancel = threading.Event()
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab, Trigger(lambda e: isinstance(e, moment), cancel.set), cancel=cancel)
-    assert ran.status == Status.STOPPED
+    assert ran.status == RunStatus.STOPPED
     assert "stopped by the operator" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == Status.STOPPED
+        assert file.status == RunStatus.STOPPED
         assert len(file.points()["frequency"]) == len(ran.points)
 
 
@@ -116,8 +116,8 @@ def test_an_exception_in_a_protocol_goes_to_rest_and_is_told(error: BaseExceptio
 
     with laboratory() as lab:
         ran = run(Scripted(script=(SETTLE, explode)), tmp_path, lab)
-    assert ran.status == (Status.STOPPED if isinstance(error, KeyboardInterrupt) else Status.FAILED)
-    assert any(isinstance(e, AtRest) and e.confirmed for e in ran.events)
+    assert ran.status == (RunStatus.STOPPED if isinstance(error, KeyboardInterrupt) else RunStatus.FAILED)
+    assert any(isinstance(e, RestMeasured) and e.confirmed for e in ran.events)
     assert isinstance(ran.events[-1], RunEnded)
 
 
@@ -127,27 +127,27 @@ def test_an_observer_that_fails_does_not_hurt_the_run(tmp_path: Path, caplog: An
 
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab, broken)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert "I am a broken plot" in caplog.text
 
 
 def test_a_file_that_cannot_be_written_fails_the_run_at_rest(tmp_path: Path, monkeypatch: Any) -> None:
-    block = RunFile.block
+    block = RunFileWriter.append_block
     taken = []
 
-    def full(self: RunFile, *arguments: Any) -> int:
+    def full(self: RunFileWriter, *arguments: Any) -> int:
         taken.append(1)
         if len(taken) > 12:
             self._file.close()  # what a vanished disk looks like to the next write
         return block(self, *arguments)
 
-    monkeypatch.setattr(RunFile, "block", full)
+    monkeypatch.setattr(RunFileWriter, "append_block", full)
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "cannot be written" in ran.reason
     assert isinstance(ran.events[-1], RunEnded)
-    assert any(isinstance(e, AtRest) and e.confirmed for e in ran.events)
+    assert any(isinstance(e, RestMeasured) and e.confirmed for e in ran.events)
 
 
 def test_an_inadmissible_drive_is_refused_before_anything_moves(tmp_path: Path) -> None:
@@ -155,20 +155,20 @@ def test_an_inadmissible_drive_is_refused_before_anything_moves(tmp_path: Path) 
     with laboratory() as lab:
         ran = run(Scripted(script=script), tmp_path, lab)
         assert ran.report.outside_rest_s == 0
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "Sine refused: it reaches -0.5 V" in ran.reason
 
 
 @pytest.mark.breaks_the_drive
 def test_no_drive_on_the_cards_channel_is_noticed(tmp_path: Path) -> None:
     with laboratory() as lab:
-        pull = Trigger(lambda e: isinstance(e, Armed), lambda: lab.control.inject("drive-cable-off"))
+        pull = Trigger(lambda e: isinstance(e, BenchArmed), lambda: lab.control.inject("drive-cable-off"))
         ran = run(SHORT, tmp_path, lab, pull, safe=False)
-    assert ran.status == Status.UNSAFE  # the amplifier's input is pulled to 0 V: -500 V on the specimen
+    assert ran.status == RunStatus.UNSAFE  # the amplifier's input is pulled to 0 V: -500 V on the specimen
     assert "switch the high voltage OFF at the amplifier itself" in ran.reason
     assert "check the cable from the generator to the card" in ran.reason
     with Run(ran.path) as file:
-        assert file.status == Status.UNSAFE
+        assert file.status == RunStatus.UNSAFE
 
 
 def test_simulated_truth_is_in_the_file(tmp_path: Path) -> None:

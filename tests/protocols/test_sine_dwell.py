@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from app.session.session import header
+from app.session.session import run_metadata
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
-from protocols.base.events import Noted, Recorded, SettleEnded
+from protocols.base.events import LogMessage, RecordingFinished, SettlingFinished
 from protocols.base.quality import Quality
-from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, halved
+from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_bytes_of_samples_and_another_does_not(tmp_
         with laboratory(simulated(seed=seed)) as lab:
             ran = run(SineDwell(frequencies_hz=(160,)), tmp_path, lab)
         with Run(ran.path) as file:
-            raws.append(file.trace.raw("displacement"))
+            raws.append(file.trace.read_raw("displacement"))
     assert np.array_equal(raws[0], raws[1])
     assert not np.array_equal(raws[0], raws[2])
 
@@ -169,7 +169,7 @@ def test_parameters_outside_their_range_are_refused(settings: dict, says: str) -
 
 def test_the_header_names_everything_a_reader_needs() -> None:
     with laboratory() as lab:
-        told = header(SineDwell(), lab.bench, "T9")
+        told = run_metadata(SineDwell(), lab.bench, "T9")
     assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
     assert told.bench["identities"]["generator"].startswith("Keysight")
     assert told.simulated
@@ -199,7 +199,7 @@ class Forgetful:
 
 
 def notes(ran) -> list[str]:
-    return [event.text for event in ran.events if isinstance(event, Noted)]
+    return [event.text for event in ran.events if isinstance(event, LogMessage)]
 
 
 def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_scans_that_went_missing_inside_a_recording_are_flagged(tmp_path: Path) 
         recording = threading.Event()
         digitizer = Forgetful(lab.bench.digitizer, recording)
         lab.bench.digitizer = digitizer
-        watch = Trigger(lambda e: isinstance(e, SettleEnded), recording.set)
+        watch = Trigger(lambda e: isinstance(e, SettlingFinished), recording.set)
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab, watch)
     first, second = (Quality(p.quality) for p in ran.points)
     assert Quality.DROPPED in first
@@ -248,7 +248,7 @@ def test_averaging_goes_on_until_the_uncertainty_wanted_is_reached_and_says_how_
         once = run(protocol.model_copy(update={"wanted": 0.0}), tmp_path, lab).points[0]
         ran = run(protocol, tmp_path, lab)
     (point,) = ran.points
-    recorded = sum(isinstance(e, Recorded) for e in ran.events)
+    recorded = sum(isinstance(e, RecordingFinished) for e in ran.events)
     assert once.relative_uncertainty > 0.015 > point.relative_uncertainty
     assert recorded == pytest.approx((once.relative_uncertainty / 0.015) ** 2, abs=2)
     assert point.cycles == pytest.approx(recorded * once.cycles, rel=1e-3)
@@ -265,7 +265,7 @@ def test_averaging_stops_where_the_time_budget_ends(tmp_path: Path) -> None:
         begin = lab.bench.clock.now()
         ran = run(protocol, tmp_path, lab)
         took_s = lab.bench.clock.now() - begin
-    assert 2 < sum(isinstance(e, Recorded) for e in ran.events) < 8
+    assert 2 < sum(isinstance(e, RecordingFinished) for e in ran.events) < 8
     assert took_s < 4.0 + 3.0  # arming and the way out are not the measurement's
     assert any("as many as the time allows" in text for text in notes(ran))
 
@@ -288,7 +288,7 @@ def test_refinement_ends(points: list[tuple[float, float, bool]], closest_hz: fl
         SimpleNamespace(frequency=f, fundamental=a, drive_amplitude=1.0, quality=0 if q else 2) for f, a, q in points
     ]
     for _ in range(100):
-        added = halved(have, closest_hz)
+        added = refinement_frequencies(have, closest_hz)
         if not added:
             return
         have += [SimpleNamespace(frequency=f, fundamental=1e-4, drive_amplitude=1.0, quality=0) for f in added]

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from model.parameters import Tactor
 from model.response.statics import load_compliance
-from protocols.base.events import Answered, Asked, Status
+from protocols.base.events import PromptAnswered, PromptShown, RunStatus
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 from protocols.measurements.load_point import compliance, nonlinearity
@@ -71,7 +71,7 @@ def estimates_of(ran: Ran) -> dict[str, tuple[float, float]]:
 
 
 def asked_texts(ran: Ran) -> list[str]:
-    return [event.prompt.text for event in ran.events if isinstance(event, Asked)]
+    return [event.prompt.text for event in ran.events if isinstance(event, PromptShown)]
 
 
 def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: P
         ran = run(StaticLoading(repeats=1, sample_rate_hz=1000), tmp_path, lab)
         assert not lab.control.history.live
         assert lab.control.plant.situation.shorted
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert len(ran.points) == 10
     for point in ran.points:
         assert point.quality == Quality.SIMULATED
@@ -90,9 +90,11 @@ def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: P
         assert abs(value - COMPLIANCE) < 4 * error < 0.004 * COMPLIANCE
     assert abs(found["difference of the sides"][0]) < 4 * found["difference of the sides"][1]
     assert abs(found["nonlinearity, MFC up"][0]) < 4 * found["nonlinearity, MFC up"][1] < 0.01
-    placed = {e.ask_id for e in ran.events if isinstance(e, Asked) and e.prompt.action.endswith("-weight")}
+    placed = {e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action.endswith("-weight")}
     assert len(placed) == 20
-    assert {e.words for e in ran.events if isinstance(e, Answered) and e.ask_id in placed} == {"seen by the laser"}
+    assert {e.words for e in ran.events if isinstance(e, PromptAnswered) and e.ask_id in placed} == {
+        "seen by the laser"
+    }
 
 
 def test_a_side_that_is_stiffer_and_creep_and_wrong_weights_are_noticed(tmp_path: Path) -> None:
@@ -147,7 +149,7 @@ def test_a_wrong_weight_is_noticed_and_repeated(wrong_kg: float, says: str, tmp_
     with laboratory(simulated()) as lab:
         operator = Clumsy(lab, swaps)
         ran = run(SHORT, tmp_path, lab, operator=operator)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert operator.times("implausible-step") == 1
     question = next(text for text in asked_texts(ran) if "expected" in text)
     assert says in question
@@ -169,7 +171,7 @@ def test_a_bumped_sensor_is_noticed_and_the_weight_repeated_or_flagged(tmp_path:
 
         with laboratory(simulated()) as lab:
             ran = run(SHORT, tmp_path / answer, lab, operator=Clumsy(lab, bumps))
-        assert ran.status == Status.COMPLETED
+        assert ran.status == RunStatus.COMPLETED
         assert sum("zero moved by +12" in text for text in asked_texts(ran)) == 1
         with Run(ran.path) as file:
             assert len(list(file.recordings())) == recordings
@@ -181,7 +183,7 @@ def test_a_clamp_that_gives_shows_in_the_zero(tmp_path: Path) -> None:
     with laboratory(simulated(beyond={"clamp_gives_m_per_n": 5e-6})) as lab:
         ran = run(SHORT, tmp_path, lab)
     assert any("did the clamp give" in text for text in asked_texts(ran))
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert all(Quality(point.quality).usable for point in ran.points)  # it has given, and the repeat is good
 
 
@@ -190,7 +192,7 @@ def test_the_wrong_way_three_times_is_a_wrong_sign_in_the_bench_file(tmp_path: P
     sensor = config.sensor.model_copy(update={"gain_m_per_v": -config.sensor.gain_m_per_v})
     with laboratory(config.model_copy(update={"sensor": sensor})) as lab:
         ran = run(SHORT, tmp_path, lab)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "the wrong way" in ran.reason
     assert "correct gain_m_per_v in the bench file" in ran.reason
 
@@ -199,7 +201,7 @@ def test_a_specimen_unlike_the_expected_is_kept_after_three_alike(tmp_path: Path
     soft = replace(Tactor(), k2=2.5e-3)
     with laboratory(simulated(tactor={"k2": 2.5e-3})) as lab:
         ran = run(SHORT.model_copy(update={"weights_kg": (0.1,)}), tmp_path, lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert sum("attempt 3" in text for text in asked_texts(ran)) == 1
     assert ran.points[0].deflection == pytest.approx(load_compliance(soft) * ran.points[0].load, rel=2e-3)
 
@@ -208,7 +210,7 @@ def test_a_sensor_that_stands_still_is_no_deflection(tmp_path: Path) -> None:
     with laboratory(simulated()) as lab:
         lab.control.inject("sensor-stuck")
         ran = run(SHORT, tmp_path, lab)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert any("too little" in text for text in asked_texts(ran))
     assert all(point.quality & Quality.NO_RESPONSE for point in ran.points)
     assert estimates_of(ran) == {}
@@ -221,7 +223,7 @@ def test_the_operator_may_have_the_weight_before_measured_again(tmp_path: Path) 
     with laboratory(simulated()) as lab:
         operator = Clumsy(lab, regrets)
         ran = run(SHORT, tmp_path, lab, operator=operator)
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     choices = [p.choices for p in operator.asked if p.action == "place-weight"]
     assert choices[0] == ("done",)  # there is none before the first
     assert "previous again" in choices[1]
@@ -255,7 +257,7 @@ def test_a_prompt_may_be_ignored_for_an_hour(tmp_path: Path) -> None:
         operator = Asleep(lab, sleeps)
         ran = run(SHORT.model_copy(update={"sample_rate_hz": 500.0}), tmp_path, lab, operator=operator)
         assert lab.control.now() > 3600
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     assert len(ran.points) == 2
     assert all(p.deflection == pytest.approx(COMPLIANCE * p.load, rel=5e-3) for p in ran.points)
 
@@ -281,13 +283,13 @@ def test_stop_at_any_prompt_keeps_what_was_measured(action: str, tmp_path: Path)
     with laboratory(simulated()) as lab:
         ran = run(SHORT, tmp_path, lab, operator=Clumsy(lab, stops), cancel=cancel)
         assert not lab.control.history.live
-    assert ran.status == Status.STOPPED
+    assert ran.status == RunStatus.STOPPED
     assert "stopped by the operator" in ran.reason
     first = 0 if action in ("disable-high-voltage", "turn-side") else 1
     assert len(ran.points) == first
     with Run(ran.path) as file:
         assert len(file.points()["deflection"]) == first
-        assert file.trace.samples > 0 or first == 0
+        assert file.trace.sample_count > 0 or first == 0
 
 
 @pytest.mark.breaks_the_drive
@@ -299,7 +301,7 @@ def test_hands_never_wait_under_a_drive_that_is_not_at_rest(tmp_path: Path) -> N
 
     with laboratory(simulated()) as lab:
         ran = run(SHORT, tmp_path, lab, operator=Clumsy(lab, pulls), safe=False)
-    assert ran.status == Status.FAILED
+    assert ran.status == RunStatus.FAILED
     assert "hands are on the specimen, and the card sees" in ran.reason
     assert len(ran.points) == 1
 

@@ -12,22 +12,22 @@ from hypothesis.extra import numpy as hnp
 
 from model.studies.parameter_study import Axis
 from protocols.runfile import study_file as studyfile
-from protocols.runfile.errors import StoreError
-from protocols.runfile.study_file import Parameter, StudyFile, StudyHeader, boxes, read_study
+from protocols.runfile.errors import StorageError
+from protocols.runfile.study_file import StudyFileWriter, StudyHeader, StudyParameter, index_slices, read_study
 
 HEADER = StudyHeader(
     "2 x fundamental of the centre over delta, frequency",
     "fundamental",
     "m",
     (Axis("delta", "", (0.0, 0.01, 0.02)), Axis("frequency", "Hz", (10.0, 20.0))),
-    parameters=(Parameter("L", 2.2e-2, "m", "half length"),),
+    parameters=(StudyParameter("L", 2.2e-2, "m", "half length"),),
     description={"n": 7, "measure": "fundamental"},
 )
 VALUES = np.arange(6.0).reshape(3, 2)
 
 
 def stored(path: Path, header: StudyHeader = HEADER, values: np.ndarray = VALUES) -> Path:
-    with StudyFile(path, header) as file:
+    with StudyFileWriter(path, header) as file:
         file.write(0, values.reshape(-1, values.shape[-1]))
     return path
 
@@ -47,7 +47,7 @@ def studies(draw: st.DrawFn) -> tuple[StudyHeader, np.ndarray, list[int]]:
     shape = tuple(len(axis.values) for axis in axes)
     values = draw(hnp.arrays(complex if is_complex else float, shape, elements=complexes if is_complex else finite))
     parameters = draw(
-        st.lists(st.builds(Parameter, names, finite, units, units), max_size=3, unique_by=lambda p: p.name)
+        st.lists(st.builds(StudyParameter, names, finite, units, units), max_size=3, unique_by=lambda p: p.name)
     )
     description = draw(st.dictionaries(units, st.one_of(st.integers(), st.text(max_size=5), st.none()), max_size=3))
     header = StudyHeader(draw(units), signal, draw(units), axes, is_complex, tuple(parameters), description)
@@ -62,7 +62,7 @@ def test_any_study_in_any_chunks_comes_back(study: tuple[StudyHeader, np.ndarray
     header, values, ends = study
     rows = values.reshape(-1, values.shape[-1])
     path = tmp_path / "study.h5"
-    with StudyFile(path, header) as file:
+    with StudyFileWriter(path, header) as file:
         for start, stop in zip([0, *ends], ends, strict=False):
             file.write(start, rows[start:stop])
     got = read_study(path)
@@ -77,7 +77,7 @@ def test_any_study_in_any_chunks_comes_back(study: tuple[StudyHeader, np.ndarray
 def test_boxes_are_the_flat_range_in_order(shape: list[int], data: st.DataObject) -> None:
     index = np.arange(np.prod(shape, dtype=int)).reshape(shape)
     start, stop = sorted(data.draw(st.tuples(*[st.integers(0, index.size)] * 2)))
-    found = [index[box].ravel() for box in boxes(start, stop, shape)]
+    found = [index[box].ravel() for box in index_slices(start, stop, shape)]
     assert np.concatenate([[], *found]).tolist() == list(range(start, stop))
     assert len(found) <= max(2 * len(shape) - 1, 1)
 
@@ -101,7 +101,7 @@ def test_an_interrupted_study_leaves_nothing_and_keeps_the_one_before(tmp_path: 
     path = stored(tmp_path / "study.h5")
 
     def interrupted() -> None:
-        with StudyFile(path, HEADER) as file:
+        with StudyFileWriter(path, HEADER) as file:
             file.write(0, VALUES[:1] + 100)
             raise KeyboardInterrupt
 
@@ -118,8 +118,8 @@ def test_a_run_is_never_overwritten_but_a_study_is(tmp_path: Path) -> None:
     text.write_text("mine")
     for path in (run, text):
         before = path.read_bytes()
-        with pytest.raises(StoreError, match="exists and is no study, so it is left as it is"):
-            StudyFile(path, HEADER)
+        with pytest.raises(StorageError, match="exists and is no study, so it is left as it is"):
+            StudyFileWriter(path, HEADER)
         assert path.read_bytes() == before
     stored(tmp_path / "study.h5")
     stored(tmp_path / "study.h5", values=VALUES + 1)
@@ -127,26 +127,26 @@ def test_a_run_is_never_overwritten_but_a_study_is(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_stored_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(StoreError, match="there is no folder"):
-        StudyFile(tmp_path / "none" / "x.h5", HEADER)
+    with pytest.raises(StorageError, match="there is no folder"):
+        StudyFileWriter(tmp_path / "none" / "x.h5", HEADER)
     same = StudyHeader("", "a", "m", (Axis("a", "Hz", (1.0,)),))
-    with pytest.raises(StoreError, match="names that differ, not a, a"):
-        StudyFile(tmp_path / "x.h5", same)
+    with pytest.raises(StorageError, match="names that differ, not a, a"):
+        StudyFileWriter(tmp_path / "x.h5", same)
     monkeypatch.setattr(studyfile, "RESERVE_BYTES", 10**18)
-    with pytest.raises(StoreError, match="free some space, choose another folder, or vary less"):
-        StudyFile(tmp_path / "x.h5", HEADER)
+    with pytest.raises(StorageError, match="free some space, choose another folder, or vary less"):
+        StudyFileWriter(tmp_path / "x.h5", HEADER)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_study_is_told(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="cannot be read as a study"):
+    with pytest.raises(StorageError, match="cannot be read as a study"):
         read_study(tmp_path / "none.h5")
     path = stored(tmp_path / "study.h5")
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"] = 99
-    with pytest.raises(StoreError, match="written by a newer version of this program; update it"):
+    with pytest.raises(StorageError, match="written by a newer version of this program; update it"):
         read_study(path)
     with h5py.File(path, "r+") as file:
         file.attrs["format"] = "tactor-bench-run"
-    with pytest.raises(StoreError, match="is no study of this program"):
+    with pytest.raises(StorageError, match="is no study of this program"):
         read_study(path)

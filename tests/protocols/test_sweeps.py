@@ -12,15 +12,15 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.drive import PeriodicSweep
-from drivers.errors import DriveRefused
+from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
-from model.response.frequency_response import modal
-from protocols.base.events import Asked, CurveReady, Noted, PointMeasured
+from model.response.frequency_response import tactor_modal_form
+from protocols.base.events import CurveReady, LogMessage, PointMeasured, PromptShown
 from protocols.base.quality import Quality
 from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sweep import Sweep
 from protocols.rehearsal import rehearse
-from protocols.resume import earlier
+from protocols.resume import load_resumable
 from protocols.runfile.reader import Run
 from tests.helpers.level_protocol import resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
@@ -30,14 +30,14 @@ GAIN = 400.0
 
 
 def first_pole(tactor: Tactor) -> tuple[float, float]:
-    poles = modal(tactor, None, 7).poles
+    poles = tactor_modal_form(tactor, None, 7).poles
     first = min(poles[poles.imag > 0], key=abs)
     return abs(first) / (2 * np.pi), -first.real / abs(first)
 
 
 def truth(tactor: Tactor, frequency_hz: np.ndarray) -> np.ndarray:
     """Displacement per volt at the input, from the model's own poles."""
-    form = modal(tactor, None, 7)
+    form = tactor_modal_form(tactor, None, 7)
     return GAIN * np.sum(form.residues[:, None] / (2j * np.pi * frequency_hz - form.poles[:, None]), axis=0)
 
 
@@ -135,10 +135,10 @@ def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -
 
 
 def test_masses_are_asked_for_by_hand_and_a_peak_near_the_bands_edge_gets_a_sentence(loaded) -> None:
-    asked = [e.prompt for e in loaded.events if isinstance(e, Asked) and e.prompt.action == "fix-mass"]
+    asked = [e.prompt for e in loaded.events if isinstance(e, PromptShown) and e.prompt.action == "fix-mass"]
     assert [prompt.values for prompt in asked] == [{"mass_kg": 2.75e-3}, {"mass_kg": 9.75e-3}]
     assert all(prompt.hands_on for prompt in asked)
-    said = [e.text for e in loaded.events if isinstance(e, Noted) and "edge of the band" in e.text]
+    said = [e.text for e in loaded.events if isinstance(e, LogMessage) and "edge of the band" in e.text]
     assert len(said) == 1
     assert said[0].startswith("9.75 g: the peak at 136.")
 
@@ -169,7 +169,7 @@ def test_a_sweep_without_a_response_is_no_resonance(tmp_path: Path) -> None:
     assert ran.status == "completed"
     assert ran.points == []
     assert "none from sweep 1" in ran.reason
-    assert any("no response" in e.text for e in ran.events if isinstance(e, Noted))
+    assert any("no response" in e.text for e in ran.events if isinstance(e, LogMessage))
 
 
 def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,10 +178,10 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
     with laboratory() as lab:
         stop = Trigger(lambda e: isinstance(e, PointMeasured), cancel.set)
         first = run(protocol, tmp_path, lab, stop, cancel=cancel)
-        whole = earlier(first.path).continuation.curves
+        whole = load_resumable(first.path).resume_state.curves
         with h5py.File(first.path, "r+") as file:
             del file["entry/curves"]  # as a killed program leaves it
-        found = earlier(first.path).continuation.curves
+        found = load_resumable(first.path).resume_state.curves
         assert [c.entry for c in found] == [c.entry for c in whole] == [0]
         assert np.array_equal(found[0].columns["response"].values, whole[0].columns["response"].values)
         second = resumed(first.path, tmp_path, lab)
@@ -199,7 +199,7 @@ def test_a_long_sweep_is_refused_before_anything_is_armed_where_the_box_cannot_h
         if fits:
             assert rehearse(MassResonance(), lab.bench.amplifier).duration_s > 9 * 300
         else:
-            with pytest.raises(DriveRefused, match=r"holds \d+|limit 9 s"):
+            with pytest.raises(DriveRejectedError, match=r"holds \d+|limit 9 s"):
                 rehearse(MassResonance(), lab.bench.amplifier)
 
 
@@ -225,7 +225,7 @@ def test_a_periodic_sweep_is_continuous_and_its_halves_are_opposite() -> None:
     assert (
         bends.max() < 1.1 * 2.5 * (2 * np.pi * 527) ** 2
     )  # as a sine of the highest frequency, and no corner anywhere
-    assert drive.ends_v == (2.5, pytest.approx(2.5, abs=1e-9))
+    assert drive.end_levels_v == (2.5, pytest.approx(2.5, abs=1e-9))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from drivers.drive import Hold
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.statics import voltage_gain
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.base.quality import Quality
 from protocols.base.records import Recording
 from protocols.measurements.voltage_steps import PAPER_LEVELS_V, VoltageSteps
@@ -57,7 +57,7 @@ def creeping(share: float, ramp_s: float, level_v: float = 4.5, noise_m: float =
 
 
 def test_every_level_is_where_the_closed_form_says(ran) -> None:
-    assert ran.status is Status.COMPLETED
+    assert ran.status is RunStatus.COMPLETED
     assert [(p.level, p.direction) for p in ran.points] == [
         (0.5, 1), (2.5, 1), (4.0, 1), (4.0, -1), (2.5, -1), (0.5, -1), (0.5, 1), (2.5, 1), (4.0, 1),
     ]  # fmt: skip
@@ -149,7 +149,7 @@ def test_a_supply_that_can_only_hold_will_do(tmp_path: Path) -> None:
     with laboratory(BenchConfig.model_validate(record)) as lab:
         ran = run(VoltageSteps(levels_v=(1.0, 4.0), repeats=1, order="up", rest_s=0.5), tmp_path, lab, safe=False)
         lab.bench.clock.sleep(1.0)  # its output falls the last millivolts
-    assert ran.status is Status.COMPLETED, ran.reason
+    assert ran.status is RunStatus.COMPLETED, ran.reason
     for p in ran.points:
         assert p.deflection == pytest.approx(expected_m(p.level), rel=0.02)
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
@@ -24,7 +24,7 @@ def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
     with laboratory(simulated(generator={"clock_ppm": 50.0})) as lab:
         ran = run(CHECK, tmp_path, lab)
         truth = lab.control.truth
-    assert ran.status == Status.COMPLETED
+    assert ran.status == RunStatus.COMPLETED
     found = {verdict.name: verdict.value for verdict in CHECK.verdicts(ran.points)}
     assert failing(CHECK, ran.points) == set()
     assert found["gain above / below"] == pytest.approx(3.0, rel=0.02)  # 600 and 200 V per volt

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 from protocols.registry import PROTOCOLS
-from sim_hardware.plant.faults import FAULTS
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from sim_hardware.testing.safe_volts import STEP_V
 from tests.helpers.fault_matrix import ON_WIRES_ONLY, TAKES_THE_DRIVE, cell, moments_of
 
@@ -23,7 +23,7 @@ ON_WIRES = [
 KINDS = ("sine-dwell", "sweep", "voltage-steps", "static-loading")
 """One protocol of each kind: what is played is a sine, a sweep or steps, or somebody's hands do the work."""
 
-FAULTS_OF_A_BENCH = [fault for fault in FAULTS if fault not in ON_WIRES_ONLY]
+FAULTS_OF_A_BENCH = [fault for fault in FAULT_DESCRIPTIONS if fault not in ON_WIRES_ONLY]
 
 
 def assert_rest_or_unsafe(name: str, fault: str, moment: str, folder: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_level_near_rest_that_nobody_brought_back_is_not_rest(tmp_path: Path) 
     """Found by the matrix: a ramp broken off after its first step left 33 mV at the input, 20 V on the specimen."""
     seen = cell("scpi-silent", "wiring-check", "ramp", tmp_path)
     assert 0.02 < abs(seen.end_v - 2.5) < 0.05
-    assert seen.status is Status.UNSAFE
+    assert seen.status is RunStatus.UNSAFE
     assert re.search(r"\(lowest 2\.5\d+ V, highest 2\.5\d+ V\)", seen.reason)
 
 
@@ -64,21 +64,21 @@ def test_a_ramp_whose_answers_cannot_be_read_is_brought_back_all_the_same(fault:
     seen = cell(fault, "wiring-check", "ramp", tmp_path)
     assert seen.at_rest
     assert seen.end_v == pytest.approx(2.5, abs=1e-3)
-    assert seen.status is Status.FAILED
+    assert seen.status is RunStatus.FAILED
 
 
 def test_a_small_sine_that_still_plays_is_not_rest(tmp_path: Path) -> None:
     """Found by the matrix: its mean is rest, and every sample of it was near enough."""
     seen = cell("scpi-garbled", "wiring-check", "stopping", tmp_path)
     assert seen.at_rest
-    assert seen.status is Status.COMPLETED
+    assert seen.status is RunStatus.COMPLETED
 
 
 @pytest.mark.parametrize(("fault", "name", "moment"), ON_WIRES)
 def test_on_real_wires_with_the_watchdog(fault: str, name: str, moment: str, tmp_path: Path) -> None:
     seen = cell(fault, name, moment, tmp_path, wires=True)
     assert not seen.faults, f"{seen.faults}: {seen.reason}"
-    if seen.status is Status.UNSAFE:
+    if seen.status is RunStatus.UNSAFE:
         assert "the program could not confirm rest" in seen.watchdog_log
 
 
@@ -86,6 +86,6 @@ def test_the_table_in_the_documentation_is_whole_and_without_a_fault() -> None:
     """`python docs/make_fault_matrix.py` runs every cell and writes it."""
     text = (Path(__file__).parents[2] / "docs" / "fault-matrix.md").read_text()
     for name in PROTOCOLS:
-        for fault in FAULTS:
+        for fault in FAULT_DESCRIPTIONS:
             assert f"| {name} | {fault} |" in text, "a fault or a protocol is new: python docs/make_fault_matrix.py"
     assert "FAULT" not in text

@@ -13,21 +13,21 @@ import pytest
 
 from app.common.errors import FAILED
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
-from drivers.bench.watchdog_interface import BeatingClock, NoWatchdog
+from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.visa import VisaLink
-from drivers.watchdog.client import WatchdogProcess
-from drivers.watchdog.config import Charge
+from drivers.watchdog.client import WatchdogClient
+from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import AtRest, Status
+from protocols.base.events import RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.program import program, safe
-from tests.helpers.simulated_bench import laboratory, run, volts_are_safe
+from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, run
 
 LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
 """A drive that would go on for 13 s by itself. How soon the watchdog ends it is measured in docs/decisions/0020-watchdog.md; here
@@ -93,21 +93,21 @@ def test_where_the_wire_takes_one_connection_only_a_program_that_hangs_is_ended_
 class Live:
     """A live bench of which the test is the program: a source that plays, and a watchdog that watches."""
 
-    def __init__(self, folder: Path, served: ServedBench, charge: Charge) -> None:
+    def __init__(self, folder: Path, served: ServedBench, charge: WatchdogConfig) -> None:
         self.folder, self.bench = folder, served.bench
         self.charge = replace(charge, resource=f"TCPIP::127.0.0.1::{served.scpi.port}::SOCKET")
-        self.watchdog = WatchdogProcess(self.charge)
-        self.watchdog.log_to(folder)
-        clock = BeatingClock()
+        self.watchdog = WatchdogClient(self.charge)
+        self.watchdog.set_log_folder(folder)
+        clock = HeartbeatClock()
         clock.watchdog = self.watchdog
         self.source = Keysight33500(VisaLink(self.charge.resource, 0.5), clock)
         self.amplifier = HvAmplifier(self.source, AmplifierMap(), DriveLimits(), clock, self.watchdog)
-        self.amplifier.prepare()
+        self.amplifier.initialize_at_rest()
         self.watchdog.arm()
         self.bench.enable_hv()
 
     def play(self, drive: Drive) -> None:
-        self.amplifier.play(drive)
+        self.amplifier.start_drive(drive)
         wait(lambda: self.bench.report().outside_rest_s > 0.05)
 
     def die(self) -> None:
@@ -120,12 +120,12 @@ class Live:
         return self.bench.report().ends_at_rest
 
 
-CHARGE = Charge("drivers.generators.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
+CHARGE = WatchdogConfig("drivers.generators.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
 
 
 @contextmanager
-def live(folder: Path, charge: Charge = CHARGE) -> Iterator[Live]:
-    with ServedBench(VirtualBench()) as served:
+def live(folder: Path, charge: WatchdogConfig = CHARGE) -> Iterator[Live]:
+    with ServedBench(SimulatedBench()) as served:
         bench = Live(folder, served, charge)
         try:
             yield bench
@@ -139,28 +139,28 @@ def test_a_held_level_that_would_stay_for_ever_is_brought_down_by_the_guards_ste
         bench.play(Hold(5.0, 60.0))
         bench.die()
         wait(bench.at_rest)
-        volts_are_safe(bench.bench.report())
+        assert_safe_voltage(bench.bench.report())
 
 
 def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
         wait(bench.at_rest)  # the test does not beat any more
-        volts_are_safe(bench.bench.report())
+        assert_safe_voltage(bench.bench.report())
         wait(lambda: "the thread that reads the card said nothing" in log(tmp_path))
         with pytest.raises(BenchError, match="the watchdog took the source over: the thread that reads the card"):
-            bench.watchdog.check()
-        pieces = len(bench.bench.history.pieces())
+            bench.watchdog.raise_for_status()
+        pieces = len(bench.bench.history.entries())
         with pytest.raises(BenchError, match="the watchdog took the source over"):
-            bench.amplifier.play(Sine(100, 2.5, 2.5, 2000))
-        assert len(bench.bench.history.pieces()) == pieces  # nothing reached the source
+            bench.amplifier.start_drive(Sine(100, 2.5, 2.5, 2000))
+        assert len(bench.bench.history.entries()) == pieces  # nothing reached the source
 
 
 @pytest.mark.deep
 def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awaited(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
-        with bench.watchdog.allow(60.0):
+        with bench.watchdog.allow_silence(60.0):
             bench.watchdog._closing.set()  # the interpreter's pulse stands still
             wait(bench.at_rest)
         wait(lambda: "the program was frozen" in log(tmp_path))
@@ -173,7 +173,7 @@ def test_it_is_deaf_to_the_terminal_and_goes_with_the_program_without_a_word(tmp
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             watchdog.send_signal(number)
         assert os.getpgid(watchdog.pid) != os.getpgid(0)  # a Ctrl-Z stops the program, not the watchdog
-        bench.watchdog.check()
+        bench.watchdog.raise_for_status()
         bench.watchdog.disarm()
         bench.watchdog.close()
         assert not watchdog.is_running()
@@ -184,15 +184,15 @@ def test_it_is_deaf_to_the_terminal_and_goes_with_the_program_without_a_word(tmp
 def test_a_watchdog_that_was_killed_or_hangs_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with live(tmp_path) as bench:
         watchdog = psutil.Process(bench.watchdog.pid)
-        bench.watchdog.check()
+        bench.watchdog.raise_for_status()
         with monkeypatch.context() as impatient:
-            impatient.setattr("drivers.watchdog.client.DEAF_S", -1.0)
+            impatient.setattr("drivers.watchdog.client.WATCHDOG_SILENCE_S", -1.0)
             with pytest.raises(BenchError, match="the watchdog has said nothing for -1 s"):
-                bench.watchdog.check()
+                bench.watchdog.raise_for_status()
         watchdog.kill()
         wait(lambda: bench.watchdog._ended)
         with pytest.raises(BenchError, match=r"has ended .code -9., and the bench does not stay live without it"):
-            bench.watchdog.check()
+            bench.watchdog.raise_for_status()
         bench.watchdog.disarm()
         bench.watchdog.arm()  # for the next run it is replaced
         bench.play(Hold(4.0, 60.0))
@@ -204,7 +204,7 @@ def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) 
     class Lost(NoWatchdog):
         blocks = 0
 
-        def check(self) -> None:
+        def raise_for_status(self) -> None:
             self.blocks += 1
             if self.blocks > 30:
                 raise BenchError("the watchdog has ended (code -9)")
@@ -212,9 +212,9 @@ def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) 
     with laboratory() as lab:
         lab.bench.watchdog = Lost()
         ran = run(SineDwell(frequencies_hz=(100, 200)), tmp_path, lab)
-    assert (ran.status, ran.reason) == (Status.FAILED, "the watchdog has ended (code -9)")
+    assert (ran.status, ran.reason) == (RunStatus.FAILED, "the watchdog has ended (code -9)")
     assert ran.report.outside_rest_s > 0.5
-    assert any(isinstance(event, AtRest) and event.confirmed for event in ran.events)
+    assert any(isinstance(event, RestMeasured) and event.confirmed for event in ran.events)
 
 
 @pytest.mark.deep
@@ -225,10 +225,10 @@ def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
         end_s = time.monotonic() + bears_s + 0.5
         while time.monotonic() < end_s:
             time.sleep(0.05)
-            bench.watchdog.beat()
-            bench.watchdog.check()
+            bench.watchdog.send_heartbeat()
+            bench.watchdog.raise_for_status()
         assert not bench.at_rest()
-        bench.amplifier.to_rest()
+        bench.amplifier.return_to_rest()
         bench.watchdog.disarm()
         time.sleep(bears_s + 0.2)  # silence at rest means nothing
         bench.watchdog.close()
@@ -239,7 +239,7 @@ def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -
     """The program stops inside a ramp and goes on after the watchdog has been there: its next step would be a jump."""
     with live(tmp_path) as bench:
         bench.play(Hold(4.0, 60.0))
-        tell, told = bench.source._scpi.tell, []
+        tell, told = bench.source._scpi.write_checked, []
 
         def slow(command: str) -> None:
             told.append(command)
@@ -248,12 +248,12 @@ def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -
                 bench.watchdog._closing.set()  # the interpreter's pulse stands still, as it does in a stopped program
                 wait(lambda: "was brought to rest" in log(tmp_path))
 
-        bench.source._scpi.tell = slow
+        bench.source._scpi.write_checked = slow
         with pytest.raises(BenchError, match="the watchdog took the source over"):
-            bench.amplifier.play(Hold(1.0, 60.0))
+            bench.amplifier.start_drive(Hold(1.0, 60.0))
         assert len(told) == 10
         assert bench.at_rest()
-        volts_are_safe(bench.bench.report())
+        assert_safe_voltage(bench.bench.report())
 
 
 @pytest.mark.deep
@@ -287,21 +287,21 @@ def test_a_wire_that_comes_back_in_time_is_used(tmp_path: Path) -> None:
         assert not bench.at_rest()
         bench.bench.clear()
         wait(bench.at_rest)
-        volts_are_safe(bench.bench.report())
+        assert_safe_voltage(bench.bench.report())
 
 
 def test_a_program_that_cannot_command_the_source_asks_it_for_help(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Hold(4.0, 60.0))
         bench.source._scpi.link.close()
-        assert "was brought to rest" in bench.watchdog.rescue("no answer to 'VOLT?'")
+        assert "was brought to rest" in bench.watchdog.request_rest("no answer to 'VOLT?'")
         assert bench.at_rest()
-        volts_are_safe(bench.bench.report())
+        assert_safe_voltage(bench.bench.report())
 
 
 @pytest.mark.deep
 def test_a_bench_whose_watchdog_cannot_reach_the_source_does_not_go_live(tmp_path: Path) -> None:
-    watchdog = WatchdogProcess(replace(CHARGE, resource="TCPIP::127.0.0.1::9::SOCKET"))
+    watchdog = WatchdogClient(replace(CHARGE, resource="TCPIP::127.0.0.1::9::SOCKET"))
     with pytest.raises(BenchError, match=r"the watchdog does not watch: .*cannot be reached.*enabled = false"):
         watchdog.arm()
     watchdog.close()

@@ -7,11 +7,11 @@ import pytest
 
 from app.session.connect import connect
 from app.session.session import Session
-from drivers.bench.watchdog_interface import SWITCHED_OFF, NoWatchdog
-from drivers.watchdog.client import WatchdogProcess
-from drivers.watchdog.config import Charge
-from drivers.watchdog.log import LOG_NAME, untold
-from protocols.base.events import Noted
+from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, NoWatchdog
+from drivers.watchdog.client import WatchdogClient
+from drivers.watchdog.config import WatchdogConfig
+from drivers.watchdog.log import LOG_NAME, take_unreported_lines
+from protocols.base.events import LogMessage
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, simulated
 
@@ -26,17 +26,17 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
             session.run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T")
             session.finished.wait(60)
             session.close()
-        notes = [e.text for e in events if isinstance(e, Noted) and "the watchdog wrote" in e.text]
+        notes = [e.text for e in events if isinstance(e, LogMessage) and "the watchdog wrote" in e.text]
         assert len(notes) == told
         assert all("was brought to rest" in note for note in notes)
-    assert untold(tmp_path) == []
+    assert take_unreported_lines(tmp_path) == []
 
 
 def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_so() -> None:
     with laboratory() as lab:
         assert isinstance(lab.bench.watchdog, NoWatchdog)
-        assert lab.bench.watchdog.words == ""
-    assert "a held level stays on the specimen" in SWITCHED_OFF
+        assert lab.bench.watchdog.inactive_reason == ""
+    assert "a held level stays on the specimen" in WATCHDOG_DISABLED_WARNING
 
 
 @pytest.mark.parametrize(
@@ -50,22 +50,22 @@ def test_nobody_watches_on_the_virtual_clock_and_a_bench_file_without_one_says_s
 )
 def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resource: str, shared: bool) -> None:
     """Two readers on one serial line would each get half of the answers."""
-    from app.session.connect import _shared
+    from app.session.connect import _allows_second_connection
 
-    assert _shared(resource) == shared
+    assert _allows_second_connection(resource) == shared
 
 
 @pytest.mark.parametrize("speed", [pytest.param(1.0, marks=pytest.mark.deep), 5.0])
 def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
     speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    charges: list[Charge] = []
+    charges: list[WatchdogConfig] = []
 
-    def watches(charge: Charge) -> WatchdogProcess:
+    def watches(charge: WatchdogConfig) -> WatchdogClient:
         charges.append(charge)
-        return WatchdogProcess(charge)
+        return WatchdogClient(charge)
 
-    monkeypatch.setattr("drivers.watchdog.client.WatchdogProcess", watches)
+    monkeypatch.setattr("drivers.watchdog.client.WatchdogClient", watches)
     with connect(simulated(), speed):
         pass
     assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]

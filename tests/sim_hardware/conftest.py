@@ -2,17 +2,17 @@
 
 import pytest
 
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.plant.parameters import BenchTruth
-from sim_hardware.wires.in_process_link import DirectLink
+from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.wires.in_process_link import InProcessLink
 
 
 @pytest.fixture
-def bench() -> VirtualBench:
-    return VirtualBench(BenchTruth(), VirtualClock())
+def bench() -> SimulatedBench:
+    return SimulatedBench(SimulationParameters(), VirtualClock())
 
 
 @pytest.fixture
-def link(bench: VirtualBench) -> DirectLink:
+def link(bench: SimulatedBench) -> InProcessLink:
     return bench.link()

@@ -9,17 +9,17 @@ from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.scpi import Link
 from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
 from protocols.base.steps import Prompt
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.plant.faults import FAULTS
-from sim_hardware.plant.parameters import AmplifierTruth, BenchTruth
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
 
 
 @pytest.fixture
 def source(bench):
     source = Keysight33500(bench.link(), bench.clock)
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
     return source
@@ -99,7 +99,9 @@ def test_power_loss_and_a_pulled_cable_drop_the_amplifiers_input(bench, source):
 
 
 def test_the_input_is_pulled_to_where_the_truth_says():
-    bench = VirtualBench(BenchTruth(amplifier=AmplifierTruth(open_v=2.5, enabled=True)), VirtualClock())
+    bench = SimulatedBench(
+        SimulationParameters(amplifier=AmplifierParameters(open_v=2.5, enabled=True)), VirtualClock()
+    )
     bench.clock.sleep(1.0)
     assert bench.report().ends_at_rest
     assert bench.report().live_s == 1.0
@@ -132,12 +134,12 @@ def test_the_direct_link_is_a_drivers_link(bench):
 
 
 def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
-    for name in FAULTS:
+    for name in FAULT_DESCRIPTIONS:
         bench.inject(name)
         bench.inject(name)
-    assert bench.faults.all_active() == tuple(FAULTS)
+    assert bench.faults.active_faults() == tuple(FAULT_DESCRIPTIONS)
     bench.clear()
-    assert bench.faults.all_active() == ()
+    assert bench.faults.active_faults() == ()
     with pytest.raises(ValueError, match="choose from scpi-silent"):
         bench.inject("coffee")
 
@@ -154,9 +156,9 @@ def test_a_drifting_clock_is_heard_from_the_next_trigger_on(bench, source):
     bench.inject("clock-drift")
     source.play(Sine(100.0, 1.0, 2.5, 1000))
     bench.clock.sleep(1.0)
-    burst = bench.history.pieces()[-1].segment
-    assert burst.still_from_s - bench.clock.now() == pytest.approx(9.0 - 10 * 50e-6, abs=2e-3)
-    assert burst.still_from_s - bench.history.pieces()[-1].start_s == pytest.approx(10 / (1 + 50e-6), rel=1e-7)
+    burst = bench.history.entries()[-1].segment
+    assert burst.constant_from_s - bench.clock.now() == pytest.approx(9.0 - 10 * 50e-6, abs=2e-3)
+    assert burst.constant_from_s - bench.history.entries()[-1].start_s == pytest.approx(10 / (1 + 50e-6), rel=1e-7)
 
 
 def test_an_amplifier_at_its_limit_moves_the_tactor_less(bench, source):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import AcquisitionError
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.card import RateRefusedError, actual_rate, convert_time
-from sim_hardware.plant.parameters import BenchTruth, CardTruth, SensorTruth
+from sim_hardware.nidaq.card import SampleRateError, actual_rate, convert_interval_s
+from sim_hardware.plant.parameters import CardParameters, SensorParameters, SimulationParameters
 
 PLAY = (
     "OUTP:LOAD INF;:VOLT 5;:VOLT:OFFS 2.5;:BURS:NCYC 100;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON",
@@ -18,15 +18,15 @@ PLAY = (
 )
 
 
-def playing(truth: BenchTruth | None = None) -> VirtualBench:
-    bench = VirtualBench(truth or BenchTruth(), VirtualClock())
+def playing(truth: SimulationParameters | None = None) -> SimulatedBench:
+    bench = SimulatedBench(truth or SimulationParameters(), VirtualClock())
     bench.enable_hv()
     for message in PLAY:
         bench.link().write(message)
     return bench
 
 
-def samples(bench: VirtualBench, block: int, scans: int = 3000, rate_hz: float = 5e3) -> np.ndarray:
+def samples(bench: SimulatedBench, block: int, scans: int = 3000, rate_hz: float = 5e3) -> np.ndarray:
     with bench.digitizer().stream(rate_hz, block) as stream:
         return np.concatenate([stream.read().raw for _ in range(scans // block)], axis=1)
 
@@ -37,7 +37,7 @@ def test_samples_do_not_depend_on_the_portions(block):
 
 
 def test_the_same_seed_repeats_and_another_does_not():
-    one, two, other = (samples(playing(BenchTruth(seed=s)), 500) for s in (3, 3, 4))
+    one, two, other = (samples(playing(SimulationParameters(seed=s)), 500) for s in (3, 3, 4))
     assert np.array_equal(one, two)
     assert not np.array_equal(one[0], other[0])
 
@@ -49,30 +49,30 @@ def test_two_streams_of_a_run_have_different_noise():
 
 
 def test_counts_scale_back_to_the_volts_that_went_in():
-    card = VirtualBench(BenchTruth(), VirtualClock()).card
+    card = SimulatedBench(SimulationParameters(), VirtualClock()).card
     volts = np.linspace(-10, 10, 4001)
-    assert np.abs(card.scale.volts(card.convert(volts)) - volts).max() < 0.6 * 3.2054e-4
-    assert card.scale.clipped(card.convert(np.array([-11.0, 0.0, 11.0]))).tolist() == [True, False, True]
+    assert np.abs(card.scale.to_volts(card.quantize(volts)) - volts).max() < 0.6 * 3.2054e-4
+    assert card.scale.is_clipped(card.quantize(np.array([-11.0, 0.0, 11.0]))).tolist() == [True, False, True]
 
 
 def test_noise_has_the_declared_strength():
-    truth = BenchTruth(card=CardTruth(noise_v=5e-3), sensor=SensorTruth(noise_m=1e-6))
-    bench = VirtualBench(truth, VirtualClock())
-    volts = bench.card.scale.volts(samples(bench, 5000, 20_000))
+    truth = SimulationParameters(card=CardParameters(noise_v=5e-3), sensor=SensorParameters(noise_m=1e-6))
+    bench = SimulatedBench(truth, VirtualClock())
+    volts = bench.card.scale.to_volts(samples(bench, 5000, 20_000))
     assert volts[0].std() == pytest.approx(5e-3, rel=0.03)
     assert volts[1].std() == pytest.approx(np.hypot(5e-3, 1e-2), rel=0.03)
 
 
 def test_displacement_comes_late_by_the_sensors_delay():
-    quiet = BenchTruth(card=CardTruth(noise_v=0), sensor=SensorTruth(noise_m=0, delay_s=0))
+    quiet = SimulationParameters(card=CardParameters(noise_v=0), sensor=SensorParameters(noise_m=0, delay_s=0))
     prompt = samples(playing(quiet), 500)[1]
-    late = samples(playing(replace(quiet, sensor=SensorTruth(noise_m=0, delay_s=2e-3))), 500)[1]
+    late = samples(playing(replace(quiet, sensor=SensorParameters(noise_m=0, delay_s=2e-3))), 500)[1]
     assert np.array_equal(late[10:], prompt[:-10])  # 2 ms at 5 kS/s
 
 
 def test_beyond_its_range_the_sensor_shows_its_voltage_for_it():
-    bench = playing(BenchTruth(sensor=SensorTruth(range_m=2e-4, invalid_v=9.0)))
-    volts = bench.card.scale.volts(samples(bench, 500)[1])
+    bench = playing(SimulationParameters(sensor=SensorParameters(range_m=2e-4, invalid_v=9.0)))
+    volts = bench.card.scale.to_volts(samples(bench, 500)[1])
     assert np.count_nonzero(np.abs(volts - 9.0) < 0.01) > 100
     assert np.abs(volts[np.abs(volts - 9.0) > 0.1]).max() < 2.01
 
@@ -84,7 +84,7 @@ def test_out_of_range_fault_touches_only_samples_of_its_time():
         bench.inject("sensor-out-of-range")  # the first 500 samples were taken before, but are read after
         bench.clock.sleep(0.1)
         bench.clear("sensor-out-of-range")
-        volts = np.concatenate([bench.card.scale.volts(stream.read().raw[1]) for _ in range(3)])
+        volts = np.concatenate([bench.card.scale.to_volts(stream.read().raw[1]) for _ in range(3)])
     broken = np.abs(volts - 10.3) < 0.05
     assert not broken[:500].any()
     assert broken[501:1000].all()
@@ -92,9 +92,9 @@ def test_out_of_range_fault_touches_only_samples_of_its_time():
 
 
 def test_channels_may_be_skewed():
-    sensor = SensorTruth(noise_m=0, delay_s=0)
-    truth = BenchTruth(card=CardTruth(noise_v=0, convert_s=1e-4), sensor=sensor)
-    straight = BenchTruth(card=CardTruth(noise_v=0, convert_s=0.0), sensor=sensor)
+    sensor = SensorParameters(noise_m=0, delay_s=0)
+    truth = SimulationParameters(card=CardParameters(noise_v=0, convert_s=1e-4), sensor=sensor)
+    straight = SimulationParameters(card=CardParameters(noise_v=0, convert_s=0.0), sensor=sensor)
     skewed = samples(playing(truth), 1000, 1000, rate_hz=5e3)
     plain = samples(playing(straight), 2000, 2000, rate_hz=10e3)
     assert np.array_equal(skewed[1], plain[1, 1::2])  # 100 us is half a scan at 5 kS/s
@@ -102,21 +102,21 @@ def test_channels_may_be_skewed():
 
 
 def test_conversions_that_do_not_fit_into_a_scan_are_as_far_apart_as_they_can_be():
-    truth = CardTruth()
-    assert convert_time(truth, 5e3, 2) == 12e-6
-    assert convert_time(truth, 250e3, 2) == pytest.approx(2e-6)
-    assert convert_time(CardTruth(convert_s=0.0), 250e3, 2) == 0
+    truth = CardParameters()
+    assert convert_interval_s(truth, 5e3, 2) == 12e-6
+    assert convert_interval_s(truth, 250e3, 2) == pytest.approx(2e-6)
+    assert convert_interval_s(CardParameters(convert_s=0.0), 250e3, 2) == 0
 
 
 @pytest.mark.parametrize(("asked", "got"), [(5e3, 5e3), (44_100, 100e6 / 2267), (3e3, 100e6 / 33333), (250e3, 250e3)])
 def test_the_divider_makes_the_next_higher_rate(asked, got):
-    assert actual_rate(CardTruth(), asked, 2) == pytest.approx(got, rel=1e-12)
+    assert actual_rate(CardParameters(), asked, 2) == pytest.approx(got, rel=1e-12)
 
 
 @pytest.mark.parametrize("rate_hz", [250_001, 6e5, 0, -5])
 def test_too_fast_for_two_channels_is_refused(rate_hz):
-    with pytest.raises(RateRefusedError):
-        actual_rate(CardTruth(), rate_hz, 2)
+    with pytest.raises(SampleRateError):
+        actual_rate(CardParameters(), rate_hz, 2)
 
 
 def test_digitizer_reads_gapless_blocks_and_moves_the_clock_as_far_as_it_must(bench):

@@ -6,15 +6,22 @@ import numpy as np
 import pytest
 
 from sim_hardware.clock import VirtualClock
-from sim_hardware.plant.history_report import report_on
-from sim_hardware.plant.segments import Chirp, Glitch, Level, Open, Slope, Tone
-from sim_hardware.plant.voltage_history import History
+from sim_hardware.plant.history_report import make_voltage_report
+from sim_hardware.plant.segments import (
+    ChirpSegment,
+    ConstantSegment,
+    OpenOutputSegment,
+    PeriodicSegment,
+    RampSegment,
+    RelayGlitchSegment,
+)
+from sim_hardware.plant.voltage_history import VoltageHistory
 
 RATE = 100e3
 
 
-def report(history: History, until: float):
-    return report_on(history.pieces(), until, RATE, rest_v=2.5, tolerance_v=0.02)
+def report(history: VoltageHistory, until: float):
+    return make_voltage_report(history.entries(), until, RATE, rest_v=2.5, tolerance_v=0.02)
 
 
 def at(segment, *t: float) -> list[float]:
@@ -22,50 +29,52 @@ def at(segment, *t: float) -> list[float]:
 
 
 def test_past_samples_show_the_setting_of_their_own_time():
-    history = History()
-    history.append(1.0, Level(2.5))
-    history.append(2.0, Level(3.0))
+    history = VoltageHistory()
+    history.append(1.0, ConstantSegment(2.5))
+    history.append(2.0, ConstantSegment(3.0))
     assert history.volts([0.5, 1.0, 1.999, 2.0, 9.0]).tolist() == [0.0, 2.5, 2.5, 3.0, 3.0]
 
 
 def test_what_has_been_read_cannot_be_changed_any_more():
-    history, clock = History(), VirtualClock()
-    history.append(0.0, Level(2.5))
+    history, clock = VoltageHistory(), VirtualClock()
+    history.append(0.0, ConstantSegment(2.5))
     history.volts([0.0, 0.7])
     with pytest.raises(ValueError, match="past"):
-        history.append(0.5, Level(0.0))
-    with history.instant(clock) as t:
+        history.append(0.5, ConstantSegment(0.0))
+    with history.at_instant(clock) as t:
         assert t == 0.7  # a change now is stamped after everything that was read
-        history.append(t, Level(1.0))
+        history.append(t, ConstantSegment(1.0))
     assert history.volts([0.69, 0.7]).tolist() == [2.5, 1.0]
 
 
 def test_a_burst_ends_at_its_idle_level_by_itself():
-    burst = Tone(origin_s=1.0, frequency_hz=100.0, amplitude_v=1.0, offset_v=2.5, phase_rad=0.0, idle_v=2.5, cycles=3)
+    burst = PeriodicSegment(
+        origin_s=1.0, frequency_hz=100.0, amplitude_v=1.0, offset_v=2.5, phase_rad=0.0, idle_v=2.5, cycles=3
+    )
     assert at(burst, 1.0, 1.0025, 1.0275, 1.031, 50.0) == pytest.approx([2.5, 3.5, 1.5, 2.5, 2.5])
-    assert burst.still_from_s == pytest.approx(1.03)
+    assert burst.constant_from_s == pytest.approx(1.03)
 
 
 def test_a_burst_train_repeats_from_its_origin():
-    train = Tone(0.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=1, period_s=0.05)
+    train = PeriodicSegment(0.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=1, period_s=0.05)
     assert at(train, 0.0025, 0.02, 0.0525, 0.0575) == pytest.approx([3.5, 2.5, 3.5, 1.5])
 
 
 def test_a_triggered_sweep_goes_on_at_its_start_frequency():
-    chirp = Chirp(0.0, 10.0, 110.0, 1.0, 1.0, 0.0, 0.0)
+    chirp = ChirpSegment(0.0, 10.0, 110.0, 1.0, 1.0, 0.0, 0.0)
     t = np.linspace(2.0, 3.0, 20001)
     crossings = np.flatnonzero(np.diff(np.signbit(chirp.volts(t))))
     assert len(crossings) in (19, 20)  # two zero crossings a cycle, 10 Hz
 
 
 def test_report_counts_only_what_high_voltage_could_feel():
-    history = History()
-    history.append(0.0, Level(0.0))
-    history.append(0.5, Level(2.5))
-    history.switch(1.0, hv=True)
-    history.append(2.0, Tone(2.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=100))
-    history.switch(4.0, hv=False)
-    history.append(5.0, Open(0.0))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(0.0))
+    history.append(0.5, ConstantSegment(2.5))
+    history.switch_high_voltage(1.0, hv=True)
+    history.append(2.0, PeriodicSegment(2.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=100))
+    history.switch_high_voltage(4.0, hv=False)
+    history.append(5.0, OpenOutputSegment(0.0))
     seen = report(history, 6.0)
     assert seen.lowest_v == pytest.approx(1.5)
     assert seen.highest_v == pytest.approx(3.5)
@@ -79,10 +88,10 @@ def test_report_counts_only_what_high_voltage_could_feel():
 
 
 def test_report_sees_jumps_between_and_inside_segments():
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
-    history.append(1.0, Glitch(until_s=1.005, during_v=0.0, then=Level(2.6)))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
+    history.append(1.0, RelayGlitchSegment(until_s=1.005, during_v=0.0, following=ConstantSegment(2.6)))
     seen = report(history, 2.0)
     assert seen.lowest_v == 0.0
     assert seen.largest_jump_v == pytest.approx(2.6)
@@ -90,35 +99,35 @@ def test_report_sees_jumps_between_and_inside_segments():
 
 
 def test_a_staircase_that_takes_no_time_is_one_jump():
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
     for i in range(11):
-        history.append(1.0, Level(2.5 + 0.1 * i))
+        history.append(1.0, ConstantSegment(2.5 + 0.1 * i))
     assert report(history, 2.0).largest_jump_v == pytest.approx(1.0)
-    spread = History()
-    spread.append(0.0, Level(2.5))
-    spread.switch(0.0, hv=True)
+    spread = VoltageHistory()
+    spread.append(0.0, ConstantSegment(2.5))
+    spread.switch_high_voltage(0.0, hv=True)
     for i in range(11):
-        spread.append(1.0 + 0.01 * i, Level(2.5 + 0.1 * i))
+        spread.append(1.0 + 0.01 * i, ConstantSegment(2.5 + 0.1 * i))
     assert report(spread, 2.0).largest_jump_v == pytest.approx(0.1)
 
 
 def test_a_level_that_stood_for_no_time_is_still_seen():
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
-    history.append(1.0, Open(0.0))
-    history.append(1.0, Level(2.5))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
+    history.append(1.0, OpenOutputSegment(0.0))
+    history.append(1.0, ConstantSegment(2.5))
     seen = report(history, 2.0)
     assert seen.lowest_v == 0.0
 
 
 def test_report_of_a_slope_has_no_jump():
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
-    history.append(1.0, Slope(1.0, 2.5, 3.5, 0.5))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
+    history.append(1.0, RampSegment(1.0, 2.5, 3.5, 0.5))
     seen = report(history, 2.0)
     assert seen.largest_jump_v == pytest.approx(0.0)
     assert seen.steepest_v_per_s == pytest.approx(2.0, rel=1e-3)
@@ -126,10 +135,10 @@ def test_report_of_a_slope_has_no_jump():
 
 
 def test_a_long_idle_bench_is_cheap_to_report_on():
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
-    history.append(1.0, Tone(1.0, 250.0, 2.5, 2.5, 0.0, 2.5, cycles=25))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
+    history.append(1.0, PeriodicSegment(1.0, 250.0, 2.5, 2.5, 0.0, 2.5, cycles=25))
     seen = report(history, 1e7)  # four months at rest
     assert seen.ends_at_rest
     assert seen.outside_rest_s < 0.11

@@ -5,10 +5,10 @@ import pytest
 
 from drivers.drive import Sine
 from drivers.generators.keysight_33500 import Keysight33500
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth
-from sim_hardware.wires.in_process_link import DirectLink
+from sim_hardware.plant.parameters import GeneratorParameters, SimulationParameters
+from sim_hardware.wires.in_process_link import InProcessLink
 
 CAREFUL = (
     "OUTP:LOAD INF",
@@ -22,7 +22,7 @@ CAREFUL = (
 )
 
 
-def send(link: DirectLink, *messages: str) -> list[str]:
+def send(link: InProcessLink, *messages: str) -> list[str]:
     """Send each with a query of the error queue; the error codes that came back."""
     codes = []
     for message in messages:
@@ -31,12 +31,12 @@ def send(link: DirectLink, *messages: str) -> list[str]:
     return [code for code in codes if code != "+0"]
 
 
-def ask(link: DirectLink, query: str) -> str:
+def ask(link: InProcessLink, query: str) -> str:
     link.write(query)
     return link.read()
 
 
-def volts(bench: VirtualBench, *later_s: float) -> list[float]:
+def volts(bench: SimulatedBench, *later_s: float) -> list[float]:
     """Volts at the amplifier's input that much after now; the clock moves along."""
     start = bench.clock.now()
     bench.clock.sleep(max(later_s))
@@ -158,7 +158,7 @@ def test_frozen_range_limits_the_amplitude(idle, link):
 def test_leaving_dc_starts_the_sine_anywhere():
     jumps = []
     for seed in range(6):
-        bench = VirtualBench(BenchTruth(seed=seed), VirtualClock())
+        bench = SimulatedBench(SimulationParameters(seed=seed), VirtualClock())
         link = bench.link()
         send(link, "OUTP:LOAD INF", "VOLT 5", "VOLT:OFFS 2.5", "FREQ 10", "VOLT:RANG:AUTO OFF", "FUNC DC", "OUTP ON")
         bench.clock.sleep(0.1)
@@ -268,7 +268,7 @@ def test_opc_waits_for_the_burst(idle, link):
 
 
 def test_a_fast_clock_plays_a_higher_frequency():
-    bench = VirtualBench(BenchTruth(generator=GeneratorTruth(clock_ppm=1000.0)), VirtualClock())
+    bench = SimulatedBench(SimulationParameters(generator=GeneratorParameters(clock_ppm=1000.0)), VirtualClock())
     send(bench.link(), *CAREFUL, "FREQ 100", "BURS:NCYC 100")
     bench.clock.sleep(0.1)
     bench.enable_hv()
@@ -279,17 +279,17 @@ def test_a_fast_clock_plays_a_higher_frequency():
 
 def test_the_real_driver_plays_a_dwell_without_a_single_jump(bench):
     source = Keysight33500(bench.link(), bench.clock)
-    source.prepare(2.5, 0.0, 5.0)
-    assert source.at_rest(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
     bench.clock.sleep(0.1)
     bench.enable_hv()
-    source.play(Sine(150.0, 2.5, 2.5, 30))
+    source.start_drive(Sine(150.0, 2.5, 2.5, 30))
     bench.clock.sleep(0.5)
-    source.play(Sine(50.0, 1.0, 2.5, 1000))
+    source.start_drive(Sine(50.0, 1.0, 2.5, 1000))
     bench.clock.sleep(0.3)
     source.stop()
-    source.move(3.0, 0.2)
-    source.move(2.5, 0.2)
+    source.ramp_to(3.0, 0.2)
+    source.ramp_to(2.5, 0.2)
     bench.clock.sleep(0.1)
     bench.disable_hv()
     report = bench.report()

@@ -16,31 +16,31 @@ from nidaqmx.system import System
 from drivers.clock import WallClock
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
-from sim_hardware.bench import VirtualBench
-from sim_hardware.nidaq.grpc_server import NiServer
-from sim_hardware.nidaq.input_task import NiDevice
-from sim_hardware.plant.parameters import BenchTruth, CardTruth, SensorTruth
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.nidaq.grpc_server import NiGrpcServer
+from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.plant.parameters import CardParameters, SensorParameters, SimulationParameters
 
 SPEED = 10.0
 
 
 @pytest.fixture
 def bench():
-    truth = BenchTruth(speed=SPEED, card=CardTruth(noise_v=0.0), sensor=SensorTruth(noise_m=0.0))
-    bench = VirtualBench(truth)
+    truth = SimulationParameters(speed=SPEED, card=CardParameters(noise_v=0.0), sensor=SensorParameters(noise_m=0.0))
+    bench = SimulatedBench(truth)
     for message in (
         "OUTP:LOAD INF;:VOLT 5;:VOLT:OFFS 2.5;:VOLT:RANG:AUTO OFF;:FREQ 100",
         "BURS:NCYC INF;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON;:*TRG",
     ):
-        bench.port.handle(message)
+        bench.message_port.handle(message)
     bench.enable_hv()
     return bench
 
 
 @pytest.fixture
 def server(bench):
-    with NiServer(NiDevice(bench.card, bench.clock, bench.faults)) as server:
-        bench.on_fault(server.follow_faults)
+    with NiGrpcServer(SimulatedNiDevice(bench.card, bench.clock, bench.faults)) as server:
+        bench.add_fault_listener(server.update_from_faults)
         yield server
 
 
@@ -254,7 +254,7 @@ def test_the_real_driver_reads_blocks(bench, server):
 
 
 def test_closing_ends_a_read_that_would_wait_for_ever(bench):
-    server = NiServer(NiDevice(bench.card, bench.clock, bench.faults))
+    server = NiGrpcServer(SimulatedNiDevice(bench.card, bench.clock, bench.faults))
     closer = threading.Timer(0.2, server.close)
     with connection(server) as options:
         task = nidaqmx.Task(grpc_options=options)

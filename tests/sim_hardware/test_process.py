@@ -17,10 +17,10 @@ from drivers.errors import BenchError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.nidaq.analog_input import NiDigitizer
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.faults import FAULTS
-from sim_hardware.plant.history_report import HistoryReport
-from sim_hardware.plant.parameters import BenchTruth
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+from sim_hardware.plant.history_report import VoltageReport
+from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.service.process import BenchProcess
 from sim_hardware.service.served_bench import ServedBench
 
@@ -37,24 +37,24 @@ def gone(pid: int) -> bool:
 
 
 def test_both_wires_share_one_plant():
-    with BenchProcess(BenchTruth(), speed=10.0) as bench:
+    with BenchProcess(SimulationParameters(), speed=10.0) as bench:
         clock = WallClock(10.0)
         link = VisaLink(bench.resource, timeout_s=2.0)
         source = Keysight33500(link, clock)
-        source.prepare(2.5, 0.0, 5.0)
+        source.initialize_at_rest(2.5, 0.0, 5.0)
         clock.sleep(0.2)
         bench.enable_hv()
         card = NiDigitizer("Dev1", ("ai0", "ai1"), clock, server=bench.server)
         with card.stream(5e3, 500) as stream:
-            source.play(Sine(150.0, 2.5, 2.5, 300))
+            source.start_drive(Sine(150.0, 2.5, 2.5, 300))
             blocks = [stream.read() for _ in range(8)]
-        volts = stream.scales[0].volts(blocks[-1].raw[0])
-        metres = stream.scales[1].volts(blocks[-1].raw[1]) * 1e-4
+        volts = stream.scales[0].to_volts(blocks[-1].raw[0])
+        metres = stream.scales[1].to_volts(blocks[-1].raw[1]) * 1e-4
         assert volts.max() - volts.min() == pytest.approx(5.0, rel=0.01)
         assert metres.max() - metres.min() == pytest.approx(1154e-6, rel=0.02)
         clock.sleep(2.0)
         report = bench.report()
-        assert isinstance(report, HistoryReport)
+        assert isinstance(report, VoltageReport)
         assert report.ends_at_rest
         assert report.largest_jump_v < 1e-6
         bench.disable_hv()
@@ -87,10 +87,10 @@ def test_faults_by_name_and_refusals_as_errors():
 
 
 def test_a_closed_service_does_not_come_back_with_the_next_fault():
-    bench = VirtualBench()
+    bench = SimulatedBench()
     with ServedBench(bench) as served:
         assert served.control("report")["live_s"] == 0.0
-    for fault in FAULTS:
+    for fault in FAULT_DESCRIPTIONS:
         bench.inject(fault)
     bench.clear()
     for port in (served.scpi.port, served.card.port):

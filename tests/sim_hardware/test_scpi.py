@@ -4,7 +4,17 @@ import math
 
 import pytest
 
-from sim_hardware.wires.scpi_engine import Command, Engine, ScpiError, boolean, choice, header_regex, number, one, real
+from sim_hardware.wires.scpi_engine import (
+    ScpiCommand,
+    ScpiEngine,
+    ScpiError,
+    format_real,
+    header_regex,
+    match_keyword,
+    parse_boolean,
+    parse_number,
+    single_argument,
+)
 
 
 class Lamp:
@@ -16,20 +26,20 @@ class Lamp:
         self.level, self.mode, self.triggers, self.resets = 1.0, "CW", 0, 0
 
     @property
-    def commands(self) -> list[Command]:
+    def commands(self) -> list[ScpiCommand]:
         return [
-            Command("[SOURce[1]:]LEVel[:IMMediate]", self._set_level, lambda _: real(self.level)),
-            Command("[SOURce[1]:]LEVel:LIMit", None, lambda _: "5"),
-            Command("LAMP:MODE", self._set_mode, lambda _: self.mode),
-            Command("LAMP:STATe:HOURs", None, lambda _: "12"),
-            Command("LAMP:STATe:COUNt", None, lambda _: "3"),
+            ScpiCommand("[SOURce[1]:]LEVel[:IMMediate]", self._set_level, lambda _: format_real(self.level)),
+            ScpiCommand("[SOURce[1]:]LEVel:LIMit", None, lambda _: "5"),
+            ScpiCommand("LAMP:MODE", self._set_mode, lambda _: self.mode),
+            ScpiCommand("LAMP:STATe:HOURs", None, lambda _: "12"),
+            ScpiCommand("LAMP:STATe:COUNt", None, lambda _: "3"),
         ]
 
     def _set_level(self, a) -> None:
-        self.level = number(one(a), "V", 0.0, 5.0, 1.0)
+        self.level = parse_number(single_argument(a), "V", 0.0, 5.0, 1.0)
 
     def _set_mode(self, a) -> None:
-        self.mode = choice(one(a), "CW", "PULSed")
+        self.mode = match_keyword(single_argument(a), "CW", "PULSed")
 
     def reset(self) -> None:
         self.resets += 1
@@ -47,11 +57,11 @@ def lamp() -> Lamp:
 
 
 @pytest.fixture
-def engine(lamp: Lamp) -> Engine:
-    return Engine(lamp)
+def engine(lamp: Lamp) -> ScpiEngine:
+    return ScpiEngine(lamp)
 
 
-def ask(engine: Engine, message: str) -> str | None:
+def ask(engine: ScpiEngine, message: str) -> str | None:
     answer = engine.execute(message)
     return answer.text if answer else None
 
@@ -156,11 +166,11 @@ def test_common_commands_reach_the_instrument_and_opc_waits_for_it(engine, lamp)
     ],
 )
 def test_numbers_with_units(text, unit, value):
-    assert number(text, unit, -1.0, 1.0) == pytest.approx(value)
+    assert parse_number(text, unit, -1.0, 1.0) == pytest.approx(value)
 
 
 def test_booleans_and_missing_keywords():
-    assert [boolean(t) for t in ("ON", "off", "1", "0")] == [True, False, True, False]
+    assert [parse_boolean(t) for t in ("ON", "off", "1", "0")] == [True, False, True, False]
     with pytest.raises(ScpiError):
-        number("DEF", "V")
-    assert float(real(math.inf)) == 9.9e37
+        parse_number("DEF", "V")
+    assert float(format_real(math.inf)) == 9.9e37

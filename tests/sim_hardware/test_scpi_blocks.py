@@ -2,11 +2,11 @@
 
 import pytest
 
-from drivers.generators.arbitrary_waveform import block
-from sim_hardware.wires.scpi_engine import lift_blocks, messages_in, put_back
+from drivers.generators.arbitrary_waveform import definite_length_block
+from sim_hardware.wires.scpi_engine import extract_blocks, restore_block, split_received
 
 NASTY = b'\n;,"#15\n\x00\xff WAVEDATA,'
-SCPI = f"DATA:DAC VOLATILE,{block(NASTY)};:SYST:ERR?"
+SCPI = f"DATA:DAC VOLATILE,{definite_length_block(NASTY)};:SYST:ERR?"
 BARE = f"C1:WVDT WVNM,a,LENGTH,{len(NASTY)}B,WAVEDATA,{NASTY.decode('latin-1')}"
 
 
@@ -15,7 +15,7 @@ BARE = f"C1:WVDT WVNM,a,LENGTH,{len(NASTY)}B,WAVEDATA,{NASTY.decode('latin-1')}"
 def test_messages_are_put_together_from_any_pieces(message: str, size: int) -> None:
     wire, rest, seen = (message + "\n").encode("latin-1"), b"", []
     for first in range(0, len(wire), size):
-        complete, rest = messages_in(rest + wire[first : first + size])
+        complete, rest = split_received(rest + wire[first : first + size])
         seen += complete
     assert rest == b""
     assert "\n".join(seen) == message
@@ -24,11 +24,11 @@ def test_messages_are_put_together_from_any_pieces(message: str, size: int) -> N
 
 @pytest.mark.parametrize("message", [SCPI, BARE])
 def test_a_block_is_lifted_out_and_put_back_whole(message: str) -> None:
-    lifted, blocks = lift_blocks(message)
+    lifted, blocks = extract_blocks(message)
     assert "\n" not in lifted
-    assert put_back("\x00", blocks).encode("latin-1") == NASTY
-    assert put_back("VOLATILE", blocks) == "VOLATILE"
+    assert restore_block("\x00", blocks).encode("latin-1") == NASTY
+    assert restore_block("VOLATILE", blocks) == "VOLATILE"
 
 
 def test_a_hash_that_begins_no_block_is_text() -> None:
-    assert messages_in(b'DISP:TEXT "# 1"\n*IDN?\n') == (['DISP:TEXT "# 1"', "*IDN?"], b"")
+    assert split_received(b'DISP:TEXT "# 1"\n*IDN?\n') == (['DISP:TEXT "# 1"', "*IDN?"], b"")

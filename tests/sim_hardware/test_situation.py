@@ -14,64 +14,64 @@ from model.response.modes import natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import skin
 from protocols.base.steps import Prompt
-from sim_hardware.bench import VirtualBench
+from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator
-from sim_hardware.plant.nonidealities import BeyondTruth
-from sim_hardware.plant.parameters import AmplifierTruth, BenchTruth, HandsTruth
+from sim_hardware.plant.nonidealities import Nonidealities
+from sim_hardware.plant.parameters import AmplifierParameters, OperatorTiming, SimulationParameters
 from sim_hardware.plant.plant import Plant
-from sim_hardware.plant.segments import Level, Tone
-from sim_hardware.plant.setup_state import GRAVITY, SENSOR, SPECIMEN
-from sim_hardware.plant.voltage_history import History
+from sim_hardware.plant.segments import ConstantSegment, PeriodicSegment
+from sim_hardware.plant.setup_state import GRAVITY, SENSOR_ACTIONS, SPECIMEN_ACTIONS
+from sim_hardware.plant.voltage_history import VoltageHistory
 from sim_hardware.service.process import BenchProcess
 
 TACTOR = Tactor()
 COMPLIANCE = load_compliance(TACTOR)
-AT_REST = AmplifierTruth(open_v=2.5)
+AT_REST = AmplifierParameters(open_v=2.5)
 
 
-def bench_of(**truth: Any) -> VirtualBench:
-    return VirtualBench(BenchTruth(**{"amplifier": AT_REST, **truth}), VirtualClock())
+def bench_of(**truth: Any) -> SimulatedBench:
+    return SimulatedBench(SimulationParameters(**{"amplifier": AT_REST, **truth}), VirtualClock())
 
 
-def seen(bench: VirtualBench, *times: float) -> np.ndarray:
+def seen(bench: SimulatedBench, *times: float) -> np.ndarray:
     """What the sensor sees at these times from now on."""
     t = bench.clock.now() + np.asarray(times, float)
     bench.clock.sleep(float(times[-1]) + 0.01)
-    return bench.sight.seen(t)
+    return bench.laser_view.displacement(t)
 
 
-def level(bench: VirtualBench, after_s: float = 8.0) -> float:
+def level(bench: SimulatedBench, after_s: float = 8.0) -> float:
     return float(seen(bench, after_s)[0])
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_weights_deflect_the_centre_as_eq_7_says_on_either_side(side: int) -> None:
     bench = bench_of()
-    bench.hands("turn-side", {"side": side})
-    bench.hands("place-weight", {"mass_kg": 0.01})
+    bench.perform_action("turn-side", {"side": side})
+    bench.perform_action("place-weight", {"mass_kg": 0.01})
     assert level(bench) == pytest.approx(0.01 * GRAVITY * COMPLIANCE, rel=1e-6)
     for mass_kg in (0.02, 0.5):
-        bench.hands("place-weight", {"mass_kg": mass_kg})
+        bench.perform_action("place-weight", {"mass_kg": mass_kg})
         assert level(bench) == pytest.approx((0.01 + mass_kg) * GRAVITY * COMPLIANCE, rel=1e-6)
-        bench.hands("remove-weight", {})
+        bench.perform_action("remove-weight", {})
         assert level(bench) == pytest.approx(0.01 * GRAVITY * COMPLIANCE, rel=1e-6)
 
 
 def test_turning_takes_every_weight_off_but_the_offset_that_is_asked_for() -> None:
     bench = bench_of()
     for side in (1, 1, -1):
-        bench.hands("place-weight", {"mass_kg": 0.2})
-        bench.hands("turn-side", {"side": side})
+        bench.perform_action("place-weight", {"mass_kg": 0.2})
+        bench.perform_action("turn-side", {"side": side})
         assert level(bench) == pytest.approx(0.0, abs=1e-12)
-    bench.hands("turn-side", {"side": 1, "offset_kg": 0.01, "shorted": 1})
+    bench.perform_action("turn-side", {"side": 1, "offset_kg": 0.01, "shorted": 1})
     assert level(bench) == pytest.approx(0.01 * GRAVITY * COMPLIANCE, rel=1e-6)
-    assert bench.plant.situation.shorted
+    assert bench.plant.setup_state.shorted
 
 
 def test_a_weight_lands_after_a_moment_and_swings_with_the_modes_of_what_lies_there() -> None:
-    bench = bench_of(hands=HandsTruth(reach_s=1.0, release_s=0.2))
-    bench.hands("place-weight", {"mass_kg": 0.5})
+    bench = bench_of(hands=OperatorTiming(reach_s=1.0, release_s=0.2))
+    bench.perform_action("place-weight", {"mass_kg": 0.5})
     t = np.arange(0.0, 3.0, 1e-3)
     w = seen(bench, *t)
     assert not w[t < 0.99].any()
@@ -89,14 +89,14 @@ def test_a_weight_lands_after_a_moment_and_swings_with_the_modes_of_what_lies_th
 
 @pytest.mark.parametrize("mass_kg", [0.0, 1.75e-3, 9.75e-3])
 def test_a_fixed_mass_moves_the_resonance_to_the_models_frequency(mass_kg: float) -> None:
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
-    plant = Plant(BenchTruth(), history)
-    plant.change(VirtualClock(), lambda now: replace(now, fixed_kg=mass_kg))
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
+    plant = Plant(SimulationParameters(), history)
+    plant.schedule_change(VirtualClock(), lambda now: replace(now, fixed_kg=mass_kg))
     f = natural_frequencies(replace(TACTOR, m_add=mass_kg))[0]
     start = 0.0128
-    history.append(start, Tone(start, f, 0.5, 3.5, 0.0, 3.5))  # all above rest: one slope, so a pure sine
+    history.append(start, PeriodicSegment(start, f, 0.5, 3.5, 0.0, 3.5))  # all above rest: one slope, so a pure sine
     t = 1.0 + np.arange(20_000) / 20e3
     basis = np.c_[np.sin(2 * np.pi * f * (t - start)), np.cos(2 * np.pi * f * (t - start)), np.ones(t.size)]
     in_phase, quadrature, _ = np.linalg.lstsq(basis, plant.displacement(t), rcond=None)[0]
@@ -110,28 +110,28 @@ def test_a_fixed_mass_moves_the_resonance_to_the_models_frequency(mass_kg: float
 @pytest.mark.parametrize("elongation_m", [0.0, 1.27e-3, 6.35e-3])
 def test_a_membrane_at_an_elongation_gives_the_models_response(elongation_m: float) -> None:
     bench = bench_of()
-    bench.hands("stretch-membrane", {"elongation_m": elongation_m})
+    bench.perform_action("stretch-membrane", {"elongation_m": elongation_m})
     bench.enable_hv()
-    bench.history.append(0.1, Tone(0.1, 150.0, 2.5, 2.5, 0.0, 2.5))
+    bench.history.append(0.1, PeriodicSegment(0.1, 150.0, 2.5, 2.5, 0.0, 2.5))
     on = skin(Membrane(), elongation_m / Membrane().L_m)
     want = amplifier_response(TACTOR, 150.0, skin=on).peak_to_peak[0]
     assert np.ptp(seen(bench, *(1.0 + np.arange(5000) / 50e3))) == pytest.approx(want, rel=1e-3)
     bench.disable_hv()
-    bench.hands("remove-membrane", {})
+    bench.perform_action("remove-membrane", {})
     bench.enable_hv()
     want = amplifier_response(TACTOR, 150.0).peak_to_peak[0]
     assert np.ptp(seen(bench, *(1.0 + np.arange(5000) / 50e3))) == pytest.approx(want, rel=1e-3)
 
 
 def test_the_motion_goes_on_from_where_it_was_with_the_new_modes() -> None:
-    history = History()
-    history.append(0.0, Level(2.5))
-    history.switch(0.0, hv=True)
+    history = VoltageHistory()
+    history.append(0.0, ConstantSegment(2.5))
+    history.switch_high_voltage(0.0, hv=True)
     clock = VirtualClock()
-    plant = Plant(BenchTruth(), history)
-    history.append(0.01, Level(5.0))
+    plant = Plant(SimulationParameters(), history)
+    history.append(0.01, ConstantSegment(5.0))
     clock.sleep(0.0125)  # in full swing
-    changed = plant.change(clock, lambda now: replace(now, fixed_kg=0.1, skin=skin(Membrane(), 0.0)))
+    changed = plant.schedule_change(clock, lambda now: replace(now, fixed_kg=0.1, skin=skin(Membrane(), 0.0)))
     t = changed + np.arange(-40, 40) * 1e-5
     w = plant.displacement(t)
     v = np.diff(w) / 1e-5
@@ -144,17 +144,17 @@ def test_the_motion_goes_on_from_where_it_was_with_the_new_modes() -> None:
 
 def test_shorted_electrodes_keep_every_volt_away_and_a_turned_side_bends_the_other_way() -> None:
     bench = bench_of()
-    bench.history.append(0.0, Level(3.0))
-    bench.hands("short-electrodes", {})
+    bench.history.append(0.0, ConstantSegment(3.0))
+    bench.perform_action("short-electrodes", {})
     bench.enable_hv()
     assert level(bench) == 0.0
     bench.disable_hv()
-    bench.hands("connect-electrodes", {})
+    bench.perform_action("connect-electrodes", {})
     bench.enable_hv()
     bent = 300.0 * voltage_gain(TACTOR)
     assert level(bench) == pytest.approx(bent, rel=1e-3)
     bench.disable_hv()
-    bench.hands("turn-side", {"side": -1})
+    bench.perform_action("turn-side", {"side": -1})
     bench.enable_hv()
     assert level(bench) == pytest.approx(-bent, rel=1e-3)
 
@@ -162,12 +162,12 @@ def test_shorted_electrodes_keep_every_volt_away_and_a_turned_side_bends_the_oth
 def test_nobody_reaches_for_a_live_specimen() -> None:
     bench = bench_of()
     bench.enable_hv()
-    for action in SPECIMEN:
+    for action in SPECIMEN_ACTIONS:
         if action in ("connect-electrodes", "remove-membrane", "remove-weight", "tidy-up"):
             continue  # nothing of that is there
         with pytest.raises(ValueError, match="nobody reaches for a live specimen"):
-            bench.hands(action, {"mass_kg": 0.1, "side": -1, "elongation_m": 1e-3})
-    bench.hands("zero-sensor", {})
+            bench.perform_action(action, {"mass_kg": 0.1, "side": -1, "elongation_m": 1e-3})
+    bench.perform_action("zero-sensor", {})
 
 
 @pytest.mark.parametrize(
@@ -186,28 +186,28 @@ def test_nobody_reaches_for_a_live_specimen() -> None:
 )
 def test_what_hands_cannot_do_is_a_sentence(action: str, values: dict[str, float], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        bench_of().hands(action, values)
+        bench_of().perform_action(action, values)
 
 
 def test_the_sensor_is_zeroed_bumped_and_drifts() -> None:
-    bench = bench_of(beyond=BeyondTruth(drift_m_per_s=1e-9))
-    bench.hands("place-weight", {"mass_kg": 0.2})
+    bench = bench_of(beyond=Nonidealities(drift_m_per_s=1e-9))
+    bench.perform_action("place-weight", {"mass_kg": 0.2})
     bench.clock.sleep(8.0)
-    bench.hands("zero-sensor", {})
+    bench.perform_action("zero-sensor", {})
     assert abs(level(bench, 0.1)) < 1e-9
-    bench.hands("bump-sensor", {"by_m": 3e-5})
+    bench.perform_action("bump-sensor", {"by_m": 3e-5})
     assert level(bench, 10.0) == pytest.approx(3e-5 + 1e-8, abs=2e-10)
-    bench.hands("remove-weight", {})
+    bench.perform_action("remove-weight", {})
     assert level(bench) == pytest.approx(3e-5 - 0.2 * GRAVITY * COMPLIANCE, abs=3e-8)
 
 
 def test_the_sensor_sees_the_membrane_hang_and_then_the_tactor_again() -> None:
     bench = bench_of()
-    bench.hands("place-reference", {"reference_m": 3e-3})
+    bench.perform_action("place-reference", {"reference_m": 3e-3})
     assert level(bench, 1.0) == 0.0
-    bench.hands("hang-membrane", {"reference_m": 3e-3})
+    bench.perform_action("hang-membrane", {"reference_m": 3e-3})
     assert level(bench, 5.0) == pytest.approx(sag(Membrane()).centre_m - 3e-3, abs=1e-8)
-    bench.hands("place-weight", {"mass_kg": 0.1})
+    bench.perform_action("place-weight", {"mass_kg": 0.1})
     assert level(bench) == pytest.approx(0.1 * GRAVITY * COMPLIANCE, rel=1e-6)
 
 
@@ -215,7 +215,7 @@ def test_what_nobody_watched_ends_where_watching_ends() -> None:
     ends = []
     for watched in (True, False):
         bench = bench_of(window_s=1.0)
-        bench.hands("place-weight", {"mass_kg": 0.05})
+        bench.perform_action("place-weight", {"mass_kg": 0.05})
         for _ in range(20 if watched else 1):
             level(bench, 1.0 if watched else 20.0)
         ends.append(level(bench, 50.0))
@@ -223,34 +223,34 @@ def test_what_nobody_watched_ends_where_watching_ends() -> None:
 
 
 def test_creep_gains_the_same_in_every_decade_and_hysteresis_opens_a_loop() -> None:
-    bench = bench_of(beyond=BeyondTruth(creep_per_decade=0.02), window_s=1.0)
+    bench = bench_of(beyond=Nonidealities(creep_per_decade=0.02), window_s=1.0)
     bench.enable_hv()
-    bench.history.append(0.0, Level(5.0))
+    bench.history.append(0.0, ConstantSegment(5.0))
     decades = [level(bench, by) for by in (1.0, 9.0, 90.0, 900.0)]
     step = 1500.0 * voltage_gain(TACTOR)
     assert np.diff(decades) / step == pytest.approx([0.02] * 3, rel=0.1)
 
-    looped = bench_of(beyond=BeyondTruth(hysteresis_width=0.05))
+    looped = bench_of(beyond=Nonidealities(hysteresis_width=0.05))
     looped.enable_hv()
     at_rest = []
     for k, volts in enumerate((0.0, 2.5, 5.0, 2.5)):
-        looped.history.append(1.0 + k, Level(volts))
+        looped.history.append(1.0 + k, ConstantSegment(volts))
         at_rest.append(level(looped, 1.9 if k == 0 else 0.99))
     up, down = at_rest[1], at_rest[3]
     assert (down - up) / (2000.0 * voltage_gain(TACTOR)) == pytest.approx(0.05, rel=1e-3)
 
 
 def test_a_clamp_gives_for_good_sides_differ_and_weights_err() -> None:
-    bench = bench_of(beyond=BeyondTruth(clamp_gives_m_per_n=2e-6, side_difference=0.1, weight_error=0.02), seed=3)
-    bench.hands("place-weight", {"mass_kg": 0.5})
+    bench = bench_of(beyond=Nonidealities(clamp_gives_m_per_n=2e-6, side_difference=0.1, weight_error=0.02), seed=3)
+    bench.perform_action("place-weight", {"mass_kg": 0.5})
     mfc_up = level(bench)
-    bench.hands("remove-weight", {})
+    bench.perform_action("remove-weight", {})
     true_n = 0.5 * GRAVITY * (1 + 0.02 * np.random.default_rng((3, 500_000_000)).normal())
     assert true_n != pytest.approx(0.5 * GRAVITY, rel=1e-4)
     assert level(bench) == pytest.approx(2e-6 * true_n, rel=1e-3)
     assert mfc_up == pytest.approx(true_n * (load_compliance(replace(TACTOR, k2=1.05 * TACTOR.k2)) + 2e-6), rel=1e-3)
-    bench.hands("turn-side", {"side": -1})
-    bench.hands("place-weight", {"mass_kg": 0.5})
+    bench.perform_action("turn-side", {"side": -1})
+    bench.perform_action("place-weight", {"mass_kg": 0.5})
     want = true_n * (load_compliance(replace(TACTOR, k2=0.95 * TACTOR.k2)) + 2e-6)
     assert level(bench) == pytest.approx(want, rel=1e-3)
 
@@ -272,18 +272,20 @@ def test_a_short_is_taken_off_before_high_voltage_comes_on() -> None:
     bench = bench_of()
     operator = SimulatedOperator(bench)
     operator.show(1, Prompt("short-electrodes", "Short them"))
-    assert bench.plant.situation.shorted
+    assert bench.plant.setup_state.shorted
     operator.show(2, Prompt("enable-high-voltage", "On"))
-    assert not bench.plant.situation.shorted
-    assert bench.history.live
+    assert not bench.plant.setup_state.shorted
+    assert bench.history.high_voltage_on
     assert [operator.answer(k) for k in (1, 2)] == ["done", "done"]
 
 
 def test_hands_reach_into_a_bench_in_another_process() -> None:
-    with BenchProcess(BenchTruth(amplifier=AT_REST, hands=HandsTruth(reach_s=0.0, release_s=0.0)), 20.0) as bench:
-        assert bench.hands("place-weight", {"mass_kg": 0.1}) >= 0.0
+    with BenchProcess(
+        SimulationParameters(amplifier=AT_REST, hands=OperatorTiming(reach_s=0.0, release_s=0.0)), 20.0
+    ) as bench:
+        assert bench.perform_action("place-weight", {"mass_kg": 0.1}) >= 0.0
         with pytest.raises(BenchError, match="choose from place-weight"):
-            bench.hands("juggle", {})
+            bench.perform_action("juggle", {})
         begun_s = bench.now()
         while bench.now() < begun_s + 5.0:
             pass
@@ -291,4 +293,4 @@ def test_hands_reach_into_a_bench_in_another_process() -> None:
 
 
 def test_every_action_has_been_named() -> None:
-    assert not set(SPECIMEN) & set(SENSOR)
+    assert not set(SPECIMEN_ACTIONS) & set(SENSOR_ACTIONS)

@@ -5,14 +5,14 @@ import json
 import pytest
 
 from model.skin import Skin
-from sim_hardware.plant.parameters import BenchTruth, CardTruth, GeneratorTruth
+from sim_hardware.plant.parameters import CardParameters, GeneratorParameters, SimulationParameters
 
 
 def test_truth_survives_json():
-    truth = BenchTruth(
-        skin=Skin(1e4, 300.0), seed=7, generator=GeneratorTruth(clock_ppm=50.0), card=CardTruth(noise_v=0)
+    truth = SimulationParameters(
+        skin=Skin(1e4, 300.0), seed=7, generator=GeneratorParameters(clock_ppm=50.0), card=CardParameters(noise_v=0)
     )
-    assert BenchTruth.from_record(json.loads(json.dumps(truth.as_record()))) == truth
+    assert SimulationParameters.from_record(json.loads(json.dumps(truth.as_record()))) == truth
 
 
 @pytest.mark.parametrize(
@@ -35,4 +35,4 @@ def test_truth_survives_json():
 )
 def test_nonsense_is_refused_by_name(record, words):
     with pytest.raises(ValueError, match=words):
-        BenchTruth.from_record(record)
+        SimulationParameters.from_record(record)

@@ -11,20 +11,20 @@ from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.visa import VisaLink
-from sim_hardware.bench import VirtualBench
-from sim_hardware.plant.parameters import BenchTruth
-from sim_hardware.wires.tcp_server import ScpiServer
+from sim_hardware.bench import SimulatedBench
+from sim_hardware.plant.parameters import SimulationParameters
+from sim_hardware.wires.tcp_server import ScpiTcpServer
 
 
 @pytest.fixture
 def bench():
-    return VirtualBench(BenchTruth(speed=20.0))
+    return SimulatedBench(SimulationParameters(speed=20.0))
 
 
 @pytest.fixture
 def server(bench):
-    with ScpiServer(bench.port, bench.truth.speed) as server:
-        bench.on_fault(server.poke)
+    with ScpiTcpServer(bench.port, bench.truth.speed) as server:
+        bench.add_fault_listener(server.update_from_faults)
         yield server
 
 
@@ -41,13 +41,13 @@ def ask(link: VisaLink, query: str) -> str:
 
 def test_the_real_driver_plays_over_a_real_socket(bench, link):
     source = Keysight33500(link, WallClock(20.0))
-    source.prepare(2.5, 0.0, 5.0)
+    source.initialize_at_rest(2.5, 0.0, 5.0)
     time.sleep(0.02)  # the relays of the preparation settle: 0.4 bench seconds
     bench.enable_hv()
-    source.play(Sine(100.0, 2.5, 2.5, 100))
+    source.start_drive(Sine(100.0, 2.5, 2.5, 100))
     bench.clock.sleep(1.5)
     source.stop()
-    assert source.at_rest(2.5, 0.0, 5.0)
+    assert source.is_at_rest(2.5, 0.0, 5.0)
     report = bench.report()
     assert report.ends_at_rest
     assert report.switched_at_rest
@@ -86,10 +86,10 @@ def test_faults_reach_the_driver_as_its_own_errors_and_mend(bench, link, fault):
     source = Keysight33500(link, WallClock(20.0))
     bench.inject(fault)
     with pytest.raises(InstrumentError):
-        source.idle_v()
+        source.idle_level_v()
     bench.clear(fault)
     source.reconnect()
-    assert source.idle_v() == 0.0
+    assert source.idle_level_v() == 0.0
 
 
 def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(bench, server, link):
@@ -112,7 +112,7 @@ def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(ben
 
 
 def test_closing_drops_the_callers(bench):
-    server = ScpiServer(bench.port)
+    server = ScpiTcpServer(bench.port)
     with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
         sock.sendall(b"*IDN?\n")
         assert sock.recv(100)

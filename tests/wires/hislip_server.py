@@ -9,7 +9,7 @@ import struct
 import threading
 from enum import IntEnum
 
-from sim_hardware.wires.port import Port
+from sim_hardware.wires.port import MessagePort
 from tests.wires.threaded_server import HOST, ThreadedServer, exactly
 
 HEADER = struct.Struct("!2sBBIQ")
@@ -50,7 +50,7 @@ class _Session:
 class HislipServer(ThreadedServer):
     """The first message of a connection says which of the two of its session it is."""
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._sessions: dict[int, _Session] = {}
         self._numbers = itertools.count(1)
         super().__init__(instrument, speed, command_s)
@@ -101,7 +101,7 @@ class HislipServer(ThreadedServer):
         if session.clearing.wait(wait_s):
             return  # a device clear empties the output queue
         out = reply.text.encode("latin-1", errors="replace")
-        if reply.ended:
+        if reply.terminated:
             _send(sock, Kind.DATA_END, 0, number, out + b"\n")
         else:
             _send(sock, Kind.DATA, 0, number, out)

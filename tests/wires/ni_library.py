@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import NiDevice, NiTask
+from sim_hardware.nidaq.input_task import NiInputTask, SimulatedNiDevice
 from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.properties import of_device, of_system, of_task, of_terminal
+from sim_hardware.nidaq.properties import device_property, physical_channel_property, system_property, task_property
 
 _WIDE = (0x1310, 0x1808, 0x192A, 0x192B)
 """Properties of 64 bits."""
@@ -39,9 +39,9 @@ class _Function(CFuncPtr):
 class NiLibrary:
     """Functions by their C names, as attributes; a function that is not simulated is not there."""
 
-    def __init__(self, device: NiDevice) -> None:
+    def __init__(self, device: SimulatedNiDevice) -> None:
         self.device = device
-        self._tasks: dict[int, NiTask | NiOutputTask] = {}
+        self._tasks: dict[int, NiInputTask | NiOutputTask] = {}
         self._handles = itertools.count(1)
         self._told = ""
         self._kept: list[Any] = []  # ctypes does not keep what it points to
@@ -74,25 +74,27 @@ class NiLibrary:
             "SetBufferAttribute": (lambda h, _number, n: self._task(h).set_buffer(n), (_TASK, _INT, _UINT)),
             "SetWriteAttribute": (lambda h, k, v: self._output(h).set_property(k, v), (_TASK, _INT, _INT)),
             "GetChanAttribute": (
-                lambda h, name, k, into, size: _give(of_task(self._task(h), k, name.decode()), k, into, size),
+                lambda h, name, k, into, size: _give(task_property(self._task(h), k, name.decode()), k, into, size),
                 (_TASK, _TEXT, _INT, _ANY, _UINT),
             ),
             "GetDeviceAttribute": (
-                lambda name, k, into, size: _give(of_device(self.device, name.decode(), k), k, into, size),
+                lambda name, k, into, size: _give(device_property(self.device, name.decode(), k), k, into, size),
                 (_TEXT, _INT, _ANY, _UINT),
             ),
             "GetPhysicalChanAttribute": (
-                lambda name, k, into, size: _give(of_terminal(self.device, name.decode(), k), k, into, size),
+                lambda name, k, into, size: _give(
+                    physical_channel_property(self.device, name.decode(), k), k, into, size
+                ),
                 (_TEXT, _INT, _ANY, _UINT),
             ),
             "GetSystemInfoAttribute": (
-                lambda k, into, size: _give(of_system(self.device, k), k, into, size),
+                lambda k, into, size: _give(system_property(self.device, k), k, into, size),
                 (_INT, _ANY, _UINT),
             ),
         }
         for kind in ("Task", "Timing", "Read", "Write", "Buffer"):
             table[f"Get{kind}Attribute"] = (
-                lambda h, k, into, size: _give(of_task(self._task(h), k, ""), k, into, size),
+                lambda h, k, into, size: _give(task_property(self._task(h), k, ""), k, into, size),
                 (_TASK, _INT, _ANY, _UINT),
             )
         for name, (call, arguments) in table.items():
@@ -117,14 +119,14 @@ class NiLibrary:
         address = ctypes.cast(pointer, ctypes.c_void_p).value
         return _Function(address)  # type: ignore[arg-type]
 
-    def _task(self, handle: int) -> NiTask | NiOutputTask:
+    def _task(self, handle: int) -> NiInputTask | NiOutputTask:
         if handle not in self._tasks:
             raise NiError(-200088)
         return self._tasks[handle]
 
-    def _input(self, handle: int) -> NiTask:
+    def _input(self, handle: int) -> NiInputTask:
         task = self._task(handle)
-        if not isinstance(task, NiTask):
+        if not isinstance(task, NiInputTask):
             raise NiError(-200452)
         return task
 
@@ -136,7 +138,7 @@ class NiLibrary:
 
     def _create(self, name: bytes, into: Any) -> None:
         handle = next(self._handles)
-        self._tasks[handle] = NiTask(self.device, name.decode() or f"_unnamedTask<{handle}>")
+        self._tasks[handle] = NiInputTask(self.device, name.decode() or f"_unnamedTask<{handle}>")
         into[0] = handle
 
     def _clear(self, handle: int) -> None:
@@ -145,16 +147,16 @@ class NiLibrary:
 
     def _is_done(self, handle: int, into: Any) -> None:
         task = self._task(handle)
-        into[0] = task.done() if isinstance(task, NiOutputTask) else not task.running
+        into[0] = task.is_done() if isinstance(task, NiOutputTask) else not task.running
 
     def _add_input(
         self, handle: int, text: bytes, name: bytes, _terminal: int, low: float, high: float, *_: Any
     ) -> None:
-        self._input(handle).add_voltage(text.decode(), (name or b"").decode(), low, high)
+        self._input(handle).add_voltage_channels(text.decode(), (name or b"").decode(), low, high)
 
     def _add_output(self, handle: int, text: bytes, name: bytes, low: float, high: float, *_: Any) -> None:
         task = NiOutputTask(self.device, self._task(handle).name)
-        task.add_voltage(text.decode(), (name or b"").decode(), low, high)
+        task.add_voltage_channels(text.decode(), (name or b"").decode(), low, high)
         self._tasks[handle] = task
 
     def _read_i16(
@@ -167,7 +169,7 @@ class NiLibrary:
         self, handle: int, count: int, timeout: float, fill: int, into: int, size: int, read: Any, _: Any
     ) -> int:
         raw, status = self._input(handle).read(count, timeout)
-        return _fill(self.device.card.scale.volts(raw), fill, into, size, read, ctypes.c_double) or status
+        return _fill(self.device.card.scale.to_volts(raw), fill, into, size, read, ctypes.c_double) or status
 
     def _write_f64(
         self, handle: int, count: int, auto: int, _timeout: float, _fill: int, data: int, done: Any, _: Any

@@ -6,12 +6,12 @@ import os
 import select
 import time
 
-from sim_hardware.wires.port import Port
-from sim_hardware.wires.pty import TICK_S, PtyLine
-from sim_hardware.wires.scpi_engine import messages_in
+from sim_hardware.wires.port import MessagePort
+from sim_hardware.wires.pty import POLL_S, PtyServer
+from sim_hardware.wires.scpi_engine import split_received
 
 
-class ScpiPty(PtyLine):
+class ScpiPty(PtyServer):
     """Serves a port until closed. A cable that is off is silence: a serial line does not notice it.
 
     Args:
@@ -19,7 +19,7 @@ class ScpiPty(PtyLine):
         command_s: bench seconds until the answer to any message is ready.
     """
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._instrument, self._speed, self._command_s = instrument, speed, command_s
         self._due: list[tuple[float, int, bytes]] = []
         self._order = itertools.count()
@@ -33,9 +33,9 @@ class ScpiPty(PtyLine):
     def _run(self) -> None:
         begun = b""
         while not self._closing.is_set():
-            wait_s = max(self._due[0][0] - time.monotonic(), 0.0) if self._due else TICK_S
-            if select.select([self._master], [], [], min(wait_s, TICK_S))[0]:
-                lines, begun = messages_in(begun + os.read(self._master, 4096))
+            wait_s = max(self._due[0][0] - time.monotonic(), 0.0) if self._due else POLL_S
+            if select.select([self._master], [], [], min(wait_s, POLL_S))[0]:
+                lines, begun = split_received(begun + os.read(self._master, 4096))
                 for line in lines:
                     self._hear(line)
             while self._due and self._due[0][0] <= time.monotonic():
@@ -44,6 +44,6 @@ class ScpiPty(PtyLine):
     def _hear(self, line: str) -> None:
         reply = self._instrument.handle(line)
         if reply is not None:
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
             due_s = time.monotonic() + (reply.delay_s + self._command_s) / self._speed + reply.late_s
             heapq.heappush(self._due, (due_s, next(self._order), out))

@@ -6,13 +6,13 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable
 
-from drivers.closing import Closing
-from sim_hardware.wires.port import Port
+from drivers.closing import Closeable
+from sim_hardware.wires.port import MessagePort
 
 HOST = "127.0.0.1"
 
 
-class ThreadedServer(Closing):
+class ThreadedServer(Closeable):
     """Serves a port until closed; `_serve` is what the thread of a connection does, until OSError or EOFError.
 
     Args:
@@ -23,7 +23,7 @@ class ThreadedServer(Closing):
         port: the TCP port.
     """
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._instrument, self._speed, self._command_s = instrument, speed, command_s
         self._lock = threading.Lock()
         self._sockets: set[socket.socket] = set()

@@ -17,7 +17,7 @@ import pyvisa_py.sessions
 from usb.backend import IBackend, libusb1
 from usb.core import USBError, USBTimeoutError
 
-from sim_hardware.wires.port import Port
+from sim_hardware.wires.port import MessagePort
 
 VENDOR, PRODUCT, SERIAL = 0x2A8D, 0x1301, "MY00000001"
 """Of the one device on this bus."""
@@ -47,7 +47,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         command_s: bench seconds until the answer to any message is ready.
     """
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         super().__init__()
         self._instrument, self._speed, self._command_s = instrument, speed, command_s
         self._begun = b""
@@ -151,9 +151,9 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
             message, self._begun, self._answer = self._begun.removesuffix(b"\n"), b"", None
             reply = self._instrument.handle(message.decode("latin-1"))
             if reply is not None:
-                text = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+                text = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
                 wait_s = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-                self._answer = time.monotonic() + wait_s, text, reply.ended
+                self._answer = time.monotonic() + wait_s, text, reply.terminated
         return len(data)
 
     def bulk_read(self, dev_handle: str, ep: int, intf: int, buff: Any, timeout: int) -> int:

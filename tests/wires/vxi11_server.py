@@ -9,7 +9,7 @@ import threading
 import time
 from enum import IntEnum
 
-from sim_hardware.wires.port import Port
+from sim_hardware.wires.port import MessagePort
 from tests.wires.threaded_server import HOST, ThreadedServer, exactly
 
 CORE, VERSION = 0x0607AF, 1
@@ -46,7 +46,7 @@ class Failure(IntEnum):
 class Vxi11Server(ThreadedServer):
     """One connection is one link: its answers wait until they are read."""
 
-    def __init__(self, instrument: Port, speed: float = 1.0, command_s: float = 0.0) -> None:
+    def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._away = threading.Event()
         super().__init__(instrument, speed, command_s)
 
@@ -78,7 +78,7 @@ class Vxi11Server(ThreadedServer):
 class _Link:
     """What one client has written, and what it has not read yet."""
 
-    def __init__(self, instrument: Port, speed: float, command_s: float, away: threading.Event) -> None:
+    def __init__(self, instrument: MessagePort, speed: float, command_s: float, away: threading.Event) -> None:
         self._instrument, self._speed, self._command_s, self._away = instrument, speed, command_s, away
         self._begun = b""
         self._answers: list[tuple[float, bytes, bool]] = []  # due, what is left of it, whether it ends there
@@ -112,9 +112,9 @@ class _Link:
         message, self._begun = self._begun.removesuffix(b"\n"), b""
         reply = self._instrument.handle(message.decode("latin-1"))
         if reply is not None:
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.ended else b"")
+            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
             wait_s = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-            self._answers.append((time.monotonic() + wait_s, out, reply.ended))
+            self._answers.append((time.monotonic() + wait_s, out, reply.terminated))
 
     def _read(self, most: int, timeout_s: float) -> tuple[Failure, int, bytes]:
         wait_s = self._answers[0][0] - time.monotonic() if self._answers else timeout_s

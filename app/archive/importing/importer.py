@@ -8,21 +8,35 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.archive.importing.columns import RAW, ImportingError, Kind, Matched, kinds, match, recognised
-from app.archive.importing.points import Taken, store, take
-from app.archive.importing.reader import read_sheet
-from app.archive.importing.table import Sheet, SheetError
-from app.archive.importing.time_series import take_series
-from app.archive.importing.values import Asked
+from app.archive.importing.columns import (
+    TIME_SERIES,
+    ColumnMapping,
+    TableImportError,
+    TableKind,
+    detect_kind,
+    match_columns,
+    table_kinds,
+)
+from app.archive.importing.points import ImportedRun, build_points, write_imported_run
+from app.archive.importing.reader import read_table
+from app.archive.importing.table import ImportTable, TableReadError
+from app.archive.importing.time_series import build_series_points
+from app.archive.importing.values import ImportSettings
 from app.common.errors import UsageError
-from app.common.progress import Tell, files, part, parts, untold
+from app.common.progress import (
+    ProgressCallback,
+    ignore_progress,
+    partial_progress,
+    split_progress,
+    split_progress_by_files,
+)
 from app.common.units import UnitError, read_value
 from app.config.tables import AmplifierTable
-from app.config.validation import faults
+from app.config.validation import validation_messages
 from protocols.registry import PROTOCOLS
-from protocols.runfile.errors import StoreError
+from protocols.runfile.errors import StorageError
 
-READ, TAKEN = 0.6, 0.95
+READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
 
 
@@ -64,8 +78,8 @@ class ImportOptions:
 
 
 def import_files(
-    options: ImportOptions, amplifier: AmplifierTable, tell: Tell = untold
-) -> tuple[list[Taken], list[Path]]:
+    options: ImportOptions, amplifier: AmplifierTable, tell: ProgressCallback = ignore_progress
+) -> tuple[list[ImportedRun], list[Path]]:
     """Return what was read from the files, and the run files that were written.
 
     Args:
@@ -76,16 +90,16 @@ def import_files(
     Raises:
         UsageError: names the file that is wrong, where, and the remedy.
     """
-    every = kinds()
+    every = table_kinds()
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     try:
-        told = files(part(tell, 0.0, READ), options.files)
-        sheets = [read_sheet(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
+        told = split_progress_by_files(partial_progress(tell, 0.0, READ_SHARE), options.files)
+        sheets = [read_table(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
         wanted = [every[options.kind] if options.kind else _kind_of(sheet, every, options.columns) for sheet in sheets]
-        taken = _taken(sheets, wanted, options, amplifier, part(tell, READ, TAKEN))
-        written = [] if options.dry_run else [store(each, asked, options.folder) for each, asked in taken]
-    except (SheetError, ImportingError, StoreError) as error:
+        taken = _taken(sheets, wanted, options, amplifier, partial_progress(tell, READ_SHARE, BUILT_SHARE))
+        written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
+    except (TableReadError, TableImportError, StorageError) as error:
         raise UsageError(str(error)) from None
     return [each for each, _ in taken], written
 
@@ -106,50 +120,54 @@ def read_time(text: str) -> datetime:
     return when
 
 
-def _kind_of(sheet: Sheet, every: Mapping[str, Kind], columns: Mapping[str, str]) -> Kind:
+def _kind_of(sheet: ImportTable, every: Mapping[str, TableKind], columns: Mapping[str, str]) -> TableKind:
     """Return the kind that an exported table names, else the one that its columns suggest."""
-    told = str(sheet.about.get("protocol", ""))
-    return every[told] if told in every else recognised(sheet, columns)
+    told = str(sheet.metadata.get("protocol", ""))
+    return every[told] if told in every else detect_kind(sheet, columns)
 
 
 def _taken(
-    sheets: Sequence[Sheet],
-    wanted: Sequence[Kind],
+    sheets: Sequence[ImportTable],
+    wanted: Sequence[TableKind],
     options: ImportOptions,
     amplifier: AmplifierTable,
-    tell: Tell,
-) -> list[tuple[Taken, Asked]]:
-    made, series = [], list[tuple[Sheet, Matched]]()
-    raw = sum(len(sheet.places) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == RAW)
-    sizes = [0 if kind.name == RAW else len(sheet.places) for sheet, kind in zip(sheets, wanted, strict=True)]
-    *told, told_raw = parts(tell, [*sizes, raw])
+    tell: ProgressCallback,
+) -> list[tuple[ImportedRun, ImportSettings]]:
+    made, series = [], list[tuple[ImportTable, ColumnMapping]]()
+    raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == TIME_SERIES)
+    sizes = [
+        0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True)
+    ]
+    *told, told_raw = split_progress(tell, [*sizes, raw])
     for sheet, kind, tell_one in zip(sheets, wanted, told, strict=True):
-        asked = _asked(sheet, kind, options, amplifier)
-        matched = match(sheet, kind, options.columns)
-        if kind.name == RAW:
+        asked = _import_options(sheet, kind, options, amplifier)
+        matched = match_columns(sheet, kind, options.columns)
+        if kind.name == TIME_SERIES:
             series.append((sheet, matched))
         else:
-            made.append((take(sheet, matched, asked, tell_one), asked))
+            made.append((build_points(sheet, matched, asked, tell_one), asked))
     if series:
-        asked = _asked(series[0][0], wanted[0], options, amplifier)
-        made.append((take_series(series, asked, told_raw), asked))
+        asked = _import_options(series[0][0], wanted[0], options, amplifier)
+        made.append((build_series_points(series, asked, told_raw), asked))
     return made
 
 
-def _asked(sheet: Sheet, kind: Kind, options: ImportOptions, amplifier: AmplifierTable) -> Asked:
+def _import_options(
+    table: ImportTable, kind: TableKind, options: ImportOptions, amplifier: AmplifierTable
+) -> ImportSettings:
     """Complete the options by what an exported file says of itself."""
-    about = sheet.about
+    about = table.metadata
     if options.elongation_m is not None and kind.protocol != "sine-dwell":
-        raise UsageError(f"--membrane-elongation is for a sine dwell on a membrane; {sheet.path} is a {kind.name}")
+        raise UsageError(f"--membrane-elongation is for a sine dwell on a membrane; {table.path} is a {kind.name}")
     settings = _settings(kind, options.settings)
     for name in PROTOCOLS[kind.protocol].model_fields:
         if f"parameter_{name}" in about and name not in settings:
             settings[name] = about[f"parameter_{name}"]
     start = about.get("start_time")
-    return Asked(
+    return ImportSettings(
         specimen=str(about.get("specimen", "unnamed")) if options.specimen == "unnamed" else options.specimen,
-        unit=options.units,
-        uncertainty=options.uncertainties,
+        units=options.units,
+        uncertainties=options.uncertainties,
         settings=settings,
         elongation_m=options.elongation_m,
         sensor=options.sensor,
@@ -157,11 +175,11 @@ def _asked(sheet: Sheet, kind: Kind, options: ImportOptions, amplifier: Amplifie
         delay_s=options.delay_s,
         amplifier=amplifier,
         simulated=options.simulated or bool(int(about.get("simulated", 0))),
-        begun=options.measured or (read_time(str(start)) if start else None),
+        measured_at=options.measured or (read_time(str(start)) if start else None),
     )
 
 
-def _settings(kind: Kind, texts: Mapping[str, str]) -> dict[str, Any]:
+def _settings(kind: TableKind, texts: Mapping[str, str]) -> dict[str, Any]:
     protocol = PROTOCOLS[kind.protocol]
     given: dict[str, Any] = {}
     for name, text in texts.items():
@@ -174,5 +192,5 @@ def _settings(kind: Kind, texts: Mapping[str, str]) -> dict[str, Any]:
     try:
         checked = protocol(**given)
     except ValidationError as error:
-        raise UsageError(f"this was no {protocol.name}:\n" + "\n".join(faults(error))) from None
+        raise UsageError(f"this was no {protocol.name}:\n" + "\n".join(validation_messages(error))) from None
     return {name: checked.model_dump(mode="json")[name] for name in given}

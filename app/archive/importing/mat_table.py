@@ -9,71 +9,74 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.archive.importing.table import Cells, Sheet, SheetError, split_head
-from app.common.inputs import shortened
+from app.archive.importing.table import ImportTable, TableColumn, TableReadError, split_heading
+from app.common.inputs import truncate_text
 
 
-def read_mat(path: Path, sha256: str) -> Sheet:
+def read_mat_table(path: Path, sha256: str) -> ImportTable:
     """The table of a MAT file.
 
     Raises:
         SheetError: it cannot be read, or holds no vectors.
     """
-    _check(path)
-    whole = _loaded(path)
+    _check_sizes(path)
+    whole = _load_mat(path)
     named = {name: value for name, value in whole.items() if not name.startswith("__")}
     structures = {name: value for name, value in named.items() if isinstance(value, dict)}
     table = named
     if "points" in structures:
         table = structures["points"]
-    elif not any(_vector(value) for value in named.values()) and len(structures) == 1:
+    elif not any(_is_vector(value) for value in named.values()) and len(structures) == 1:
         table = next(iter(structures.values()))
     units = table.get("units", {}) if isinstance(table.get("units"), dict) else {}
-    vectors = dict(_vectors(table, "points" in structures))
+    vectors = dict(_vector_columns(table, "points" in structures))
     if not vectors:
         have = ", ".join(named) or "nothing"
-        raise SheetError(
+        raise TableReadError(
             f"{path} holds no vectors of numbers (it has: {have}); save the columns as vectors: save('file.mat', 'frequency_Hz', ...)"
         )
     columns = []
     for head, values in vectors.items():
-        name, unit = split_head(head)
+        name, unit = split_heading(head)
         stem = head if head in units else head.rpartition("_")[0]
         if stem in units:
             name, unit = head, str(units[stem])
-        columns.append(Cells(head, name, unit, values))
+        columns.append(TableColumn(head, name, unit, values))
     longest = max(len(column.cells) for column in columns)
     about = named.get("about", {}) if "points" in structures else {}
-    return Sheet(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], about=about)
+    return ImportTable(path, sha256, tuple(columns), [f"element {i}" for i in range(1, longest + 1)], metadata=about)
 
 
-MATRIX, COMPRESSED = 14, 15
+MATRIX_TYPE, COMPRESSED_TYPE = 14, 15
 """Kinds of an element that holds others, and of one that is packed and not padded to 8 bytes."""
 
-READER = """import pickle, sys
+READER_SCRIPT = """import pickle, sys
 from scipy.io import loadmat
 sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))"""
 """Run by a Python of its own: scipy's reader does not survive every damaged file."""
-PATIENCE_S = 120.0
+READ_TIMEOUT_S = 120.0
 
 
-def _loaded(path: Path) -> dict[str, Any]:
+def _load_mat(path: Path) -> dict[str, Any]:
     """What scipy reads from a file."""
     try:
         done = subprocess.run(  # noqa: S603 - this very Python, and our own text
-            [sys.executable, "-c", READER, str(path.resolve())], capture_output=True, timeout=PATIENCE_S, check=False
+            [sys.executable, "-c", READER_SCRIPT, str(path.resolve())],
+            capture_output=True,
+            timeout=READ_TIMEOUT_S,
+            check=False,
         )
         if done.returncode == 0:
             return dict(pickle.loads(done.stdout))  # noqa: S301 - from the text above
         said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
     except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
         said = "it cannot be read to its end"
-    raise SheetError(
-        f"{path} is no MAT file that can be read ({shortened(said)}); save it anew: save('file.mat', '-v7')"
+    raise TableReadError(
+        f"{path} is no MAT file that can be read ({truncate_text(said)}); save it anew: save('file.mat', '-v7')"
     )
 
 
-def _check(path: Path) -> None:
+def _check_sizes(path: Path) -> None:
     """Refuse a file with a part that claims to be longer than what holds it: scipy makes room for gigabytes before it looks."""
     data = path.read_bytes()
     order: Literal["little", "big"] = "big" if data[126:128] == b"MI" else "little"
@@ -86,19 +89,21 @@ def _check(path: Path) -> None:
             if kind >> 16:  # a short one, its value within its tag
                 continue
             if size > stop - at:
-                raise SheetError(f"{path} is cut off or damaged, {size - stop + at} bytes are missing; copy it again")
-            if kind == MATRIX:
+                raise TableReadError(
+                    f"{path} is cut off or damaged, {size - stop + at} bytes are missing; copy it again"
+                )
+            if kind == MATRIX_TYPE:
                 inside.append((at, at + size))
-            at += size if kind == COMPRESSED else -(-size // 8) * 8
+            at += size if kind == COMPRESSED_TYPE else -(-size // 8) * 8
 
 
-def _vector(value: Any) -> bool:
+def _is_vector(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "iufb" and value.size > 1
 
 
-def _vectors(table: Mapping[str, Any], alone: bool) -> Iterator[tuple[str, Sequence[float]]]:
-    """Columns by name, a matrix column by column; `alone`: plain numbers are a table of one row."""
-    single = alone and any(np.ndim(value) == 0 and isinstance(value, int | float) for value in table.values())
+def _vector_columns(table: Mapping[str, Any], single_row: bool) -> Iterator[tuple[str, Sequence[float]]]:
+    """Columns by name, a matrix column by column; `single_row`: plain numbers are a table of one row."""
+    single = single_row and any(np.ndim(value) == 0 and isinstance(value, int | float) for value in table.values())
     for name, value in table.items():
         if isinstance(value, dict | str) or np.asarray(value).dtype.kind not in "iufb":
             continue

@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.common.inputs import shortened
+from app.common.inputs import truncate_text
 
-NOTHING = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
+EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
 """Cells in which there is no number."""
 
-HEAD = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))")
-SUFFIXES = {
+HEADING_PATTERN = re.compile(
+    r"(?P<name>.*?)\s*(?:\[(?P<a>[^\[\]]*)\]|\((?P<b>[^()]*)\)|/\s*(?P<c>[^\s/]+)|\sin\s(?P<d>\S+))"
+)
+UNIT_SUFFIXES = {
     unit.casefold(): unit
     for unit in (
         "Hz",
@@ -38,32 +40,32 @@ SUFFIXES = {
 """Units that may end a name: `amplitude_um`."""
 
 
-class SheetError(Exception):
+class TableReadError(Exception):
     """A file gives no table. The sentence says which file, where, what stands there, and what would do."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class TableColumn:
     """One column: its head as it stands in the file, the name and unit in it, and what stands below."""
 
-    head: str
+    heading: str
     name: str
     unit: str | None
     cells: Sequence[str | float]
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class ImportTable:
     """A table. `places` tell where each row stands; `about` what else the file says of itself."""
 
     path: Path
     sha256: str
-    columns: tuple[Cells, ...]
-    places: Sequence[str]
+    columns: tuple[TableColumn, ...]
+    row_locations: Sequence[str]
     decimal_comma: bool = False
-    about: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
 
-    def number(self, column: Cells, row: int) -> float:
+    def parse_number(self, column: TableColumn, row: int) -> float:
         """The number in a cell, NaN where it says that there is none.
 
         Raises:
@@ -73,7 +75,7 @@ class Sheet:
         if not isinstance(cell, str):
             return float(cell)
         text = cell.strip()
-        if text.casefold() in NOTHING:
+        if text.casefold() in EMPTY_CELLS:
             return float("nan")
         if self.decimal_comma:
             text = text.replace(",", ".")
@@ -83,28 +85,28 @@ class Sheet:
             return float(text)
         except ValueError:
             hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
-            raise SheetError(
-                f"{self.at(row, column)}: '{shortened(cell)}' is no number; {hint}, or mend the line"
+            raise TableReadError(
+                f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is no number; {hint}, or mend the line"
             ) from None
 
-    def at(self, row: int, column: Cells) -> str:
+    def cell_location(self, row: int, column: TableColumn) -> str:
         """File, line and column in words."""
-        return f"{self.path}, {self.places[row]}, column '{column.head}'"
+        return f"{self.path}, {self.row_locations[row]}, column '{column.heading}'"
 
 
-def split_head(head: str) -> tuple[str, str | None]:
+def split_heading(heading: str) -> tuple[str, str | None]:
     """Name and unit of a head: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
-    head = head.strip()
-    if found := HEAD.fullmatch(head):
+    heading = heading.strip()
+    if found := HEADING_PATTERN.fullmatch(heading):
         unit = next(part for part in found.group("a", "b", "c", "d") if part is not None).strip()
-        if found["name"].strip() and unit and (found["d"] is None or unit.casefold() in SUFFIXES):
+        if found["name"].strip() and unit and (found["d"] is None or unit.casefold() in UNIT_SUFFIXES):
             return found["name"].strip(), unit
-    name, _, suffix = head.rpartition("_")
-    if name and suffix.casefold() in SUFFIXES:
-        return name, SUFFIXES[suffix.casefold()]
-    return head, None
+    name, _, suffix = heading.rpartition("_")
+    if name and suffix.casefold() in UNIT_SUFFIXES:
+        return name, UNIT_SUFFIXES[suffix.casefold()]
+    return heading, None
 
 
 def is_unit(text: str) -> bool:
     """Whether these letters are a unit that may stand in a head."""
-    return text.casefold() in SUFFIXES
+    return text.casefold() in UNIT_SUFFIXES

@@ -7,39 +7,43 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.archive.importing.columns import ImportingError, Matched
-from app.archive.importing.points import Taken
-from app.archive.importing.table import Sheet
-from app.archive.importing.values import Asked, sources, values_of
-from app.common.progress import Tell, part, parts, untold
+from app.archive.importing.columns import ColumnMapping, TableImportError
+from app.archive.importing.points import ImportedRun
+from app.archive.importing.table import ImportTable
+from app.archive.importing.values import ImportSettings, column_sources, table_values
+from app.common.progress import ProgressCallback, ignore_progress, partial_progress, split_progress
 from drivers.drive import Sine
 from protocols.base.quality import Quality
-from protocols.base.records import Column, Curve, Recording
+from protocols.base.records import CurveColumn, Recording, ResultCurve
 from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine
 
 Array = NDArray[np.float64]
 
-LEAST_CYCLES = 3
-LOOKED = 0.4
+MIN_CYCLES = 3
+VALUES_SHARE = 0.4
 """How far a series is when its numbers are there: what is left is finding its frequency and its sine."""
-EVEN = 0.01
+SAMPLING_TOLERANCE = 0.01
 """By how much of a sample the times may be uneven."""
-NO_SINE = 0.1
+MAX_NOISE_RATIO = 0.1
 """What a sine fit leaves of the drive, as a share of its amplitude, above which it is none."""
 
 
-def take_series(series: Sequence[tuple[Sheet, Matched]], asked: Asked, tell: Tell = untold) -> Taken:
+def build_series_points(
+    series: Sequence[tuple[ImportTable, ColumnMapping]],
+    options: ImportSettings,
+    progress: ProgressCallback = ignore_progress,
+) -> ImportedRun:
     """One run of several time series, a point each.
 
     Raises:
         ImportingError, SheetError: a sentence that says which file is wrong, where, and what would do.
     """
     points, curves, cautions = [], [], list[str]()
-    told = parts(tell, [len(sheet.places) for sheet, _ in series])
+    told = split_progress(progress, [len(sheet.row_locations) for sheet, _ in series])
     for entry, ((sheet, matched), tell_one) in enumerate(zip(series, told, strict=True)):
-        point, curve, said = _point(sheet, matched, asked, tell_one)
+        point, curve, said = _series_point(sheet, matched, options, tell_one)
         points.append(point)
         curves.append(replace(curve, entry=entry))
         cautions += said
@@ -49,104 +53,110 @@ def take_series(series: Sequence[tuple[Sheet, Matched]], asked: Asked, tell: Tel
             cautions.append(
                 f"{series[i][0].path.name} and {series[j][0].path.name} are both at {f:.4g} Hz: both are kept, as repeats"
             )
-    parameters = {"peak_to_peak_v": 2 * max(p.drive_amplitude for p in points), **asked.settings}
-    return Taken(
+    parameters = {"peak_to_peak_v": 2 * max(p.drive_amplitude for p in points), **options.settings}
+    return ImportedRun(
         PROTOCOLS["sine-dwell"],
         tuple(points),
         tuple(range(len(points))),
         parameters,
-        tuple(sources(series[0][1], asked)),
+        tuple(column_sources(series[0][1], options)),
         tuple((sheet.path.name, sheet.sha256) for sheet, _ in series),
         tuple(cautions),
-        tuple(cells.head for cells in series[0][1].left),
+        tuple(cells.heading for cells in series[0][1].unused),
         tuple(curves),
     )
 
 
-def _point(sheet: Sheet, matched: Matched, asked: Asked, tell: Tell) -> tuple[SinePoint, Curve, list[str]]:
-    values, cautions = values_of(sheet, matched, asked, part(tell, 0.0, LOOKED))
-    for name, cells in matched.of.items():
+def _series_point(
+    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback
+) -> tuple[SinePoint, ResultCurve, list[str]]:
+    values, cautions = table_values(table, mapping, options, partial_progress(progress, 0.0, VALUES_SHARE))
+    for name, cells in mapping.columns.items():
         if (gaps := np.flatnonzero(~np.isfinite(values[name]))).size:
             row = int(gaps[0])
-            raise ImportingError(
-                f"{sheet.at(row, cells)}: '{cells.cells[row]}' is a gap in the series; cut it off there"
+            raise TableImportError(
+                f"{table.cell_location(row, cells)}: '{cells.cells[row]}' is a gap in the series; cut it off there"
             )
     time, moved = values["time"], values["displacement"]
-    rate = _rate(sheet, matched, time)
+    rate = _sample_rate(table, mapping, time)
     drive = values.get("drive")
     if drive is None:
-        f, amplitude = _told(sheet, asked)
-        drive = asked.amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
+        f, amplitude = _stated_drive(table, options)
+        drive = options.amplifier.rest_v + amplitude * np.sin(2 * np.pi * f * (time - time[0]))
     else:
-        f = _frequency(sheet, drive, rate)
+        f = _drive_frequency(table, drive, rate)
         amplitude = abs(fit_sine(drive, rate, f).fundamental)
-    if (time[-1] - time[0]) * f < LEAST_CYCLES:
-        raise ImportingError(
-            f"{sheet.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {LEAST_CYCLES} are needed"
+    if (time[-1] - time[0]) * f < MIN_CYCLES:
+        raise TableImportError(
+            f"{table.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed"
         )
-    tell(0.5 * (LOOKED + 1.0))
+    progress(0.5 * (VALUES_SHARE + 1.0))
     cycles = max(int((time[-1] - time[0]) * f), 1)
-    sine = Sine(f, min(amplitude, asked.amplifier.high_v - asked.amplifier.rest_v), asked.amplifier.rest_v, cycles)
-    simulated = asked.simulated or "SIMULATED" in sheet.path.name
-    recording = Recording(0, (0, moved.size), rate, sine, drive, moved, Quality.IMPORTED, asked.delay_s)
+    sine = Sine(
+        f, min(amplitude, options.amplifier.high_v - options.amplifier.rest_v), options.amplifier.rest_v, cycles
+    )
+    simulated = options.simulated or "SIMULATED" in table.path.name
+    recording = Recording(0, (0, moved.size), rate, sine, drive, moved, Quality.IMPORTED, options.delay_s)
     try:
         point = sine_point([recording], simulated)
     except ValueError as error:
-        raise ImportingError(f"{sheet.path}: {error}") from None
+        raise TableImportError(f"{table.path}: {error}") from None
     told = {
-        "time": Column(time - time[0], "s", "time"),
-        "displacement": Column(moved, "m", "displacement of the centre"),
+        "time": CurveColumn(time - time[0], "s", "time"),
+        "displacement": CurveColumn(moved, "m", "displacement of the centre"),
     }
     if "drive" in values:
-        told["drive"] = Column(drive, "V", "volts at the amplifier's input")
+        told["drive"] = CurveColumn(drive, "V", "volts at the amplifier's input")
     else:
         point = replace(point, phase=math.nan, phase_errors=math.nan)
-        cautions.append(f"{sheet.path.name} has no drive: its phase is not known")
+        cautions.append(f"{table.path.name} has no drive: its phase is not known")
     return (
         point,
-        Curve("time series", f"{point.frequency:.4g} Hz, {sheet.path.name}", "time", "displacement", told),
+        ResultCurve("time series", f"{point.frequency:.4g} Hz, {table.path.name}", "time", "displacement", told),
         cautions,
     )
 
 
-def _rate(sheet: Sheet, matched: Matched, time: Array) -> float:
+def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> float:
     if time.size < 2:
-        raise ImportingError(f"{sheet.path} holds {time.size} samples; a series is needed")
-    steps, cells = np.diff(time), matched.of["time"]
+        raise TableImportError(f"{table.path} holds {time.size} samples; a series is needed")
+    steps, cells = np.diff(time), mapping.columns["time"]
     if (back := np.flatnonzero(steps <= 0)).size:
         row = int(back[0]) + 1
-        raise ImportingError(
-            f"{sheet.at(row, cells)}: {cells.cells[row]} does not come after {cells.cells[row - 1]}; sort the samples by time"
+        raise TableImportError(
+            f"{table.cell_location(row, cells)}: {cells.cells[row]} does not come after {cells.cells[row - 1]}; sort the samples by time"
         )
     step = float(np.median(steps))
-    if (uneven := np.flatnonzero(np.abs(steps - step) > max(EVEN, 0.02) * step + 2 * np.spacing(time[-1]))).size:
+    if (
+        uneven := np.flatnonzero(np.abs(steps - step) > max(SAMPLING_TOLERANCE, 0.02) * step + 2 * np.spacing(time[-1]))
+    ).size:
         row = int(uneven[0]) + 1
-        raise ImportingError(
-            f"{sheet.at(row, cells)}: {steps[row - 1]:.6g} s after the sample before, {step:.6g} s elsewhere; a series must be even: cut it at its gaps, "
+        raise TableImportError(
+            f"{table.cell_location(row, cells)}: {steps[row - 1]:.6g} s after the sample before, {step:.6g} s elsewhere; a series must be even: cut it at its gaps, "
             "or write more digits of the time"
         )
     return float((time.size - 1) / (time[-1] - time[0]))
 
 
-def _frequency(sheet: Sheet, drive: Array, rate: float) -> float:
+def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
     """The frequency of the drive, which must be one sine."""
     spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
     top = int(spectrum[1:].argmax()) + 1
     f = fit_frequency(drive, rate, top * rate / drive.size)
     fit = fit_sine(drive, rate, f)
-    if not fit.noise < NO_SINE * abs(fit.fundamental):
-        raise ImportingError(
-            f"{sheet.path}: the drive is no single sine (beside {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of something else); "
+    if not fit.noise < MAX_NOISE_RATIO * abs(fit.fundamental):
+        raise TableImportError(
+            f"{table.path}: the drive is no single sine (beside {abs(fit.fundamental):.3g} V at {f:.4g} Hz there are {fit.noise:.3g} V of something else); "
             "give one file for each frequency"
         )
     return f
 
 
-def _told(sheet: Sheet, asked: Asked) -> tuple[float, float]:
+def _stated_drive(table: ImportTable, options: ImportSettings) -> tuple[float, float]:
     """Frequency and amplitude of a drive that was not recorded."""
-    f, volts = asked.settings.get("frequencies_hz", ()), asked.settings.get("peak_to_peak_v")
+    f, volts = options.settings.get("frequencies_hz", ()), options.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:
-        raise ImportingError(
-            f'{sheet.path} has no column of the drive: name it, --column drive=NAME, or say what it was: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
+        raise TableImportError(
+            f'{table.path} has no column of the drive: name it, --column drive=NAME, or say what it was: --set frequencies_hz=160 --set "peak_to_peak_v=5 V"'
         )
     return float(f[0]), float(volts) / 2

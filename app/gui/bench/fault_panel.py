@@ -16,12 +16,12 @@ from PySide6.QtWidgets import (
 )
 from shiboken6 import isValid
 
-from app.gui.widgets.background import Jobs
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import bind
+from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import bind_keys
 from app.session.fault_injection import FaultPlan
-from app.session.state import View
-from sim_hardware.plant.faults import FAULTS
+from app.session.state import WindowState
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 
 COLUMNS = 2
 
@@ -35,102 +35,106 @@ class FaultPanel(QWidget):
 
     def __init__(self, plan: FaultPlan, parent: QWidget) -> None:
         super().__init__(parent)
-        self._plan, self._jobs = plan, Jobs("faults", self)
+        self._plan, self._worker = plan, BackgroundWorker("faults", self)
         self._connected = False
-        self._before: QWidget | None = None
+        self._previous_focus: QWidget | None = None
         """What had the keyboard before the list was opened."""
-        self.broken: tuple[str, ...] = ()
+        self.active_faults: tuple[str, ...] = ()
         """What is broken, as the bench itself says."""
         self.corner = QWidget()
-        self.opener = QPushButton("Break something …   (F9)")
-        mark(self.opener, "choice")
-        self.opener.setCheckable(True)
-        self.opener.setToolTip("Faults of the simulated bench, to see what the program does about them: F9")
-        self.opener.toggled.connect(self._open)
-        self.band, self.words, self.said = QFrame(), QLabel(), QLabel()
-        mark(self.band, "broken")
-        mark(self.said, "fault")
-        self.words.setWordWrap(True)
-        self.mend = QPushButton("Mend all   (Shift+F9)")
-        self.mend.clicked.connect(lambda: self._act("", broken=False))
+        self.open_button = QPushButton("Break something …   (F9)")
+        set_style_kind(self.open_button, "choice")
+        self.open_button.setCheckable(True)
+        self.open_button.setToolTip("Faults of the simulated bench, to see what the program does about them: F9")
+        self.open_button.toggled.connect(self._set_open)
+        self.band, self.band_label, self.message_label = QFrame(), QLabel(), QLabel()
+        set_style_kind(self.band, "broken")
+        set_style_kind(self.message_label, "fault")
+        self.band_label.setWordWrap(True)
+        self.clear_button = QPushButton("Mend all   (Shift+F9)")
+        self.clear_button.clicked.connect(lambda: self._switch_fault("", active=False))
         self.list, self._sheet = QScrollArea(), QWidget()
-        self.boxes = {name: QCheckBox(f"{words[0].upper()}{words[1:]}") for name, words in FAULTS.items()}
+        self.fault_boxes = {
+            name: QCheckBox(f"{words[0].upper()}{words[1:]}") for name, words in FAULT_DESCRIPTIONS.items()
+        }
         self._build()
-        bind(parent, "Break something on the simulated bench, or close the list", self.opener.click, Qt.Key.Key_F9)
-        bind(parent, "Mend all that was broken", self.mend.click, "Shift+F9")
+        bind_keys(
+            parent, "Break something on the simulated bench, or close the list", self.open_button.click, Qt.Key.Key_F9
+        )
+        bind_keys(parent, "Mend all that was broken", self.clear_button.click, "Shift+F9")
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Another bench is whole until it says otherwise."""
         if view.connected != self._connected:
             self._connected = view.connected
-            self._jobs.do(self._plan.broken, self._show, self._failed)
+            self._worker.submit(self._plan.active_faults, self._show_faults, self._on_error)
 
     def close_list(self) -> bool:
         """Close the list; whether it was open."""
-        was_open = self.opener.isChecked()
-        self.opener.setChecked(False)
+        was_open = self.open_button.isChecked()
+        self.open_button.setChecked(False)
         return was_open
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self._jobs.close()
+        self._worker.close()
 
-    def _open(self, wanted: bool) -> None:
-        self.list.setVisible(wanted)
-        self._arrange()
-        if wanted:
-            self._before = QApplication.focusWidget()
-            next(iter(self.boxes.values())).setFocus(Qt.FocusReason.ShortcutFocusReason)
-        elif self._before is not None and isValid(self._before):
-            self._before.setFocus()
+    def _set_open(self, open_: bool) -> None:
+        self.list.setVisible(open_)
+        self._update_visibility()
+        if open_:
+            self._previous_focus = QApplication.focusWidget()
+            next(iter(self.fault_boxes.values())).setFocus(Qt.FocusReason.ShortcutFocusReason)
+        elif self._previous_focus is not None and isValid(self._previous_focus):
+            self._previous_focus.setFocus()
 
-    def _act(self, name: str, broken: bool) -> None:
+    def _switch_fault(self, name: str, active: bool) -> None:
         """Break one, mend one, or with no name mend all; then ask the bench what is broken."""
 
         def act() -> tuple[str, ...]:
-            if broken:
+            if active:
                 self._plan.inject(name)
             else:
                 self._plan.clear(name or None)
-            return self._plan.broken()
+            return self._plan.active_faults()
 
-        self._jobs.do(act, self._show, self._failed)
+        self._worker.submit(act, self._show_faults, self._on_error)
 
-    def _show(self, broken: tuple[str, ...]) -> None:
-        self.broken = broken
-        self.said.setText("")
-        self.words.setText(f"BROKEN ON PURPOSE:  {';  '.join(FAULTS[name] for name in broken)}")
-        self._arrange()
+    def _show_faults(self, active: tuple[str, ...]) -> None:
+        self.active_faults = active
+        self.message_label.setText("")
+        self.band_label.setText(f"BROKEN ON PURPOSE:  {';  '.join(FAULT_DESCRIPTIONS[name] for name in active)}")
+        self._update_visibility()
 
-    def _failed(self, error: Exception) -> None:
-        self.said.setText(str(error))
-        self._arrange()
+    def _on_error(self, error: Exception) -> None:
+        self.message_label.setText(str(error))
+        self._update_visibility()
 
-    def _arrange(self) -> None:
-        for name, box in self.boxes.items():
-            box.setChecked(name in self.broken)
-        self.band.setVisible(bool(self.broken))
-        self.said.setVisible(bool(self.said.text()))
-        self.setVisible(bool(self.broken) or self.opener.isChecked())
+    def _update_visibility(self) -> None:
+        for name, box in self.fault_boxes.items():
+            box.setChecked(name in self.active_faults)
+        self.band.setVisible(bool(self.active_faults))
+        self.message_label.setVisible(bool(self.message_label.text()))
+        self.setVisible(bool(self.active_faults) or self.open_button.isChecked())
 
     def _build(self) -> None:
         row = QHBoxLayout(self.band)
         row.setContentsMargins(12, 4, 8, 4)
-        row.addWidget(self.words, 1)
-        row.addWidget(self.mend)
+        row.addWidget(self.band_label, 1)
+        row.addWidget(self.clear_button)
         grid = QGridLayout(self._sheet)
         grid.setContentsMargins(12, 6, 12, 6)
         grid.setVerticalSpacing(2)
-        rows = -(-len(self.boxes) // COLUMNS)
-        for at, (name, box) in enumerate(self.boxes.items()):
+        rows = -(-len(self.fault_boxes) // COLUMNS)
+        for at, (name, box) in enumerate(self.fault_boxes.items()):
             box.setToolTip(f"{name}: break it, or mend it. At a command line: run ... --fault {name}@5")
-            box.setAccessibleName(f"break: {FAULTS[name]}")
+            box.setAccessibleName(f"break: {FAULT_DESCRIPTIONS[name]}")
             box.setSizePolicy(
                 QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred
             )  # rather cut off than a wider window
-            box.clicked.connect(lambda broken, name=name: self._act(name, broken))
+            box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
             grid.addWidget(box, at % rows, at // rows)
-        grid.addWidget(self.said, rows, 0, 1, COLUMNS)
+        grid.addWidget(self.message_label, rows, 0, 1, COLUMNS)
         self.list.setWidget(self._sheet)
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setWidgetResizable(True)
@@ -146,5 +150,5 @@ class FaultPanel(QWidget):
         self.list.hide()
         corner = QVBoxLayout(self.corner)
         corner.setContentsMargins(0, 0, 0, 5)
-        corner.addWidget(self.opener)
-        self._arrange()
+        corner.addWidget(self.open_button)
+        self._update_visibility()

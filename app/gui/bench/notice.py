@@ -8,19 +8,19 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from app.gui.bench.symbols import SYMBOLS
-from app.gui.widgets.form import mark
+from app.gui.widgets.form import set_style_kind
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class NoticeButton:
     """A button: its words with the key that presses it, and what then happens."""
 
-    words: str
-    do: Callable[[], object]
+    label: str
+    callback: Callable[[], object]
     kind: str = ""
 
 
-class Symbol(QWidget):
+class SymbolIcon(QWidget):
     """One of the drawn symbols, in the colour of the writing around it."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -40,42 +40,44 @@ class Symbol(QWidget):
 
 
 class Notice(QFrame):
-    """Hidden until there is something to say. `kind` is `prompt`, `unsafe` or `trouble`: the style sheet's word."""
+    """Hidden until there is something to say. `kind` is `prompt`, `unsafe` or `problem`: the style sheet's word."""
 
-    def __init__(self, choices: tuple[Choice, ...], kind: str, symbol: str, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, choices: tuple[NoticeButton, ...], kind: str, symbol: str, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
-        self.words = QLabel()
-        self.detail = QLabel()
-        self.detail.setProperty("kind", "detail")
-        for label in (self.words, self.detail):
+        self.message_label = QLabel()
+        self.detail_label = QLabel()
+        self.detail_label.setProperty("kind", "detail")
+        for label in (self.message_label, self.detail_label):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             label.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)
-        self.text = text = QVBoxLayout()
+        self.text_layout = text = QVBoxLayout()
         text.setSpacing(4)
-        text.addWidget(self.words)
-        text.addWidget(self.detail)
-        self.symbol = Symbol(self)
+        text.addWidget(self.message_label)
+        text.addWidget(self.detail_label)
+        self.symbol = SymbolIcon(self)
         self.symbol.name = symbol
         self.row = layout = QHBoxLayout(self)
         layout.setContentsMargins(16, 10, 12, 10)
         layout.setSpacing(14)
         layout.addWidget(self.symbol)
         layout.addLayout(text, 1)
-        self.buttons = [QPushButton(choice.words) for choice in choices]
+        self.buttons = [QPushButton(choice.label) for choice in choices]
         for button, choice in zip(self.buttons, choices, strict=True):
             if choice.kind:
                 button.setProperty("kind", choice.kind)
-            button.clicked.connect(choice.do)
+            button.clicked.connect(choice.callback)
             layout.addWidget(button)
-        mark(self, kind)
+        set_style_kind(self, kind)
         self.hide()
 
-    def say(self, words: str, detail: str = "") -> None:
+    def show_message(self, text: str, detail: str = "") -> None:
         """Show a sentence and, smaller, what else is known; nothing hides the notice."""
-        if (words, detail) != (self.words.text(), self.detail.text()):
-            self.words.setText(words)
-            self.detail.setText(detail)
-        self.detail.setVisible(bool(detail))
-        self.setVisible(bool(words))
+        if (text, detail) != (self.message_label.text(), self.detail_label.text()):
+            self.message_label.setText(text)
+            self.detail_label.setText(detail)
+        self.detail_label.setVisible(bool(detail))
+        self.setVisible(bool(text))

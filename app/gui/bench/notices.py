@@ -6,50 +6,52 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShortcut
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from app.gui.bench.notice import Choice, Notice
+from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.prompt import PromptNotice
-from app.gui.widgets.shortcuts import bind
-from app.session.state import View
-from drivers.bench.bench import BY_HAND
-from protocols.base.events import Asked
+from app.gui.widgets.shortcuts import bind_keys
+from app.session.state import WindowState
+from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
+from protocols.base.events import PromptShown
 
-GUARD_S = 0.4
+INPUT_GUARD_S = 0.4
 """An Enter this soon after a question appeared was meant for something else."""
 
-MID_RUN = "A run is going on. Go to rest first, then close?"
-UNSAFE_STILL = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
-CLOSING = "Closing: the bench goes to rest and lets go of its instruments …"
+RUN_ACTIVE_TEXT = "A run is going on. Go to rest first, then close?"
+UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
+CLOSING_TEXT = "Closing: the bench goes to rest and lets go of its instruments …"
 
 
-class Notices(QWidget):
+class NoticeArea(QWidget):
     """Hidden while there is nothing to say."""
 
     answered = Signal(str)
     stop_pressed = Signal()
     acknowledged = Signal()
-    connect_pressed = Signal()
-    leave_pressed = Signal()
-    stay_pressed = Signal()
+    reconnect_pressed = Signal()
+    close_confirmed = Signal()
+    close_cancelled = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self.unsafe = Notice((Choice("Acknowledge   (Ctrl+K)", self.acknowledged.emit),), "unsafe", "danger", self)
+        self.unsafe = Notice(
+            (NoticeButton("Acknowledge   (Ctrl+K)", self.acknowledged.emit),), "unsafe", "danger", self
+        )
         self.closing = Notice(
             (
-                Choice("Go to rest and close   (Enter)", self.leave_pressed.emit),
-                Choice("Keep the window   (Ctrl+K)", self.stay_pressed.emit),
+                NoticeButton("Go to rest and close   (Enter)", self.close_confirmed.emit),
+                NoticeButton("Keep the window   (Ctrl+K)", self.close_cancelled.emit),
             ),
             "prompt",
             "question",
             self,
         )
         self.prompt = PromptNotice(self)
-        self.prompt.chosen.connect(self._answer)
-        self.prompt.stopped.connect(self.stop_pressed)
-        self.trouble = Notice(
+        self.prompt.answered.connect(self._on_answer)
+        self.prompt.stop_pressed.connect(self.stop_pressed)
+        self.problem = Notice(
             (
-                Choice("Connect again   (F6)", self.connect_pressed.emit),
-                Choice("Dismiss   (Ctrl+K)", self.acknowledged.emit),
+                NoticeButton("Connect again   (F6)", self.reconnect_pressed.emit),
+                NoticeButton("Dismiss   (Ctrl+K)", self.acknowledged.emit),
             ),
             "trouble",
             "cross",
@@ -58,94 +60,94 @@ class Notices(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(10, 0, 10, 0)
         layout.setSpacing(6)
-        for notice in (self.unsafe, self.closing, self.prompt, self.trouble):
+        for notice in (self.unsafe, self.closing, self.prompt, self.problem):
             layout.addWidget(notice)
-        self._since_s = 0.0
+        self._shown_at_s = 0.0
         self._no_bench = False
         self._keys: list[QShortcut] = []
-        self._keys += bind(
-            parent, "Answer what is asked above the pages", self._enter, Qt.Key.Key_Return, Qt.Key.Key_Enter
+        self._keys += bind_keys(
+            parent, "Answer what is asked above the pages", self._on_enter, Qt.Key.Key_Return, Qt.Key.Key_Enter
         )
-        bind(parent, "Acknowledge or dismiss a message", self._read, "Ctrl+K")
-        bind(parent, "Connect to the bench again", self._connect, Qt.Key.Key_F6)
-        self._arrange()
+        bind_keys(parent, "Acknowledge or dismiss a message", self._on_dismiss, "Ctrl+K")
+        bind_keys(parent, "Connect to the bench again", self._on_reconnect, Qt.Key.Key_F6)
+        self._update_visibility()
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Show what a view has to say."""
-        self._no_bench = not view.connected and bool(view.trouble)
+        self._no_bench = not view.connected and bool(view.problem)
         # What to do comes first and large; what was measured and why it came to this can be read afterwards.
-        todo = BY_HAND if view.unsafe.startswith(BY_HAND) else view.unsafe
-        self.unsafe.say(todo, view.unsafe.removeprefix(todo).lstrip(". "))
-        self.trouble.say(f"{view.trouble[:1].upper()}{view.trouble[1:]}")
-        self.trouble.buttons[0].setVisible(self._no_bench)
-        self._arrange()
+        todo = MANUAL_SHUTDOWN_INSTRUCTIONS if view.unsafe.startswith(MANUAL_SHUTDOWN_INSTRUCTIONS) else view.unsafe
+        self.unsafe.show_message(todo, view.unsafe.removeprefix(todo).lstrip(". "))
+        self.problem.show_message(f"{view.problem[:1].upper()}{view.problem[1:]}")
+        self.problem.buttons[0].setVisible(self._no_bench)
+        self._update_visibility()
 
-    def show_prompt(self, prompt: Asked | None, waiting: int | None, laser_um: float | None = None) -> None:
+    def show_prompt(self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None) -> None:
         """Show a prompt, if it is this window that must answer it and not a simulated operator."""
-        asked = prompt if prompt is not None and waiting == prompt.ask_id else None
-        if self.prompt.ask(asked):
-            self._since_s = time.monotonic()
-            self._arrange()
+        asked = prompt if prompt is not None and pending_id == prompt.ask_id else None
+        if self.prompt.show_prompt(asked):
+            self._shown_at_s = time.monotonic()
+            self._update_visibility()
         self.prompt.show_laser(laser_um)
 
     @property
-    def patient(self) -> bool:
+    def accepts_input(self) -> bool:
         """Whether a question has stood long enough to be read."""
-        return time.monotonic() - self._since_s >= GUARD_S
+        return time.monotonic() - self._shown_at_s >= INPUT_GUARD_S
 
-    def ask_to_close(self, view: View) -> None:
+    def ask_to_close(self, view: WindowState) -> None:
         """Ask once whether the window shall close."""
         if self.closing.isHidden():
-            self.closing.say(MID_RUN if view.busy else UNSAFE_STILL)
+            self.closing.show_message(RUN_ACTIVE_TEXT if view.busy else UNSAFE_TEXT)
             self.closing.buttons[0].setText("Go to rest and close   (Enter)" if view.busy else "Close   (Enter)")
-            self._since_s = time.monotonic()
-        self._arrange()
+            self._shown_at_s = time.monotonic()
+        self._update_visibility()
 
-    def leaving(self) -> None:
+    def show_closing(self) -> None:
         """Nothing more is asked: the window closes when the bench is at rest."""
-        self.closing.say(CLOSING)
+        self.closing.show_message(CLOSING_TEXT)
         for button in self.closing.buttons:
             button.hide()
-        self._arrange()
+        self._update_visibility()
 
-    def stay(self) -> None:
+    def cancel_closing(self) -> None:
         """The window is not closed after all."""
-        self.closing.say("")
-        self._arrange()
+        self.closing.show_message("")
+        self._update_visibility()
 
-    def left_unsafe(self) -> None:
+    def show_unsafe_exit(self) -> None:
         """The session has ended and rest was not confirmed: the window closes when that has been read."""
-        self.closing.say("")
+        self.closing.show_message("")
         self.unsafe.buttons[0].setText("Acknowledge and close   (Ctrl+K)")
-        self._arrange()
+        self._update_visibility()
 
-    def _arrange(self) -> None:
-        shown = [n for n in (self.unsafe, self.closing, self.prompt, self.trouble) if not n.isHidden()]
+    def _update_visibility(self) -> None:
+        shown = [n for n in (self.unsafe, self.closing, self.prompt, self.problem) if not n.isHidden()]
         self.setVisible(bool(shown))
         for key in self._keys:
-            key.setEnabled(self._asks(self.closing) or self._asks(self.prompt))
+            key.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
-    def _asks(self, notice: Notice) -> bool:
+    def _awaits_answer(self, notice: Notice) -> bool:
         return not notice.isHidden() and bool(notice.buttons) and not notice.buttons[0].isHidden()
 
-    def _enter(self) -> None:
-        if not self.patient:
+    def _on_enter(self) -> None:
+        if not self.accepts_input:
             return
-        if self._asks(self.closing):
-            self.leave_pressed.emit()
-        elif self._asks(self.prompt):
+        if self._awaits_answer(self.closing):
+            self.close_confirmed.emit()
+        elif self._awaits_answer(self.prompt):
             self.prompt.buttons[0].click()
 
-    def _answer(self, words: str) -> None:
-        if self.patient:
-            self.answered.emit(words)
+    def _on_answer(self, choice: str) -> None:
+        if self.accepts_input:
+            self.answered.emit(choice)
 
-    def _read(self) -> None:
-        if self._asks(self.closing):
-            self.stay_pressed.emit()
-        elif not (self.unsafe.isHidden() and self.trouble.isHidden()):
+    def _on_dismiss(self) -> None:
+        if self._awaits_answer(self.closing):
+            self.close_cancelled.emit()
+        elif not (self.unsafe.isHidden() and self.problem.isHidden()):
             self.acknowledged.emit()
 
-    def _connect(self) -> None:
+    def _on_reconnect(self) -> None:
         if self._no_bench:
-            self.connect_pressed.emit()
+            self.reconnect_pressed.emit()

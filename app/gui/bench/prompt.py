@@ -4,42 +4,42 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QShortcut
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.gui.bench.notice import Choice, Notice
+from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.setup_drawing import SetupDrawing
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import bind
-from protocols.base.events import Asked
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import bind_keys
+from protocols.base.events import PromptShown
 
 
 class PromptNotice(Notice):
     """Shows one prompt at a time. Enter is its first answer; every other one has its first letter for a key."""
 
-    chosen = Signal(str)
-    stopped = Signal()
+    answered = Signal(str)
+    stop_pressed = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__((Choice("Stop   (Esc)", self._stop, "stop"),), "prompt", "hand", parent)
+        super().__init__((NoticeButton("Stop   (Esc)", self._on_stop, "stop"),), "prompt", "hand", parent)
         self._stop_button = self.buttons.pop()
-        self._asked: Asked | None = None
+        self._prompt: PromptShown | None = None
         self._keys: list[QShortcut] = []
         self.drawing = SetupDrawing()
-        self.laser = QLabel()
-        mark(self.laser, "laser")
-        self.laser.setMinimumWidth(self.laser.fontMetrics().horizontalAdvance("laser −0000.0 µm") * 2)
-        self.laser.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.laser_label = QLabel()
+        set_style_kind(self.laser_label, "laser")
+        self.laser_label.setMinimumWidth(self.laser_label.fontMetrics().horizontalAdvance("laser −0000.0 µm") * 2)
+        self.laser_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.row.insertWidget(1, self.drawing)
-        self.row.insertWidget(3, self.laser)
-        self._answers = QHBoxLayout()
-        self._answers.addStretch()
+        self.row.insertWidget(3, self.laser_label)
+        self._answer_row = QHBoxLayout()
+        self._answer_row.addStretch()
         self.row.removeWidget(self._stop_button)
-        self._answers.addWidget(self._stop_button)
-        self.text.addLayout(self._answers)
+        self._answer_row.addWidget(self._stop_button)
+        self.text_layout.addLayout(self._answer_row)
 
-    def ask(self, asked: Asked | None) -> bool:
+    def show_prompt(self, event: PromptShown | None) -> bool:
         """Show a prompt, or none; whether it is another one than before."""
-        if asked == self._asked and self.isHidden() == (asked is None):
+        if event == self._prompt and self.isHidden() == (event is None):
             return False
-        self._asked = asked
+        self._prompt = event
         for key in self._keys:
             key.setEnabled(False)
             key.deleteLater()
@@ -47,29 +47,29 @@ class PromptNotice(Notice):
             button.hide()
             button.deleteLater()
         self._keys, self.buttons = [], []
-        prompt = asked.prompt if asked is not None else None
+        prompt = event.prompt if event is not None else None
         for at, words in enumerate(prompt.choices if prompt is not None else ()):
-            self._add(words, "Enter" if at == 0 else words[0].upper())
+            self._add_answer(words, "Enter" if at == 0 else words[0].upper())
         drawn = prompt is not None and self.drawing.show_prompt(prompt)
         self.drawing.setVisible(drawn)
         self.symbol.setVisible(not drawn)
-        self.say(prompt.text if prompt is not None else "")
+        self.show_message(prompt.text if prompt is not None else "")
         return True
 
     def show_laser(self, displacement_um: float | None) -> None:
         """What the laser sees now."""
         words = "" if displacement_um is None else f"laser {round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
-        self.laser.setText(words)
-        self.laser.setVisible(bool(words) and self._asked is not None and self._asked.prompt.hands_on)
+        self.laser_label.setText(words)
+        self.laser_label.setVisible(bool(words) and self._prompt is not None and self._prompt.prompt.hands_on)
 
-    def _add(self, words: str, key: str) -> None:
-        button = QPushButton(f"{words[:1].upper()}{words[1:]}   ({key})")
-        button.clicked.connect(lambda: self.chosen.emit(words))
-        self._answers.insertWidget(self._answers.count() - 2, button)
+    def _add_answer(self, label: str, key: str) -> None:
+        button = QPushButton(f"{label[:1].upper()}{label[1:]}   ({key})")
+        button.clicked.connect(lambda: self.answered.emit(label))
+        self._answer_row.insertWidget(self._answer_row.count() - 2, button)
         button.show()  # in a notice that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if key != "Enter":
-            self._keys += bind(self, f"Answer: {words}", button.click, key)
+            self._keys += bind_keys(self, f"Answer: {label}", button.click, key)
 
-    def _stop(self) -> None:
-        self.stopped.emit()
+    def _on_stop(self) -> None:
+        self.stop_pressed.emit()

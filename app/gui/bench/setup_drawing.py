@@ -36,31 +36,31 @@ class SetupDrawing(QWidget):
         painter.end()
 
 
-def _fill(painter: QPainter, colour: str, box: QRectF) -> None:
-    painter.setBrush(QBrush(QColor(colour)))
+def _copy_samples(painter: QPainter, color: str, box: QRectF) -> None:
+    painter.setBrush(QBrush(QColor(color)))
     painter.drawRect(box)
 
 
-def _tactor(painter: QPainter, side: float = 1.0, y: float = 60.0) -> None:
+def _draw_tactor(painter: QPainter, side: float = 1.0, y: float = 60.0) -> None:
     """Aluminium strip between two clamps, the MFC patch in its middle: above, or below where the side is turned."""
     for x in (8, 160):
-        _fill(painter, METAL, QRectF(x, y - 12, 22, 24))
-    _fill(painter, "#d8dde2", QRectF(30, y - 3, 130, 6))
+        _copy_samples(painter, METAL, QRectF(x, y - 12, 22, 24))
+    _copy_samples(painter, "#d8dde2", QRectF(30, y - 3, 130, 6))
     patch = QRectF(60, y - 8 if side > 0 else y + 3, 70, 5)
-    _fill(painter, MFC, patch)
+    _copy_samples(painter, MFC, patch)
 
 
-def _words(painter: QPainter, box: QRectF, words: str, colour: str = INK) -> None:
+def _draw_text(painter: QPainter, box: QRectF, text: str, color: str = INK) -> None:
     painter.save()
-    painter.setPen(QColor(colour))
+    painter.setPen(QColor(color))
     font = painter.font()
     font.setBold(True)
     painter.setFont(font)
-    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, words)
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
     painter.restore()
 
 
-def _arrow(painter: QPainter, start: QPointF, end: QPointF) -> None:
+def _draw_arrow(painter: QPainter, start: QPointF, end: QPointF) -> None:
     painter.drawLine(start, end)
     along = end - start
     length = max((along.x() ** 2 + along.y() ** 2) ** 0.5, 1.0)
@@ -69,100 +69,100 @@ def _arrow(painter: QPainter, start: QPointF, end: QPointF) -> None:
         painter.drawLine(end, end - unit * 7 + across * 4 * turn)
 
 
-def grams(mass_kg: float) -> str:
+def format_grams(mass_kg: float) -> str:
     """`50 g`, `1.75 g`."""
     return f"{1e3 * mass_kg:g} g"
 
 
-def _place_weight(painter: QPainter, values: dict[str, float]) -> None:
-    _tactor(painter, values.get("side", 1.0), 74)
-    _fill(painter, WEIGHT, QRectF(68, 18, 54, 30))
-    _words(painter, QRectF(68, 18, 54, 30), grams(values.get("mass_kg", 0.0)), "white")
-    _arrow(painter, QPointF(95, 50), QPointF(95, 64))
+def _draw_place_weight(painter: QPainter, values: dict[str, float]) -> None:
+    _draw_tactor(painter, values.get("side", 1.0), 74)
+    _copy_samples(painter, WEIGHT, QRectF(68, 18, 54, 30))
+    _draw_text(painter, QRectF(68, 18, 54, 30), format_grams(values.get("mass_kg", 0.0)), "white")
+    _draw_arrow(painter, QPointF(95, 50), QPointF(95, 64))
 
 
-def _remove_weight(painter: QPainter, values: dict[str, float]) -> None:
-    _tactor(painter, values.get("side", 1.0), 74)
-    _fill(painter, WEIGHT, QRectF(68, 34, 54, 30))
-    _arrow(painter, QPointF(95, 30), QPointF(95, 6))
+def _draw_remove_weight(painter: QPainter, values: dict[str, float]) -> None:
+    _draw_tactor(painter, values.get("side", 1.0), 74)
+    _copy_samples(painter, WEIGHT, QRectF(68, 34, 54, 30))
+    _draw_arrow(painter, QPointF(95, 30), QPointF(95, 6))
 
 
-def _fix_mass(painter: QPainter, values: dict[str, float]) -> None:
-    _tactor(painter)
+def _draw_fix_mass(painter: QPainter, values: dict[str, float]) -> None:
+    _draw_tactor(painter)
     mass = values.get("mass_kg", 0.0)
     if mass > 0:
         painter.setBrush(QBrush(QColor(WEIGHT)))
         painter.drawEllipse(QPointF(95, 42), 9, 9)
-        _words(painter, QRectF(106, 22, 76, 20), grams(mass))
+        _draw_text(painter, QRectF(106, 22, 76, 20), format_grams(mass))
     else:
-        _words(painter, QRectF(50, 20, 90, 20), "no mass")
+        _draw_text(painter, QRectF(50, 20, 90, 20), "no mass")
 
 
-def _turn_side(painter: QPainter, values: dict[str, float]) -> None:
+def _draw_turn_side(painter: QPainter, values: dict[str, float]) -> None:
     side = values.get("side", 1.0)
-    _tactor(painter, side)
-    offset = f", {grams(values['offset_kg'])} on it" if values.get("offset_kg") else ""
-    _words(painter, QRectF(0, 6, 190, 20), ("MFC up" if side > 0 else "aluminium up") + offset)
+    _draw_tactor(painter, side)
+    offset = f", {format_grams(values['offset_kg'])} on it" if values.get("offset_kg") else ""
+    _draw_text(painter, QRectF(0, 6, 190, 20), ("MFC up" if side > 0 else "aluminium up") + offset)
     if values.get("shorted"):
-        _words(painter, QRectF(0, 74, 190, 18), "wires together")
+        _draw_text(painter, QRectF(0, 74, 190, 18), "wires together")
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.drawArc(QRectF(78, 26, 34, 24), 20 * 16, 300 * 16)
 
 
-def _short_electrodes(painter: QPainter, _values: dict[str, float]) -> None:
-    _tactor(painter)
+def _draw_short_electrodes(painter: QPainter, _values: dict[str, float]) -> None:
+    _draw_tactor(painter)
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.setPen(QPen(QColor(MFC), 3))
     painter.drawArc(QRectF(72, 18, 46, 70), 0, 180 * 16)
-    _words(painter, QRectF(20, 0, 150, 20), "wires together")
+    _draw_text(painter, QRectF(20, 0, 150, 20), "wires together")
 
 
-def _membrane(painter: QPainter, values: dict[str, float]) -> None:
-    _tactor(painter, y=70)
+def _draw_membrane(painter: QPainter, values: dict[str, float]) -> None:
+    _draw_tactor(painter, y=70)
     painter.setPen(QPen(QColor(SKIN), 3))
     painter.drawLine(QPointF(20, 44), QPointF(170, 44))
     painter.drawLine(QPointF(95, 44), QPointF(95, 62))
     painter.setPen(QPen(QColor(INK), 1.5))
     elongation_mm = 1e3 * values.get("elongation_m", 0.0)
     if elongation_mm > 0:
-        _arrow(painter, QPointF(20, 34), QPointF(2, 34))
-        _arrow(painter, QPointF(170, 34), QPointF(188, 34))
-    _words(painter, QRectF(20, 8, 150, 20), f"stretch {elongation_mm:g} mm")
+        _draw_arrow(painter, QPointF(20, 34), QPointF(2, 34))
+        _draw_arrow(painter, QPointF(170, 34), QPointF(188, 34))
+    _draw_text(painter, QRectF(20, 8, 150, 20), f"stretch {elongation_mm:g} mm")
 
 
-def _no_membrane(painter: QPainter, _values: dict[str, float]) -> None:
-    _tactor(painter)
+def _draw_remove_membrane(painter: QPainter, _values: dict[str, float]) -> None:
+    _draw_tactor(painter)
     painter.setPen(QPen(QColor(SKIN), 3))
     painter.drawLine(QPointF(40, 20), QPointF(150, 20))
     painter.setPen(QPen(QColor(INK), 1.5))
-    _arrow(painter, QPointF(95, 40), QPointF(95, 24))
+    _draw_arrow(painter, QPointF(95, 40), QPointF(95, 24))
 
 
-def _hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
+def _draw_hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
     for x in (8, 160):
-        _fill(painter, METAL, QRectF(x, 30, 22, 24))
+        _copy_samples(painter, METAL, QRectF(x, 30, 22, 24))
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.setPen(QPen(QColor(SKIN), 3))
     painter.drawArc(QRectF(28, 6, 134, 60), 190 * 16, 160 * 16)
 
 
-def _place_reference(painter: QPainter, values: dict[str, float]) -> None:
+def _draw_place_reference(painter: QPainter, values: dict[str, float]) -> None:
     for x in (8, 160):
-        _fill(painter, METAL, QRectF(x, 30, 22, 24))
-    _fill(painter, "#d8dde2", QRectF(60, 60, 70, 14))
+        _copy_samples(painter, METAL, QRectF(x, 30, 22, 24))
+    _copy_samples(painter, "#d8dde2", QRectF(60, 60, 70, 14))
     painter.drawLine(QPointF(30, 42), QPointF(160, 42))
-    _arrow(painter, QPointF(95, 42), QPointF(95, 59))
-    _words(painter, QRectF(20, 6, 150, 20), f"{1e3 * values.get('reference_m', 0.0):.3f} mm deep")
+    _draw_arrow(painter, QPointF(95, 42), QPointF(95, 59))
+    _draw_text(painter, QRectF(20, 6, 150, 20), f"{1e3 * values.get('reference_m', 0.0):.3f} mm deep")
 
 
 DRAWINGS: dict[str, Callable[[QPainter, dict[str, float]], None]] = {
-    "place-weight": _place_weight,
-    "remove-weight": _remove_weight,
-    "fix-mass": _fix_mass,
-    "turn-side": _turn_side,
-    "short-electrodes": _short_electrodes,
-    "stretch-membrane": _membrane,
-    "remove-membrane": _no_membrane,
-    "place-reference": _place_reference,
-    "hang-membrane": _hang_membrane,
+    "place-weight": _draw_place_weight,
+    "remove-weight": _draw_remove_weight,
+    "fix-mass": _draw_fix_mass,
+    "turn-side": _draw_turn_side,
+    "short-electrodes": _draw_short_electrodes,
+    "stretch-membrane": _draw_membrane,
+    "remove-membrane": _draw_remove_membrane,
+    "place-reference": _draw_place_reference,
+    "hang-membrane": _draw_hang_membrane,
 }

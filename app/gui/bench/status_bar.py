@@ -4,13 +4,13 @@ from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QSizePolicy, QVBoxLayout, QWidget
 
-from app.common.formatting import duration
-from app.gui.bench.status_sign import Sign
+from app.common.formatting import format_duration
+from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.widgets.theme import LIGHT, Theme
-from app.session.state import BenchState, Instrument, Lamp, View
+from app.session.state import BenchState, InstrumentStatus, Lamp, WindowState
 
-SYMBOL = {
+STATE_SYMBOLS = {
     BenchState.CONNECTING: "dots",
     BenchState.IDLE: "open",
     BenchState.ARMING: "dots",
@@ -22,23 +22,23 @@ SYMBOL = {
     BenchState.UNSAFE: "danger",
     BenchState.NO_BENCH: "nothing",
 }
-LAMP_SYMBOL = {Lamp.WAITING: "dots", Lamp.READY: "tick", Lamp.DOUBTED: "question", Lamp.ABSENT: "cross"}
-USUAL = QSize(1280, 80)
+LAMP_SYMBOLS = {Lamp.WAITING: "dots", Lamp.READY: "tick", Lamp.SUSPECT: "question", Lamp.MISSING: "cross"}
+REFERENCE_SIZE = QSize(1280, 80)
 """A window's width, and a sign's height in it, that the style sheet's sizes are meant for."""
 
-STRIPED = (BenchState.LIVE, BenchState.UNSAFE)
+STRIPED_STATES = (BenchState.LIVE, BenchState.UNSAFE)
 
 
-class LampLabel(QWidget):
+class InstrumentLamp(QWidget):
     """One instrument: a lamp with a symbol in it, its role, and who it says it is, shortened where there is no room."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.instrument = Instrument("", "", Lamp.WAITING)
+        self.instrument = InstrumentStatus("", "", Lamp.WAITING)
         self._theme = LIGHT
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
 
-    def show_instrument(self, instrument: Instrument, theme: Theme) -> None:
+    def show_instrument(self, instrument: InstrumentStatus, theme: Theme) -> None:
         """Show an instrument."""
         self.instrument, self._theme = instrument, theme
         self.setToolTip(f"{instrument.role}: {instrument.identity}\n{instrument.lamp}")
@@ -46,7 +46,7 @@ class LampLabel(QWidget):
         self.update()
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Who it is; what is wrong where something is."""
         return self.instrument.identity if self.instrument.lamp is Lamp.READY else str(self.instrument.lamp)
 
@@ -59,12 +59,12 @@ class LampLabel(QWidget):
         side = self.fontMetrics().height() * 0.95
         lamp = QRectF(1, (self.height() - side) / 2, side, side)
         painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(QColor(self._theme.lamp(self.instrument.lamp)))
+        painter.setBrush(QColor(self._theme.lamp_color(self.instrument.lamp)))
         painter.drawEllipse(lamp)
         inset = side * 0.22
         painter.setPen(QColor("#101010" if self._theme.dark else "#ffffff"))
         painter.save()
-        SYMBOLS[LAMP_SYMBOL[self.instrument.lamp]](painter, lamp.adjusted(inset, inset, -inset, -inset))
+        SYMBOLS[LAMP_SYMBOLS[self.instrument.lamp]](painter, lamp.adjusted(inset, inset, -inset, -inset))
         painter.restore()
         left = lamp.right() + 6
         bold = self.font()
@@ -76,13 +76,13 @@ class LampLabel(QWidget):
         painter.drawText(QRectF(left, 0, self.width(), self.height()), flags, role)
         left += QFontMetricsF(bold).horizontalAdvance(role) + 6
         painter.setFont(self.font())
-        painter.setPen(QColor(self._theme.dim))
-        words = self.fontMetrics().elidedText(self.words, Qt.TextElideMode.ElideRight, max(int(self.width() - left), 0))
+        painter.setPen(QColor(self._theme.secondary_text))
+        words = self.fontMetrics().elidedText(self.text, Qt.TextElideMode.ElideRight, max(int(self.width() - left), 0))
         painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, words)
         painter.end()
 
 
-class BenchBar(QWidget):
+class BenchStatusBar(QWidget):
     """The top of the window, the same on every page."""
 
     stop_pressed = Signal()
@@ -91,28 +91,28 @@ class BenchBar(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme = theme
-        self._view: View | None = None
-        self.state = Sign(270)
-        self.volts = Sign(236)
-        self.task = Sign(200)
-        self.progress = QProgressBar()
-        self.progress.setRange(0, 1000)
-        self.progress.setTextVisible(False)
-        self.progress.setFixedHeight(12)
-        self.simulated = QLabel("SIMULATED")
-        self.simulated.setProperty("kind", "simulated")
-        self.simulated.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.simulated.setToolTip("No real instrument is connected: every number is computed.")
-        self.stop = QPushButton("STOP\nEsc or F12")
-        self.stop.setProperty("kind", "stop")
-        self.stop.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop.setToolTip("Go to rest and end the run: Esc or F12, at any moment")
-        self.stop.clicked.connect(self.stop_pressed)
-        self.pause = QPushButton("PAUSE\nF8")
-        self.pause.setProperty("kind", "pause")
-        self.pause.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.pause.clicked.connect(self.pause_pressed)
-        self.lamps: list[LampLabel] = []
+        self._state: WindowState | None = None
+        self.state_sign = StatusSign(270)
+        self.voltage_sign = StatusSign(236)
+        self.task_sign = StatusSign(200)
+        self.progress_bar = QProgressBar()
+        self.progress_bar.setRange(0, 1000)
+        self.progress_bar.setTextVisible(False)
+        self.progress_bar.setFixedHeight(12)
+        self.simulated_label = QLabel("SIMULATED")
+        self.simulated_label.setProperty("kind", "simulated")
+        self.simulated_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.simulated_label.setToolTip("No real instrument is connected: every number is computed.")
+        self.stop_button = QPushButton("STOP\nEsc or F12")
+        self.stop_button.setProperty("kind", "stop")
+        self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.stop_button.setToolTip("Go to rest and end the run: Esc or F12, at any moment")
+        self.stop_button.clicked.connect(self.stop_pressed)
+        self.pause_button = QPushButton("PAUSE\nF8")
+        self.pause_button.setProperty("kind", "pause")
+        self.pause_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.pause_button.clicked.connect(self.pause_pressed)
+        self.lamps: list[InstrumentLamp] = []
         self._lamp_row = QHBoxLayout()
         self._lamp_row.setSpacing(16)
         self._build()
@@ -122,32 +122,36 @@ class BenchBar(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
         run = QVBoxLayout()
         run.setSpacing(4)
-        run.addWidget(self.task, 1)
-        run.addWidget(self.progress)
+        run.addWidget(self.task_sign, 1)
+        run.addWidget(self.progress_bar)
         top = QHBoxLayout()
         top.setSpacing(18)
-        top.addWidget(self.state, 9)
-        top.addWidget(self.volts, 8)
+        top.addWidget(self.state_sign, 9)
+        top.addWidget(self.voltage_sign, 8)
         top.addLayout(run, 9)
-        for widget in (self.simulated, self.pause, self.stop):  # else their large writing would keep a window large
+        for widget in (
+            self.simulated_label,
+            self.pause_button,
+            self.stop_button,
+        ):  # else their large writing would keep a window large
             widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
             widget.setMinimumWidth(72)
-        top.addWidget(self.simulated)
-        top.addWidget(self.pause)
-        top.addWidget(self.stop)
+        top.addWidget(self.simulated_label)
+        top.addWidget(self.pause_button)
+        top.addWidget(self.stop_button)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(10, 8, 10, 4)
         layout.setSpacing(4)
         layout.addLayout(top)
         layout.addLayout(self._lamp_row)
 
-    def set_size(self, window: QSize) -> None:
+    def scale_to_window(self, window: QSize) -> None:
         """Signs grow with the window: who has a large screen stands further away."""
         height = min(max(window.height() // 9, 72), 130)
-        for widget in (self.state, self.volts, self.simulated, self.pause, self.stop):
+        for widget in (self.state_sign, self.voltage_sign, self.simulated_label, self.pause_button, self.stop_button):
             widget.setFixedHeight(height)
-        grown = max(min(height / USUAL.height(), window.width() / USUAL.width()), 1.0)
-        for button, points in ((self.simulated, 13), (self.pause, 11), (self.stop, 13)):
+        grown = max(min(height / REFERENCE_SIZE.height(), window.width() / REFERENCE_SIZE.width()), 1.0)
+        for button, points in ((self.simulated_label, 13), (self.pause_button, 11), (self.stop_button, 13)):
             words = f"font-size: {points * grown:.0f}pt"
             if button.styleSheet() != words:
                 button.setStyleSheet(words)
@@ -155,45 +159,49 @@ class BenchBar(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self._theme = theme
-        if self._view is not None:
-            view, self._view = self._view, None
-            self.show_view(view)
+        if self._state is not None:
+            view, self._state = self._state, None
+            self.set_state(view)
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Show the bench's part of a view."""
-        last, self._view = self._view, view
-        self.state.say(view.state.upper(), symbol=SYMBOL[view.state])
-        self.state.colour(*self._theme.state(view.state), striped=view.state in STRIPED)
-        self.volts.say(view.volts, view.volts_note)
-        self.volts.colour("", self._theme.bad if view.state is BenchState.UNSAFE else self._theme.text)
-        self.task.colour("", self._theme.text)
-        self.simulated.setVisible(view.simulated)
-        self.stop.setEnabled(view.busy)
-        self.pause.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pausing else "PAUSE\nF8")
-        self.pause.setToolTip(
+        last, self._state = self._state, view
+        self.state_sign.set_content(view.bench_state.upper(), symbol=STATE_SYMBOLS[view.bench_state])
+        self.state_sign.set_colors(
+            *self._theme.state_colors(view.bench_state), striped=view.bench_state in STRIPED_STATES
+        )
+        self.voltage_sign.set_content(view.voltage_text, view.voltage_note)
+        self.voltage_sign.set_colors(
+            "", self._theme.error if view.bench_state is BenchState.UNSAFE else self._theme.text
+        )
+        self.task_sign.set_colors("", self._theme.text)
+        self.simulated_label.setVisible(view.simulated)
+        self.stop_button.setEnabled(view.busy)
+        self.pause_button.setText("GO ON\nF8" if view.paused else "PAUSING" if view.pause_requested else "PAUSE\nF8")
+        self.pause_button.setToolTip(
             "Measure on, from the start of the interrupted entry: F8"
             if view.paused
             else "Go to rest and wait there; the present entry is measured again from its start: F8"
         )
-        self.pause.setEnabled(view.can_pause and not view.pausing)
+        self.pause_button.setEnabled(view.can_pause and not view.pause_requested)
         if last is None or last.instruments != view.instruments:
             self._show_lamps(view.instruments)
-        self.show_progress(0.0 if view.progress is None else view.progress.at_s)
+        self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s)
 
     def show_progress(self, streamed_s: float) -> None:
         """Count down between what the runner tells."""
-        view = self._view
+        view = self._state
         if view is None:
             return
         progress, fraction = view.progress, 0.0
         flagged = f", {view.unusable} not usable" if view.unusable else ""
         if progress is None:
             ended = "no run yet" if view.outcome is None else str(view.outcome.status)
-            title, note = view.bench, ended if view.connected else ""
+            title, note = view.bench_name, ended if view.connected else ""
         elif view.busy:
             fraction = progress.fraction_at(streamed_s)
             title = f"{progress.title} · {progress.label}" if progress.label else progress.title
-            left = duration(progress.left_at(streamed_s))
+            left = format_duration(progress.remaining_at(streamed_s))
             note = (
                 f"{progress.done} of {progress.entries} points{flagged}, {left} left" if progress.entries else "begins"
             )
@@ -201,15 +209,15 @@ class BenchBar(QWidget):
             ended = f"{view.outcome.status}, " if view.outcome is not None else ""
             fraction = progress.done / max(progress.entries, 1)
             title, note = progress.title, f"{ended}{progress.done} of {progress.entries} points{flagged}"
-        self.task.say(title, note)
-        self.progress.setValue(round(1000 * fraction))
+        self.task_sign.set_content(title, note)
+        self.progress_bar.setValue(round(1000 * fraction))
 
-    def _show_lamps(self, instruments: tuple[Instrument, ...]) -> None:
+    def _show_lamps(self, instruments: tuple[InstrumentStatus, ...]) -> None:
         while len(self.lamps) < len(instruments):
-            self.lamps.append(LampLabel(self))
+            self.lamps.append(InstrumentLamp(self))
             self._lamp_row.addWidget(self.lamps[-1])
         for at, label in enumerate(self.lamps):
             label.setVisible(at < len(instruments))
             if at < len(instruments):
                 label.show_instrument(instruments[at], self._theme)
-                self._lamp_row.setStretch(at, 6 + len(instruments[at].role) + len(label.words))
+                self._lamp_row.setStretch(at, 6 + len(instruments[at].role) + len(label.text))

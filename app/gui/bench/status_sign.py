@@ -11,33 +11,33 @@ NOTE_SHARE = 0.30
 """Of the sign's height."""
 
 
-class Sign(QWidget):
+class StatusSign(QWidget):
     """Paints words in the largest type that fits; on two lines where that is larger."""
 
     def __init__(self, width: int, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._words, self._note, self._symbol = "", "", ""
-        self._ground, self._ink = "#808080", "#ffffff"
+        self._text, self._note, self._symbol = "", "", ""
+        self._background, self._foreground = "#808080", "#ffffff"
         self._striped = False
         self._width = width
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
 
-    def say(self, words: str, note: str = "", symbol: str = "") -> None:
+    def set_content(self, text: str, note: str = "", symbol: str = "") -> None:
         """What shall be read."""
-        if (words, note, symbol) != (self._words, self._note, self._symbol):
-            self._words, self._note, self._symbol = words, note, symbol
-            self.setAccessibleName(f"{words} {note}".strip())
+        if (text, note, symbol) != (self._text, self._note, self._symbol):
+            self._text, self._note, self._symbol = text, note, symbol
+            self.setAccessibleName(f"{text} {note}".strip())
             self.update()
 
-    def colour(self, ground: str, ink: str, striped: bool = False) -> None:
+    def set_colors(self, background: str, foreground: str, striped: bool = False) -> None:
         """Ground ("" for none) and writing; `striped` paints the warning stripes of live machinery at both ends."""
-        if (ground, ink, striped) != (self._ground, self._ink, self._striped):
-            self._ground, self._ink, self._striped = ground, ink, striped
+        if (background, foreground, striped) != (self._background, self._foreground, self._striped):
+            self._background, self._foreground, self._striped = background, foreground, striped
             self.update()
 
     @property
-    def words(self) -> str:
-        return self._words
+    def text(self) -> str:
+        return self._text
 
     @property
     def note(self) -> str:
@@ -53,15 +53,15 @@ class Sign(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         area = QRectF(self.rect())
-        if self._ground:
+        if self._background:
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(self._ground))
+            painter.setBrush(QColor(self._background))
             painter.drawRoundedRect(area, 6, 6)
             area = area.adjusted(10, 6, -10, -6)
         if self._striped:
-            self._stripes(painter)
+            self._draw_stripes(painter)
             area = area.adjusted(12, 0, -12, 0)
-        painter.setPen(QColor(self._ink))
+        painter.setPen(QColor(self._foreground))
         if self._symbol:
             side = min(area.height() * 0.72, area.width() * 0.22)
             box = QRectF(area.left(), area.center().y() - side / 2, side, side)
@@ -73,20 +73,20 @@ class Sign(QWidget):
             note = QRectF(
                 area.left(), area.bottom() - NOTE_SHARE * area.height(), area.width(), NOTE_SHARE * area.height()
             )
-            self._write(painter, note, self._note, bold=False, most=26)
+            self._draw_text(painter, note, self._note, bold=False, max_px=26)
             area = area.adjusted(0, 0, 0, -note.height())
-        self._write(painter, area, self._words, bold=True, most=LARGEST_PX)
+        self._draw_text(painter, area, self._text, bold=True, max_px=LARGEST_PX)
         painter.end()
 
-    def _write(self, painter: QPainter, area: QRectF, words: str, *, bold: bool, most: int) -> None:
-        lines, font = _fit(self.font(), words, area, bold, most)
+    def _draw_text(self, painter: QPainter, area: QRectF, text: str, *, bold: bool, max_px: int) -> None:
+        lines, font = _fit_text(self.font(), text, area, bold, max_px)
         painter.setFont(font)
         flags = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
         painter.drawText(area, int(flags), "\n".join(lines))
 
-    def _stripes(self, painter: QPainter) -> None:
+    def _draw_stripes(self, painter: QPainter) -> None:
         painter.save()
-        painter.setPen(QPen(QColor(self._ink), 6))
+        painter.setPen(QPen(QColor(self._foreground), 6))
         height = self.height()
         for left in (0, self.width() - 14):
             painter.setClipRect(QRectF(left, 0, 14, height))
@@ -95,34 +95,34 @@ class Sign(QWidget):
         painter.restore()
 
 
-def _fit(font: QFont, words: str, area: QRectF, bold: bool, most: int) -> tuple[list[str], QFont]:
+def _fit_text(font: QFont, text: str, area: QRectF, bold: bool, max_px: int) -> tuple[list[str], QFont]:
     """Lines and font: the largest type in which the words fit on one line, or on two."""
-    parts = words.split()
+    parts = text.split()
     halves = [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
-    one, two = [words], min(halves, key=lambda lines: max(map(len, lines)), default=[words])
-    px, px_of_two = (_largest(font, lines, area, bold, most) for lines in (one, two))
+    one, two = [text], min(halves, key=lambda lines: max(map(len, lines)), default=[text])
+    px, px_of_two = (_largest_font_px(font, lines, area, bold, max_px) for lines in (one, two))
     if px_of_two > px + 2:
         px, one = px_of_two, two
-    return one, _sized(font, max(px, SMALLEST_PX), bold)
+    return one, _font_of_size(font, max(px, SMALLEST_PX), bold)
 
 
-def _largest(font: QFont, lines: list[str], area: QRectF, bold: bool, most: int) -> int:
+def _largest_font_px(font: QFont, lines: list[str], area: QRectF, bold: bool, max_px: int) -> int:
     """In pixels; 0 where nothing fits. Type grows almost evenly with its size: one look tells nearly where to end."""
 
     def scale(px: int) -> float:
-        metrics = QFontMetricsF(_sized(font, px, bold))
+        metrics = QFontMetricsF(_font_of_size(font, px, bold))
         wide = max(metrics.horizontalAdvance(line) for line in lines)
         return min(area.width() / max(wide, 1e-9), 1.06 * area.height() / (metrics.lineSpacing() * len(lines)))
 
-    if (room := scale(most)) >= 1.0:
-        return most
-    px = int(most * max(room, 0.0)) + 1
+    if (room := scale(max_px)) >= 1.0:
+        return max_px
+    px = int(max_px * max(room, 0.0)) + 1
     while px > 0 and scale(px) < 1.0:
         px -= 1
     return px
 
 
-def _sized(font: QFont, px: int, bold: bool) -> QFont:
+def _font_of_size(font: QFont, px: int, bold: bool) -> QFont:
     sized = QFont(font)
     sized.setPixelSize(max(px, 1))
     sized.setBold(bold)

@@ -30,7 +30,7 @@ def _rest(painter: QPainter, box: QRectF) -> None:
     painter.drawPolyline(_polygon(box, (0.12, 0.52), (0.4, 0.8), (0.9, 0.2)))
 
 
-def _down(painter: QPainter, box: QRectF) -> None:
+def _arrow_down(painter: QPainter, box: QRectF) -> None:
     _pen(painter, box)
     painter.drawPolyline(_polygon(box, (0.5, 0.05), (0.5, 0.7)))
     painter.drawPolyline(_polygon(box, (0.22, 0.44), (0.5, 0.72), (0.78, 0.44)))
@@ -103,7 +103,7 @@ SYMBOLS: dict[str, Draw] = {
     "bolt": _bolt,
     "rest": _rest,
     "pause": _pause,
-    "down": _down,
+    "down": _arrow_down,
     "danger": _danger,
     "nothing": _nothing,
     "dots": _dots,

@@ -23,53 +23,53 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.campaign.details import CampaignSide
+from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots.live_pane import LivePane
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import HERE, bind
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
-from app.session.state import View
+from app.session.state import WindowState
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.registry import PROTOCOLS
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QShortcut
 
-    from app.campaign.presentation import Step
-    from app.campaign.summary import Known, Row, Sheet
+    from app.campaign.presentation import NextStep
+    from app.campaign.summary import CampaignEstimates, CampaignSummary, ItemSummary
 
 
-WORDS = {
+ACTION_BUTTON_LABELS = {
     "accept": "Accept   (Enter)",
     "reject": "Reject   (X)",
     "run": "Run   (F5)",
     "run without hands": "Run what needs no hands   (Ctrl+F5)",
     "halt the queue": "Only this one   (Ctrl+F5)",
 }
-"""Of the buttons, by what they do (`app.campaign.presentation.Do`)."""
+"""Of the buttons, by what they do (`app.campaign.presentation.CampaignAction`)."""
 
 
-class StepPane(QFrame):
+class NextStepPane(QFrame):
     """Shows one step."""
 
     pressed = Signal(str)
 
     def __init__(self) -> None:
         super().__init__()
-        mark(self, "panel")
-        self.heading, self.why, self.detail = QLabel(), QLabel(), QLabel()
-        mark(self.heading, "step")
-        mark(self.why, "step-why")
-        mark(self.detail, "step-detail")
+        set_style_kind(self, "panel")
+        self.heading, self.reason, self.detail = QLabel(), QLabel(), QLabel()
+        set_style_kind(self.heading, "step")
+        set_style_kind(self.reason, "step-why")
+        set_style_kind(self.detail, "step-detail")
         text = QVBoxLayout()
         text.setSpacing(4)
-        for label in (self.heading, self.why, self.detail):
+        for label in (self.heading, self.reason, self.detail):
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setWordWrap(True)
             text.addWidget(label)
         text.addStretch()
-        self.buttons = {what: QPushButton(words) for what, words in WORDS.items()}
+        self.buttons = {what: QPushButton(words) for what, words in ACTION_BUTTON_LABELS.items()}
         column = QVBoxLayout()
         column.setSpacing(6)
         for what, button in self.buttons.items():
@@ -83,25 +83,25 @@ class StepPane(QFrame):
         layout.addLayout(text, 1)
         layout.addLayout(column)
 
-    def show_step(self, step: Step, why_not: str) -> None:
+    def show_step(self, step: NextStep, blocked_reason: str) -> None:
         """Show a step; `why_not` tells why no run may begin now, and is empty where one may."""
         self.heading.setText(step.heading)
-        self.why.setText(step.why)
+        self.reason.setText(step.reason)
         self.detail.setText(step.detail)
-        for label in (self.why, self.detail):
+        for label in (self.reason, self.detail):
             label.setVisible(bool(label.text()))
         for what, button in self.buttons.items():
-            button.setVisible(what in step.does)
-            first = bool(step.does) and what == step.does[0]
-            mark(button, "go" if first else "")
+            button.setVisible(what in step.actions)
+            first = bool(step.actions) and what == step.actions[0]
+            set_style_kind(button, "go" if first else "")
             runs = what.startswith("run")
             if what == "run":
-                button.setText(WORDS[what] if first else "Run the next   (F5)")
-            button.setEnabled(not (runs and why_not))
-            button.setToolTip(f"Cannot run: {why_not}" if runs and why_not else "")
+                button.setText(ACTION_BUTTON_LABELS[what] if first else "Run the next   (F5)")
+            button.setEnabled(not (runs and blocked_reason))
+            button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 
 
-class CampaignHead(QWidget):
+class CampaignHeader(QWidget):
     """A line of words, a bar, and below it what could not be done."""
 
     another_pressed = Signal()
@@ -109,11 +109,11 @@ class CampaignHead(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name, self.progress, self.said = QLabel(), QLabel(), QLabel()
-        mark(self.name, "heading")
-        mark(self.said, "fault")
-        self.said.setWordWrap(True)
-        self.said.hide()
+        self.name_label, self.progress_label, self.message_label = QLabel(), QLabel(), QLabel()
+        set_style_kind(self.name_label, "heading")
+        set_style_kind(self.message_label, "fault")
+        self.message_label.setWordWrap(True)
+        self.message_label.hide()
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
         self.bar.setTextVisible(False)
@@ -121,8 +121,8 @@ class CampaignHead(QWidget):
         another, other = QPushButton("New …   (Ctrl+N)"), QPushButton("Open …   (Ctrl+O)")
         row = QHBoxLayout()
         row.setSpacing(12)
-        row.addWidget(self.name)
-        row.addWidget(self.progress)
+        row.addWidget(self.name_label)
+        row.addWidget(self.progress_label)
         row.addWidget(self.bar, 1)
         for button, signal in ((another, self.another_pressed), (other, self.open_pressed)):
             button.setProperty("kind", "choice")
@@ -132,105 +132,114 @@ class CampaignHead(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(4)
         layout.addLayout(row)
-        layout.addWidget(self.said)
+        layout.addWidget(self.message_label)
 
-    def show_progress(self, sheet: Sheet, running: str, view: View, streamed_s: float) -> None:
+    def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
         """How far campaign and present run are."""
-        from app.campaign.presentation import progress_words  # HDF5 comes with it; a thread beside has imported it
+        from app.campaign.presentation import format_progress  # HDF5 comes with it; a thread beside has imported it
 
-        self.name.setText(f"Campaign of {sheet.specimen}")
-        self.name.setToolTip(str(sheet.path))
-        progress = view.progress if running and view.busy else None
-        left_s = progress.left_at(streamed_s) if progress is not None else 0.0
-        self.progress.setText(progress_words(sheet, running, left_s))
+        self.name_label.setText(f"Campaign of {summary.specimen}")
+        self.name_label.setToolTip(str(summary.path))
+        progress = state.progress if running and state.busy else None
+        left_s = progress.remaining_at(streamed_s) if progress is not None else 0.0
+        self.progress_label.setText(format_progress(summary, running, left_s))
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
-        self.bar.setValue(round(1000 * (sheet.done + share) / max(sheet.wanted, 1)))
+        self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
 
-    def say(self, words: str) -> None:
+    def show_message(self, text: str) -> None:
         """Why something was not done."""
-        self.said.setText(words)
-        self.said.setVisible(bool(words))
+        self.message_label.setText(text)
+        self.message_label.setVisible(bool(text))
 
 
 class CampaignBoard(QWidget):
     """Shows; what a person wants is told as signals."""
 
-    wanted = Signal(str, str)
-    """What shall be done (a word of `campaign_side.BUTTONS` or `campaign_step.Do`), and with which item ("": none)."""
-    moved = Signal(str, str)
+    action_requested = Signal(str, str)
+    """What shall be done (a word of `campaign_side.BUTTONS` or `campaign_step.CampaignAction`), and with which item ("": none)."""
+    item_moved = Signal(str, str)
 
     def __init__(self, live: LivePane, theme: Theme) -> None:
         super().__init__()
-        self.sheet: Sheet | None = None
-        self.step: Step | None = None
-        self._known: Known | None = None
+        self.summary: CampaignSummary | None = None
+        self.step: NextStep | None = None
+        self._estimates: CampaignEstimates | None = None
         self._busy = False
-        self.head, self.pane = CampaignHead(), StepPane()
-        self.list, self.side, self.live = CampaignList(theme), CampaignSide(), live
-        self.beside = QStackedWidget()
-        self.beside.addWidget(self.side)
-        self.beside.addWidget(self.live)
+        self.header, self.step_pane = CampaignHeader(), NextStepPane()
+        self.item_list, self.details, self.live_pane = CampaignList(theme), ItemDetailsPane(), live
+        self.side_stack = QStackedWidget()
+        self.side_stack.addWidget(self.details)
+        self.side_stack.addWidget(self.live_pane)
         columns = QSplitter()
-        columns.addWidget(self.list)
-        columns.addWidget(self.beside)
+        columns.addWidget(self.item_list)
+        columns.addWidget(self.side_stack)
         columns.setSizes([520, 700])
         columns.setObjectName("campaign/columns")
-        self.live.setObjectName("campaign/rows")
+        self.live_pane.setObjectName("campaign/rows")
         columns.setChildrenCollapsible(False)
-        self.list.setMinimumWidth(330)
+        self.item_list.setMinimumWidth(330)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 4, 0, 0)
         layout.setSpacing(8)
-        layout.addWidget(self.head)
-        layout.addWidget(self.pane)
+        layout.addWidget(self.header)
+        layout.addWidget(self.step_pane)
         layout.addWidget(columns, 1)
-        self.list.moved.connect(self.moved)
-        self.list.chosen_changed.connect(self._show_side)
-        self.list.entered_key.connect(lambda: self._want("accept"))
-        self.side.pressed.connect(self._want)
-        self.pane.pressed.connect(self._answer)
-        self.keys = self._bind()
+        self.item_list.item_moved.connect(self.item_moved)
+        self.item_list.selected_item_changed.connect(self._show_details)
+        self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
+        self.details.pressed.connect(self._request_action)
+        self.step_pane.pressed.connect(self._on_step_action)
+        self.keys = self._bind_keys()
 
-    def show_sheet(self, sheet: Sheet, known: Known | None, view: View, running: str, queue: bool) -> None:
+    def show_summary(
+        self,
+        summary: CampaignSummary,
+        estimates: CampaignEstimates | None,
+        state: WindowState,
+        running: str,
+        queue: bool,
+    ) -> None:
         """Show how everything stands."""
-        from app.campaign.presentation import step_of  # HDF5 comes with it; by now a thread beside has imported it
+        from app.campaign.presentation import next_step  # HDF5 comes with it; by now a thread beside has imported it
 
-        about = self.step.about if self.step is not None else ""
-        self.sheet, self._known, self._busy = sheet, known, view.busy
-        self.step = step_of(sheet, running, view.busy, queue)
-        self.pane.show_step(self.step, "" if view.busy else view.why_not)
-        self.list.show_sheet(sheet, running)
-        if self.step.about and self.step.about != about:
-            self.list.choose(self.step.about)
-        row = sheet.row(running)
-        self.live.show_view(view, PROTOCOLS.get(row.line.item.protocol, SineDwell) if row is not None else SineDwell)
-        self.beside.setCurrentWidget(self.live if view.busy else self.side)
+        about = self.step.item_name if self.step is not None else ""
+        self.summary, self._estimates, self._busy = summary, estimates, state.busy
+        self.step = next_step(summary, running, state.busy, queue)
+        self.step_pane.show_step(self.step, "" if state.busy else state.blocked_reason)
+        self.item_list.show_summary(summary, running)
+        if self.step.item_name and self.step.item_name != about:
+            self.item_list.select_item(self.step.item_name)
+        row = summary.item(running)
+        self.live_pane.set_state(
+            state, PROTOCOLS.get(row.state.item.protocol, SineDwell) if row is not None else SineDwell
+        )
+        self.side_stack.setCurrentWidget(self.live_pane if state.busy else self.details)
         for key in self.keys:
-            key.setEnabled(not view.busy)  # an answer to a prompt may have the same letter
-        self._show_side()
+            key.setEnabled(not state.busy)  # an answer to a prompt may have the same letter
+        self._show_details()
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        self.list.set_theme(theme)
-        self.live.set_theme(theme)
+        self.item_list.set_theme(theme)
+        self.live_pane.set_theme(theme)
 
     @property
-    def chosen(self) -> Row | None:
-        return self.sheet.row(self.list.chosen) if self.sheet is not None else None
+    def selected_item(self) -> ItemSummary | None:
+        return self.summary.item(self.item_list.selected_item) if self.summary is not None else None
 
-    def _show_side(self) -> None:
-        if self.sheet is not None:
-            self.side.show_row(self.chosen, self._known, self.sheet.specimen, self._busy)
+    def _show_details(self) -> None:
+        if self.summary is not None:
+            self.details.show_item(self.selected_item, self._estimates, self.summary.specimen, self._busy)
 
-    def _want(self, what: str) -> None:
-        self.wanted.emit(what, self.list.chosen)
+    def _request_action(self, action: str) -> None:
+        self.action_requested.emit(action, self.item_list.selected_item)
 
-    def _answer(self, what: str) -> None:
+    def _on_step_action(self, action: str) -> None:
         """A button of the step: what is accepted or rejected is what it asks about, and what runs is what comes next."""
-        about = self.step.about if self.step is not None and what in ("accept", "reject") else ""
-        self.wanted.emit(what, about)
+        about = self.step.item_name if self.step is not None and action in ("accept", "reject") else ""
+        self.action_requested.emit(action, about)
 
-    def _bind(self) -> list[QShortcut]:
+    def _bind_keys(self) -> list[QShortcut]:
         return [
             key
             for words, what, name in (
@@ -241,12 +250,14 @@ class CampaignBoard(QWidget):
                 ("Reject what the chosen one found", "reject", "X"),
                 ("Open the run of the chosen one", "open", "O"),
             )
-            for key in bind(self, words, partial(self._want, what), name, context=HERE)
+            for key in bind_keys(self, words, partial(self._request_action, what), name, context=PAGE_CONTEXT)
         ] + [
             key
             for words, by, name in (
                 ("Move the chosen one up", -1, "Alt+Up"),
                 ("Move the chosen one down", 1, "Alt+Down"),
             )
-            for key in bind(self, words, partial(self.list.step, by), name, context=HERE, repeats=True)
+            for key in bind_keys(
+                self, words, partial(self.item_list.move_selected, by), name, context=PAGE_CONTEXT, repeats=True
+            )
         ]

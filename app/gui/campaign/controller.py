@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from app.gui.widgets.background import Jobs
+from app.gui.widgets.background import BackgroundWorker
 from app.session.session import SessionEvent
 
 if TYPE_CHECKING:  # run files and numerics are imported where they are used: in the threads beside the window
     from app.campaign.campaign import Campaign
-    from app.campaign.queue import Conductor, Order
-    from app.campaign.summary import Known, Sheet
+    from app.campaign.queue import CampaignRunner, ItemRunRequest
+    from app.campaign.summary import CampaignEstimates, CampaignSummary
     from drivers.bench.bench import Bench
     from model.amplifier_map import AmplifierMap
 
-MOST_RECENT = 8
+MAX_RECENT = 8
 
-Opened = tuple["Campaign", "Conductor", int]
+OpenedCampaign = tuple["Campaign", "CampaignRunner", int]
 """A campaign, who carries it out, and when its file was last changed."""
 
 
-class CampaignDesk(QObject):
+class CampaignController(QObject):
     """Opens, changes and carries on one campaign.
 
     Args:
@@ -33,102 +33,102 @@ class CampaignDesk(QObject):
     """
 
     changed = Signal()
-    """`sheet`, `known` or `offered` are others."""
-    said = Signal(str)
+    """`sheet`, `known` or `available` are others."""
+    message = Signal(str)
     """Why something was not done."""
-    ordered = Signal(object)
-    """An `Order` that the session shall carry out now."""
+    run_requested = Signal(object)
+    """An `ItemRunRequest` that the session shall carry out now."""
 
     def __init__(
         self, bench: Callable[[], Bench | None], amplifier: AmplifierMap, parent: QObject | None = None
     ) -> None:
         super().__init__(parent)
         self._bench, self._amplifier = bench, amplifier
-        self._jobs, self._fits = Jobs("campaign", self), Jobs("campaign fit", self)
+        self._file_worker, self._fit_worker = BackgroundWorker("campaign", self), BackgroundWorker("campaign fit", self)
         self._campaign: Campaign | None = None
-        self._conductor: Conductor | None = None
+        self._runner: CampaignRunner | None = None
         self._stamp = 0
-        self._told: tuple[Path, ...] | None = None
+        self._fitted_runs: tuple[Path, ...] | None = None
         """The runs that `known` was made from."""
-        self.sheet: Sheet | None = None
-        self.known: Known | None = None
-        self.offered: tuple[Path, ...] = ()
+        self.summary: CampaignSummary | None = None
+        self.estimates: CampaignEstimates | None = None
+        self.available: tuple[Path, ...] = ()
         """Campaigns that could be opened, the likeliest first."""
         self.recent: list[Path] = []
-        self.running = ""
+        self.running_item = ""
         """The item whose run was begun here and goes on."""
-        self.writing: Path | None = None
+        self.active_file: Path | None = None
         """The run file that this program is writing."""
-        self.queue = False
+        self.queue_active = False
         """Whether what needs no hands follows by itself."""
 
     @property
-    def working(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether something is not back yet."""
-        return bool(self._jobs.waiting or self._fits.waiting)
+        return bool(self._file_worker.pending or self._fit_worker.pending)
 
-    def hear(self, event: SessionEvent) -> None:
+    def observe(self, event: SessionEvent) -> None:
         """Called in the bench thread with every event."""
-        if (conductor := self._conductor) is not None:
+        if (conductor := self._runner) is not None:
             conductor(event)
 
     # -- which campaign ------------------------------------------------------------------------------------------------
 
-    def offer(self, folder: Path) -> None:
+    def find_campaigns(self, folder: Path) -> None:
         """Look what could be opened: what was open last, and what lies in the folder."""
 
         def find() -> tuple[Path, ...]:
-            from app.campaign.plan import campaigns_in
+            from app.campaign.plan import list_campaigns
 
-            found = [path for path in self.recent if path.is_file()] + campaigns_in(folder)
+            found = [path for path in self.recent if path.is_file()] + list_campaigns(folder)
             return tuple(dict.fromkeys(path.absolute() for path in found))
 
-        self._jobs.do(find, self._offered, self._failed)
+        self._file_worker.submit(find, self._on_campaigns_found, self._on_error)
 
-    def new(self, folder: Path, specimen: str, simulated: bool) -> None:
+    def create(self, folder: Path, specimen: str, simulated: bool) -> None:
         """Begin a campaign: the paper's measurements in their order."""
 
-        def begin() -> Opened:
+        def begin() -> OpenedCampaign:
             from app.campaign.campaign import Campaign
 
-            return _opened(Campaign.new(folder, specimen, simulated))
+            return _open_result(Campaign.create(folder, specimen, simulated))
 
-        self._jobs.do(begin, self._opened, self._failed)
+        self._file_worker.submit(begin, self._on_opened, self._on_error)
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""
-        writing = self.writing
+        writing = self.active_file
 
-        def read() -> Opened:
+        def read() -> OpenedCampaign:
             from app.campaign.campaign import Campaign
 
-            campaign = Campaign.at(path)
+            campaign = Campaign.open_file(path)
             if writing is not None:
-                campaign.leave(writing)
-            return _opened(campaign)
+                campaign.ignore_active_run(writing)
+            return _open_result(campaign)
 
-        self._jobs.do(read, self._opened, self._failed)
+        self._file_worker.submit(read, self._on_opened, self._on_error)
 
     # -- what a person changes -----------------------------------------------------------------------------------------
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Read anew how everything stands."""
-        self.change(lambda _: None)
+        self.modify(lambda _: None)
 
-    def change(self, do: Callable[[Campaign], object]) -> None:
+    def modify(self, action: Callable[[Campaign], object]) -> None:
         """Change the campaign, and read how it stands then."""
         if self._campaign is None:
             return
 
-        def work() -> Sheet:
-            from app.campaign.summary import sheet_of
+        def work() -> CampaignSummary:
+            from app.campaign.summary import summarize_campaign
 
-            campaign = self._fresh()
-            do(campaign)
+            campaign = self._current_campaign()
+            action(campaign)
             self._stamp = campaign.path.stat().st_mtime_ns
-            return sheet_of(campaign, self._bench())
+            return summarize_campaign(campaign, self._bench())
 
-        self._jobs.do(work, self._read, self._failed)
+        self._file_worker.submit(work, self._on_summary, self._on_error)
 
     # -- runs ----------------------------------------------------------------------------------------------------------
 
@@ -137,112 +137,112 @@ class CampaignDesk(QObject):
         if self._campaign is None:
             return
 
-        def work() -> Order:
-            from app.campaign.queue import first, of_this_bench
+        def work() -> ItemRunRequest:
+            from app.campaign.queue import check_bench_kind, first_item
 
-            campaign = self._fresh()
-            of_this_bench(campaign, simulated)
-            assert self._conductor is not None
-            return self._conductor.order(first(campaign, name, hands_free))
+            campaign = self._current_campaign()
+            check_bench_kind(campaign, simulated)
+            assert self._runner is not None
+            return self._runner.prepare(first_item(campaign, name, hands_free))
 
-        self.queue = hands_free
-        self._jobs.do(work, self.ordered.emit, self._failed)
+        self.queue_active = hands_free
+        self._file_worker.submit(work, self.run_requested.emit, self._on_error)
 
-    def begun(self, order: Order) -> Conductor:
+    def accept_run(self, request: ItemRunRequest) -> CampaignRunner:
         """The session takes an order; the conductor that gives it."""
-        assert self._conductor is not None
-        self.running = order.line.item.name
+        assert self._runner is not None
+        self.running_item = request.state.item.name
         self.changed.emit()
-        return self._conductor
+        return self._runner
 
-    def halt(self) -> None:
+    def halt_queue(self) -> None:
         """What goes on is the last one of the queue."""
-        self.queue = False
+        self.queue_active = False
         self.changed.emit()
 
-    def ended(self, well: bool) -> None:
-        """No run goes on any more; `well` where it was completed."""
-        before, self.running = self.running, ""
-        self.queue = self.queue and well and bool(before)
-        self.look()
-        if self.queue:
-            self._go_on(before)
+    def run_ended(self, completed: bool) -> None:
+        """No run goes on any more; `completed` where it was completed."""
+        before, self.running_item = self.running_item, ""
+        self.queue_active = self.queue_active and completed and bool(before)
+        self.refresh()
+        if self.queue_active:
+            self._continue_queue(before)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self._jobs.close()
-        self._fits.close()
+        self._file_worker.close()
+        self._fit_worker.close()
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _go_on(self, before: str) -> None:
-        def work() -> Order | None:
-            from app.campaign.queue import following
+    def _continue_queue(self, previous: str) -> None:
+        def work() -> ItemRunRequest | None:
+            from app.campaign.queue import next_item_after
 
-            campaign = self._fresh()
-            line = following(campaign, campaign.line(before), hands_free=True)
-            assert self._conductor is not None
-            return None if line is None else self._conductor.order(line)
+            campaign = self._current_campaign()
+            line = next_item_after(campaign, campaign.item_state(previous), hands_free=True)
+            assert self._runner is not None
+            return None if line is None else self._runner.prepare(line)
 
-        self._jobs.do(work, self._next, self._failed)
+        self._file_worker.submit(work, self._on_next_request, self._on_error)
 
-    def _next(self, order: Order | None) -> None:
-        if order is not None and self.queue:
-            self.ordered.emit(order)
+    def _on_next_request(self, request: ItemRunRequest | None) -> None:
+        if request is not None and self.queue_active:
+            self.run_requested.emit(request)
         else:
-            self.halt()
+            self.halt_queue()
 
-    def _fresh(self) -> Campaign:
+    def _current_campaign(self) -> Campaign:
         """The campaign; read anew where another program has changed its file."""
         campaign = self._campaign
         assert campaign is not None
-        if not self.running and campaign.path.stat().st_mtime_ns != self._stamp:
+        if not self.running_item and campaign.path.stat().st_mtime_ns != self._stamp:
             from app.campaign.campaign import Campaign
-            from app.campaign.queue import Conductor
+            from app.campaign.queue import CampaignRunner
 
-            campaign = Campaign.at(campaign.path)
-            self._campaign, self._conductor = campaign, Conductor(campaign)
+            campaign = Campaign.open_file(campaign.path)
+            self._campaign, self._runner = campaign, CampaignRunner(campaign)
         return campaign
 
-    def _opened(self, opened: Opened) -> None:
-        campaign, self._conductor, self._stamp = opened
+    def _on_opened(self, opened: OpenedCampaign) -> None:
+        campaign, self._runner, self._stamp = opened
         self._campaign = campaign
-        self.known = self._told = None
+        self.estimates = self._fitted_runs = None
         path = campaign.path.absolute()
-        self.recent = [path, *(other for other in self.recent if other != path)][:MOST_RECENT]
-        self.look()
+        self.recent = [path, *(other for other in self.recent if other != path)][:MAX_RECENT]
+        self.refresh()
 
-    def _read(self, sheet: Sheet) -> None:
-        self.sheet = sheet
+    def _on_summary(self, summary: CampaignSummary) -> None:
+        self.summary = summary
         self.changed.emit()
         campaign = self._campaign
-        runs = tuple(row.line.run for row in sheet.rows if row.line.run is not None and row.line.estimates)
-        if campaign is None or runs == self._told:
+        runs = tuple(row.state.run for row in summary.items if row.state.run is not None and row.state.estimates)
+        if campaign is None or runs == self._fitted_runs:
             return
-        self._told = runs
+        self._fitted_runs = runs
 
-        def fit() -> Known:
-            from app.campaign.summary import known_of
+        def fit() -> CampaignEstimates:
+            from app.campaign.summary import estimate_campaign
 
-            return known_of(campaign, self._amplifier)
+            return estimate_campaign(campaign, self._amplifier)
 
-        self._fits.do(fit, self._knows, self._failed)
+        self._fit_worker.submit(fit, self._on_estimates, self._on_error)
 
-    def _knows(self, known: Known) -> None:
-        self.known = known
+    def _on_estimates(self, estimates: CampaignEstimates) -> None:
+        self.estimates = estimates
         self.changed.emit()
 
-    def _offered(self, paths: tuple[Path, ...]) -> None:
-        self.offered = paths
+    def _on_campaigns_found(self, paths: tuple[Path, ...]) -> None:
+        self.available = paths
         self.changed.emit()
 
-    def _failed(self, error: Exception) -> None:
-        self.queue = False
-        self.said.emit(str(error))
+    def _on_error(self, error: Exception) -> None:
+        self.queue_active = False
+        self.message.emit(str(error))
         self.changed.emit()
 
 
-def _opened(campaign: Campaign) -> Opened:
-    from app.campaign.queue import Conductor
+def _open_result(campaign: Campaign) -> OpenedCampaign:
+    from app.campaign.queue import CampaignRunner
 
-    return campaign, Conductor(campaign), campaign.path.stat().st_mtime_ns
+    return campaign, CampaignRunner(campaign), campaign.path.stat().st_mtime_ns

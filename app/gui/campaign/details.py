@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
 
-from app.gui.widgets.form import mark
+from app.gui.widgets.form import set_style_kind
 
 if TYPE_CHECKING:
-    from app.campaign.summary import Known, Row
+    from app.campaign.summary import CampaignEstimates, ItemSummary
 
 BUTTONS = {
     "run": ("Run this   (Shift+F5)", "Measure this item now"),
@@ -22,15 +22,15 @@ BUTTONS = {
 """What can be done with an item: words with the key, and what it means."""
 
 
-class CampaignSide(QWidget):
+class ItemDetailsPane(QWidget):
     """Shows one item."""
 
     pressed = Signal(str)
 
     def __init__(self) -> None:
         super().__init__()
-        self.heading = QLabel()
-        mark(self.heading, "running")
+        self.heading_label = QLabel()
+        set_style_kind(self.heading_label, "running")
         self.buttons = {}
         row = QHBoxLayout()
         row.setSpacing(4)
@@ -42,50 +42,52 @@ class CampaignSide(QWidget):
             row.addWidget(button)
             self.buttons[what] = button
         row.addStretch()
-        self.text = QScrollArea()
-        self.text.setWidgetResizable(True)
-        self.text.setFrameShape(QFrame.Shape.NoFrame)
-        self.text.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.text.viewport().setAutoFillBackground(False)
+        self.details_area = QScrollArea()
+        self.details_area.setWidgetResizable(True)
+        self.details_area.setFrameShape(QFrame.Shape.NoFrame)
+        self.details_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.details_area.viewport().setAutoFillBackground(False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(10, 4, 0, 0)
         layout.setSpacing(6)
-        layout.addWidget(self.heading)
+        layout.addWidget(self.heading_label)
         layout.addLayout(row)
-        layout.addWidget(self.text, 1)
-        self._shown: object = None
+        layout.addWidget(self.details_area, 1)
+        self._shown_state: object = None
 
-    def show_row(self, row: Row | None, known: Known | None, specimen: str, busy: bool) -> None:
+    def show_item(
+        self, item: ItemSummary | None, estimates: CampaignEstimates | None, specimen: str, busy: bool
+    ) -> None:
         """Show an item, and allow what can be done with it."""
-        if (row, known, specimen, busy) == self._shown:
+        if (item, estimates, specimen, busy) == self._shown_state:
             return
-        self._shown = (row, known, specimen, busy)
-        self.heading.setText(f"{row.name}: {row.line.title}" if row is not None else "")
-        allowed = _allowed(row) if row is not None else set()
+        self._shown_state = (item, estimates, specimen, busy)
+        self.heading_label.setText(f"{item.name}: {item.state.title}" if item is not None else "")
+        allowed = _allowed_actions(item) if item is not None else set()
         for what, button in self.buttons.items():
             button.setEnabled(what in allowed and (not busy or what == "open"))
-        if row is not None:
-            skipped = row.line.standing == "skipped"
+        if item is not None:
+            skipped = item.state.status == "skipped"
             self.buttons["skip"].setText("Take in   (S)" if skipped else BUTTONS["skip"][0])
-            self._tell(row, known, specimen)
+            self._show_details(item, estimates, specimen)
 
     @property
-    def words(self) -> str:
+    def plain_text(self) -> str:
         """All that is shown, as text."""
-        paper = self.text.widget()
+        paper = self.details_area.widget()
         return "\n".join(label.text() for label in paper.findChildren(QLabel)) if paper is not None else ""
 
-    def _tell(self, row: Row, known: Known | None, specimen: str) -> None:
-        from app.campaign.presentation import details_of  # HDF5 comes with it; by now a thread beside has imported it
+    def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
+        from app.campaign.presentation import item_details  # HDF5 comes with it; by now a thread beside has imported it
 
         paper = QWidget()
         paper.setAutoFillBackground(False)
         column = QVBoxLayout(paper)
         column.setContentsMargins(0, 0, 8, 0)
         column.setSpacing(2)
-        for section in details_of(row, known, specimen):
+        for section in item_details(item, estimates, specimen):
             heading = QLabel(section.heading)
-            mark(heading, "caption")
+            set_style_kind(heading, "caption")
             lines = QLabel("\n".join(section.lines))
             lines.setTextFormat(Qt.TextFormat.PlainText)
             lines.setWordWrap(True)
@@ -94,14 +96,14 @@ class CampaignSide(QWidget):
             column.addWidget(lines)
             column.addSpacing(8)
         column.addStretch()
-        self.text.setWidget(paper)  # deletes the one before
+        self.details_area.setWidget(paper)  # deletes the one before
 
 
-def _allowed(row: Row) -> set[str]:
+def _allowed_actions(item: ItemSummary) -> set[str]:
     """What can be done with an item."""
-    line = row.line
-    allowed = {"skip"} if line.standing != "running" else set()
-    if line.next not in ("", "wait"):
+    line = item.state
+    allowed = {"skip"} if line.status != "running" else set()
+    if line.next_action not in ("", "wait"):
         allowed.add("run")
     if line.run is not None:
         allowed |= {"repeat", "reject", "open"}

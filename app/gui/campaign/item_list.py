@@ -15,15 +15,15 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
 )
 
-from app.common.formatting import duration
+from app.common.formatting import format_duration
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.widgets.theme import Theme
 
 if TYPE_CHECKING:
-    from app.campaign.summary import Row, Sheet
+    from app.campaign.summary import CampaignSummary, ItemSummary
 
-ROW = Qt.ItemDataRole.UserRole
-SYMBOL = {
+ITEM_ROLE = Qt.ItemDataRole.UserRole
+STATUS_SYMBOLS = {
     "done": "tick",
     "stale": "again",
     "missing": "open",
@@ -37,17 +37,17 @@ SYMBOL = {
 
 
 class CampaignList(QListWidget):
-    """Shows the rows of a sheet. Enter is told as `entered_key`; what it means is the page's affair."""
+    """Shows the rows of a sheet. Enter is told as `enter_pressed`; what it means is the page's affair."""
 
-    moved = Signal(str, str)
+    item_moved = Signal(str, str)
     """An item, and the one it shall stand before ("" for the end)."""
-    chosen_changed = Signal()
-    entered_key = Signal()
+    selected_item_changed = Signal()
+    enter_pressed = Signal()
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.drawn = ItemDrawing(theme)
-        self.setItemDelegate(self.drawn)
+        self.item_delegate = CampaignItemDelegate(theme)
+        self.setItemDelegate(self.item_delegate)
         self.setDragDropMode(QAbstractItemView.DragDropMode.InternalMove)
         self.setDefaultDropAction(Qt.DropAction.MoveAction)
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
@@ -55,56 +55,58 @@ class CampaignList(QListWidget):
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setAccessibleName("measurements of the campaign")
         self.setToolTip("Drag to another place, or Alt+Up and Alt+Down")
-        self.currentItemChanged.connect(lambda *_: self.chosen_changed.emit())
+        self.currentItemChanged.connect(lambda *_: self.selected_item_changed.emit())
 
     @property
-    def chosen(self) -> str:
+    def selected_item(self) -> str:
         """Name of the chosen item, empty for none."""
         item = self.currentItem()
-        return str(item.data(ROW).name) if item is not None else ""
+        return str(item.data(ITEM_ROLE).name) if item is not None else ""
 
-    def choose(self, name: str) -> None:
+    def select_item(self, name: str) -> None:
         """Choose an item by its name."""
         for at in range(self.count()):
-            if self.item(at).data(ROW).name == name:
+            if self.item(at).data(ITEM_ROLE).name == name:
                 self.setCurrentRow(at)
 
-    def show_sheet(self, sheet: Sheet, running: str) -> None:
+    def show_summary(self, summary: CampaignSummary, running: str) -> None:
         """Show how everything stands; what is chosen stays chosen, at first what comes next."""
-        before = self.chosen or running or (sheet.next.name if sheet.next is not None else "")
-        self.drawn.next = sheet.next.name if sheet.next is not None else ""
-        self.drawn.running = running
+        before = self.selected_item or running or (summary.next_item.name if summary.next_item is not None else "")
+        self.item_delegate.next_item = summary.next_item.name if summary.next_item is not None else ""
+        self.item_delegate.running_item = running
         with QSignalBlocker(self):
-            if [self.item(at).data(ROW).name for at in range(self.count())] != [row.name for row in sheet.rows]:
+            if [self.item(at).data(ITEM_ROLE).name for at in range(self.count())] != [
+                row.name for row in summary.items
+            ]:
                 self.clear()
-                for _ in sheet.rows:
+                for _ in summary.items:
                     self.addItem(QListWidgetItem())
-            for at, row in enumerate(sheet.rows):
-                self.item(at).setData(ROW, row)
-                state = "running" if row.name == running else f"{row.state}. {row.line.reason}"
+            for at, row in enumerate(summary.items):
+                self.item(at).setData(ITEM_ROLE, row)
+                state = "running" if row.name == running else f"{row.status_text}. {row.state.reason}"
                 self.item(at).setText(f"{row.name}: {state}")
-            self.choose(before)
+            self.select_item(before)
             if self.currentRow() < 0:
                 self.setCurrentRow(0)
         self.viewport().update()
-        self.chosen_changed.emit()
+        self.selected_item_changed.emit()
 
-    def step(self, by: int) -> None:
+    def move_selected(self, offset: int) -> None:
         """Move what is chosen up (-1) or down (+1)."""
         at, last = self.currentRow(), self.count() - 1
-        if 0 <= at + by <= last and at >= 0:
-            names = [self.item(i).data(ROW).name for i in range(self.count())]
-            after = at + by + (by > 0)
-            self.moved.emit(names[at], names[after] if after <= last else "")
+        if 0 <= at + offset <= last and at >= 0:
+            names = [self.item(i).data(ITEM_ROLE).name for i in range(self.count())]
+            after = at + offset + (offset > 0)
+            self.item_moved.emit(names[at], names[after] if after <= last else "")
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        self.drawn.theme = theme
+        self.item_delegate.theme = theme
         self.viewport().update()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.entered_key.emit()
+            self.enter_pressed.emit()
             return
         super().keyPressEvent(event)
 
@@ -113,20 +115,20 @@ class CampaignList(QListWidget):
         over = self.indexAt(event.position().toPoint())
         below = self.dropIndicatorPosition() == QAbstractItemView.DropIndicatorPosition.BelowItem
         at = self.count() if not over.isValid() else over.row() + below
-        before = self.item(at).data(ROW).name if at < self.count() else ""
-        if self.chosen and before != self.chosen:
-            self.moved.emit(self.chosen, before)
+        before = self.item(at).data(ITEM_ROLE).name if at < self.count() else ""
+        if self.selected_item and before != self.selected_item:
+            self.item_moved.emit(self.selected_item, before)
         event.setDropAction(Qt.DropAction.IgnoreAction)
         event.accept()
 
 
-class ItemDrawing(QStyledItemDelegate):
+class CampaignItemDelegate(QStyledItemDelegate):
     """Draws one item: symbol, name and title, below it the state and why; at the right what it will take."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.theme = theme
-        self.next = self.running = ""
+        self.next_item = self.running_item = ""
 
     def sizeHint(self, option: QStyleOptionViewItem, _index: QModelIndex | QPersistentModelIndex) -> QSize:
         return QSize(200, round(2.7 * option.fontMetrics.height()))
@@ -134,7 +136,7 @@ class ItemDrawing(QStyledItemDelegate):
     def paint(
         self, painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
     ) -> None:
-        row: Row | None = index.data(ROW)
+        row: ItemSummary | None = index.data(ITEM_ROLE)
         if row is None:
             return
         theme, area = self.theme, option.rect
@@ -143,15 +145,15 @@ class ItemDrawing(QStyledItemDelegate):
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
         if chosen:
             painter.fillRect(area, QColor(theme.line))
-        if row.name in (self.next, self.running):  # a bar at the edge: here it goes on
+        if row.name in (self.next_item, self.running_item):  # a bar at the edge: here it goes on
             painter.fillRect(QRect(area.left(), area.top(), 5, area.height()), QColor(theme.accent))
-        running = row.name == self.running
-        standing = "running" if running else str(row.line.standing)
+        running = row.name == self.running_item
+        standing = "running" if running else str(row.state.status)
         side = 0.52 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
-        painter.setPen(QColor(self._ink(standing)))
+        painter.setPen(QColor(self._text_color(standing)))
         painter.save()
-        SYMBOLS[SYMBOL[standing]](painter, box)
+        SYMBOLS[STATUS_SYMBOLS[standing]](painter, box)
         painter.restore()
         words = QRect(area)
         words.setLeft(round(box.right()) + 16)
@@ -159,28 +161,28 @@ class ItemDrawing(QStyledItemDelegate):
         top, bottom = QRect(words), QRect(words)
         top.setBottom(area.center().y() + 1)
         bottom.setTop(area.center().y())
-        right = "" if row.told is None else duration(row.told.duration_s)
-        hands = "by hand" if row.hands else ""
-        self._two(painter, option, top, row.name, row.line.title, right)
-        painter.setPen(QColor(self._ink(standing)))
+        right = "" if row.rehearsal is None else format_duration(row.rehearsal.duration_s)
+        hands = "by hand" if row.needs_operator else ""
+        self._draw_title_line(painter, option, top, row.name, row.state.title, right)
+        painter.setPen(QColor(self._text_color(standing)))
         bold = QFont(option.font)
         bold.setBold(True)
-        state = "running" if running else row.state
-        reason = "" if standing in ("done", "running") else row.line.reason
-        self._line(painter, option, bottom, state, bold, reason, hands)
+        state = "running" if running else row.status_text
+        reason = "" if standing in ("done", "running") else row.state.reason
+        self._draw_line(painter, option, bottom, state, bold, reason, hands)
         painter.setPen(QColor(theme.line))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
         painter.restore()
 
-    def _two(
+    def _draw_title_line(
         self, painter: QPainter, option: QStyleOptionViewItem, area: QRect, name: str, title: str, right: str
     ) -> None:
         painter.setPen(QColor(self.theme.text))
         bold = QFont(option.font)
         bold.setBold(True)
-        self._line(painter, option, area.adjusted(0, 2, 0, 0), name, bold, title, right, QColor(self.theme.text))
+        self._draw_line(painter, option, area.adjusted(0, 2, 0, 0), name, bold, title, right, QColor(self.theme.text))
 
-    def _line(
+    def _draw_line(
         self,
         painter: QPainter,
         option: QStyleOptionViewItem,
@@ -189,7 +191,7 @@ class ItemDrawing(QStyledItemDelegate):
         font: QFont,
         rest: str,
         right: str,
-        ink: QColor | None = None,
+        color: QColor | None = None,
     ) -> None:
         """A bold word, what follows it shortened to its room, and something at the right end."""
         flags = Qt.AlignmentFlag.AlignVCenter
@@ -197,20 +199,20 @@ class ItemDrawing(QStyledItemDelegate):
         painter.drawText(area, flags | Qt.AlignmentFlag.AlignLeft, head)
         used = painter.fontMetrics().horizontalAdvance(f"{head}  ")
         painter.setFont(option.font)
-        painter.setPen(ink or QColor(self.theme.dim))
+        painter.setPen(color or QColor(self.theme.secondary_text))
         metrics = painter.fontMetrics()
         room = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
         words = metrics.elidedText(rest, Qt.TextElideMode.ElideRight, max(room, 0))
         painter.drawText(area.adjusted(used, 0, 0, 0), flags | Qt.AlignmentFlag.AlignLeft, words)
-        painter.setPen(QColor(self.theme.dim))
+        painter.setPen(QColor(self.theme.secondary_text))
         painter.drawText(area, flags | Qt.AlignmentFlag.AlignRight, right)
 
-    def _ink(self, standing: str) -> str:
+    def _text_color(self, status: str) -> str:
         theme = self.theme
         return {
-            "done": theme.good,
-            "stale": theme.warn,
-            "unfinished": theme.warn,
-            "failed": theme.bad,
+            "done": theme.success,
+            "stale": theme.warning,
+            "unfinished": theme.warning,
+            "failed": theme.error,
             "running": theme.accent,
-        }.get(standing, theme.dim)
+        }.get(status, theme.secondary_text)

@@ -10,20 +10,20 @@ from PySide6.QtCore import QSettings, Signal
 from PySide6.QtWidgets import QSizePolicy, QStackedWidget
 
 from app.gui.campaign.board import CampaignBoard
-from app.gui.campaign.controller import CampaignDesk
+from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots.live_pane import LivePane
-from app.gui.widgets.file_dialog import ask_for_files
-from app.gui.widgets.shortcuts import HERE, bind
+from app.gui.widgets.file_dialog import choose_files
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
 from app.live.feed import LiveFeed
-from app.live.overlay import Overlay, Question, question_of
-from app.session.state import View
+from app.live.overlay import CurveRequest, Overlay, curve_request_for
+from app.session.state import WindowState
 from model.parameter_spec import ParameterError
-from protocols.base.events import Status
+from protocols.base.events import RunStatus
 
 if TYPE_CHECKING:
-    from app.campaign.queue import Conductor, Order
+    from app.campaign.queue import CampaignRunner, ItemRunRequest
 
 
 class CampaignPage(QStackedWidget):
@@ -35,205 +35,222 @@ class CampaignPage(QStackedWidget):
     """
 
     title = "Campaign"
-    open_asked = Signal(object)
+    run_open_requested = Signal(object)
     """Path of a run that shall be opened on the Runs page."""
 
     def __init__(
-        self, desk: CampaignDesk, feed: LiveFeed, overlay: Overlay, where: Callable[[], tuple[Path, str]], theme: Theme
+        self,
+        controller: CampaignController,
+        feed: LiveFeed,
+        overlay: Overlay,
+        location: Callable[[], tuple[Path, str]],
+        theme: Theme,
     ) -> None:
         super().__init__()
-        self.desk, self._where, self._feed = desk, where, feed
+        self.controller, self._location, self._feed = controller, location, feed
         self._overlay = Overlay(amplifier=overlay.amplifier)
-        self._question: Question | None = None
-        self._view: View | None = None
+        self._request: CurveRequest | None = None
+        self._state: WindowState | None = None
         self._busy = False
-        self._offered: Path | None = None
-        self._shown: Path | None = None
-        self.start = CampaignStart()
+        self._searched_folder: Path | None = None
+        self._shown_path: Path | None = None
+        self.start_pane = CampaignStart()
         self.board = CampaignBoard(LivePane(feed, overlay.amplifier, theme), theme)
-        for part in (self.start, self.board):
+        for part in (self.start_pane, self.board):
             part.setSizePolicy(
                 QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored
             )  # the Measure page tells the least
             self.addWidget(part)
-        self._connect()
+        self._connect_signals()
 
     # -- what the window does with a page ------------------------------------------------------------------------------
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """A run that ended is news, whoever began it."""
-        ended, connected = self._busy and not view.busy, self._view is None or self._view.connected
-        self._view, self._busy = view, view.busy
+        ended, connected = self._busy and not view.busy, self._state is None or self._state.connected
+        self._state, self._busy = view, view.busy
         if ended:
-            self.desk.ended(view.outcome is not None and view.outcome.status is Status.COMPLETED)
+            self.controller.run_ended(view.outcome is not None and view.outcome.status is RunStatus.COMPLETED)
         elif view.connected and not connected:
-            self.desk.look()  # now there is a bench to rehearse with
-        self._show()
+            self.controller.refresh()  # now there is a bench to rehearse with
+        self._show_campaign()
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.board.set_theme(theme)
 
-    def enter(self) -> None:
+    def activate(self) -> None:
         """Take the keyboard."""
-        self._come(self.start if self.currentIndex() == 0 else self.board)
+        self._show_part(self.start_pane if self.currentIndex() == 0 else self.board)
 
-    def refresh(self) -> None:
+    def tick(self) -> None:
         """Called at every tick while the page is seen."""
-        folder, _ = self._where()
-        if folder != self._offered:
-            self._offered = folder
-            self.desk.offer(folder)
+        folder, _ = self._location()
+        if folder != self._searched_folder:
+            self._searched_folder = folder
+            self.controller.find_campaigns(folder)
         if not self._busy:
             return
-        if self.desk.sheet is not None and self._view is not None:
-            self.board.head.show_progress(self.desk.sheet, self.desk.running, self._view, self._feed.streamed_s)
-        self.board.live.refresh()
-        if self._question is None:
+        if self.controller.summary is not None and self._state is not None:
+            self.board.header.show_progress(
+                self.controller.summary, self.controller.running_item, self._state, self._feed.streamed_s
+            )
+        self.board.live_pane.tick()
+        if self._request is None:
             return
-        self._overlay.ask(self._question)
+        self._overlay.submit(self._request)
         try:
-            curve = self._overlay.ready()
+            curve = self._overlay.result()
         except ParameterError:  # the model cannot answer this: there is no curve, and nothing else
             return
         if curve is not None:
-            self.board.live.show_curve(curve)
+            self.board.live_pane.show_model_curve(curve)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self.desk.end()
+        self.controller.shutdown()
         self._overlay.close()
 
-    def save(self, settings: QSettings) -> None:
+    def save_state(self, settings: QSettings) -> None:
         """Remember which campaigns were open."""
-        settings.setValue("campaign/recent", [str(path) for path in self.desk.recent])
-        settings.setValue("campaign/open", str(self.desk.recent[0]) if self.desk.sheet is not None else "")
+        settings.setValue("campaign/recent", [str(path) for path in self.controller.recent])
+        settings.setValue(
+            "campaign/open", str(self.controller.recent[0]) if self.controller.summary is not None else ""
+        )
 
-    def restore(self, settings: QSettings) -> None:
+    def restore_state(self, settings: QSettings) -> None:
         """Open the campaign that was open."""
         kept = settings.value("campaign/recent", [])
-        self.desk.recent = [Path(str(path)) for path in (kept if isinstance(kept, list) else [kept]) if path]
+        self.controller.recent = [Path(str(path)) for path in (kept if isinstance(kept, list) else [kept]) if path]
         if path := str(settings.value("campaign/open", "")):
-            self.desk.open(Path(path))
+            self.controller.open(Path(path))
 
-    def back(self) -> None:
+    def go_back(self) -> None:
         """From beginning another one to the one that is open."""
-        if self.desk.sheet is not None:
-            self._come(self.board)
+        if self.controller.summary is not None:
+            self._show_part(self.board)
 
     # -- what a person wants -------------------------------------------------------------------------------------------
 
     def run(self, name: str = "", hands_free: bool = False) -> None:
         """Begin what comes next, or the item that is named; `hands_free` goes on with what needs no hands."""
-        view = self._view
+        view = self._state
         if self.currentWidget() is self.board and view is not None:
-            self._say("")
-            if view.why_not:
-                self._say(f"No run can begin: {view.why_not}.")
+            self._show_message("")
+            if view.blocked_reason:
+                self._show_message(f"No run can begin: {view.blocked_reason}.")
             else:
-                self.desk.run(name, hands_free, view.simulated)
+                self.controller.run(name, hands_free, view.simulated)
 
-    def begun(self, order: Order) -> Conductor:
+    def accept_run(self, request: ItemRunRequest) -> CampaignRunner:
         """An order is about to be carried out: show what belongs to it; the conductor that gives it to the session."""
-        self._question = question_of(order.protocol, order.folder, order.specimen)
-        return self.desk.begun(order)
+        self._request = curve_request_for(request.protocol, request.folder, request.specimen)
+        return self.controller.accept_run(request)
 
-    def act(self, what: str, name: str = "") -> None:
+    def perform_action(self, action: str, item_name: str = "") -> None:
         """Do one of the things that buttons and keys stand for, with an item; without one, with what comes next."""
-        row = self.desk.sheet.row(name) if self.desk.sheet is not None else None
-        self._say("")
-        match what:
+        row = self.controller.summary.item(item_name) if self.controller.summary is not None else None
+        self._show_message("")
+        match action:
             case "run":
-                self.run(name)
+                self.run(item_name)
             case "run without hands":
                 self.run(hands_free=True)
             case "halt the queue":
-                self.desk.halt()
-            case "open" if row is not None and row.line.run is not None:
-                self.open_asked.emit(row.line.run)
+                self.controller.halt_queue()
+            case "open" if row is not None and row.state.run is not None:
+                self.run_open_requested.emit(row.state.run)
             case _ if row is None or self._busy:
                 return
             case "skip":
-                why = "" if row.line.standing == "skipped" else "skipped"
-                self.desk.change(lambda campaign: campaign.skip(row.name, why))
-            case "accept" if row.pending:
-                self.desk.change(lambda campaign: campaign.accept(row.name))
-            case "repeat" | "reject" if row.line.run is not None:
-                self.desk.change(lambda campaign: getattr(campaign, what)(row.name))
+                why = "" if row.state.status == "skipped" else "skipped"
+                self.controller.modify(lambda campaign: campaign.skip(row.name, why))
+            case "accept" if row.awaits_acceptance:
+                self.controller.modify(lambda campaign: campaign.accept(row.name))
+            case "repeat" | "reject" if row.state.run is not None:
+                self.controller.modify(lambda campaign: getattr(campaign, action)(row.name))
 
     def open(self, path: Path) -> None:
         """Open a campaign's file."""
-        if self.desk.sheet is not None and path.absolute() == self.desk.sheet.path.absolute():
-            self.back()
+        if self.controller.summary is not None and path.absolute() == self.controller.summary.path.absolute():
+            self.go_back()
         elif not self._busy:
-            self._say("")
-            self.desk.open(path)
+            self._show_message("")
+            self.controller.open(path)
 
-    def begin(self, specimen: str) -> None:
+    def create_campaign(self, specimen: str) -> None:
         """Begin a campaign beside the runs of the Measure page."""
-        if self._view is not None and not self._busy:
-            self._say("")
-            self.desk.new(self._where()[0], specimen, self._view.simulated)
+        if self._state is not None and not self._busy:
+            self._show_message("")
+            self.controller.create(self._location()[0], specimen, self._state.simulated)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _show(self) -> None:
-        view, sheet = self._view, self.desk.sheet
+    def _show_campaign(self) -> None:
+        view, sheet = self._state, self.controller.summary
         if view is None:
             return
-        folder, specimen = self._where()
-        self.start.offer(self.desk.offered, folder, specimen, view.simulated)
+        folder, specimen = self._location()
+        self.start_pane.show_campaigns(self.controller.available, folder, specimen, view.simulated)
         if sheet is not None:
-            self.board.show_sheet(sheet, self.desk.known, view, self.desk.running, self.desk.queue)
-            self.board.head.show_progress(sheet, self.desk.running, view, self._feed.streamed_s)
+            self.board.show_summary(
+                sheet, self.controller.estimates, view, self.controller.running_item, self.controller.queue_active
+            )
+            self.board.header.show_progress(sheet, self.controller.running_item, view, self._feed.streamed_s)
 
-    def _changed(self) -> None:
+    def _on_campaign_changed(self) -> None:
         """The desk has news."""
-        self._show()
-        sheet = self.desk.sheet
-        if sheet is not None and sheet.path != self._shown:
-            self._shown = sheet.path
-            self._come(self.board)
+        self._show_campaign()
+        sheet = self.controller.summary
+        if sheet is not None and sheet.path != self._shown_path:
+            self._shown_path = sheet.path
+            self._show_part(self.board)
 
-    def _come(self, part: CampaignBoard | CampaignStart) -> None:
+    def _show_part(self, part: CampaignBoard | CampaignStart) -> None:
         """Show one of the two, and give it the keyboard where this page has it."""
         self.setCurrentWidget(part)
         if self.isVisible():
-            (self.board.list if part is self.board else self.start.specimen).setFocus()
+            (self.board.item_list if part is self.board else self.start_pane.specimen_edit).setFocus()
 
-    def _say(self, words: str) -> None:
-        self.board.head.say(words)
-        self.start.say(words)
+    def _show_message(self, text: str) -> None:
+        self.board.header.show_message(text)
+        self.start_pane.show_message(text)
 
-    def _another(self) -> None:
+    def _show_start(self) -> None:
         if not self._busy:
-            self.desk.offer(self._where()[0])
-            self._come(self.start)
+            self.controller.find_campaigns(self._location()[0])
+            self._show_part(self.start_pane)
 
-    def _browse(self) -> None:
-        folder, _ = self._where()
-        ask_for_files(
+    def _choose_campaign_file(self) -> None:
+        folder, _ = self._location()
+        choose_files(
             self, "Open a campaign", lambda paths: self.open(paths[0]), "Campaigns (*.campaign.json)", str(folder)
         )
 
-    def _queue(self) -> None:
-        self.act("halt the queue" if self._busy else "run without hands")
+    def _toggle_queue(self) -> None:
+        self.perform_action("halt the queue" if self._busy else "run without hands")
 
-    def _connect(self) -> None:
-        self.desk.changed.connect(self._changed)
-        self.desk.said.connect(self._say)
-        self.start.begun.connect(self.begin)
-        self.start.opened.connect(self.open)
-        self.start.browse_pressed.connect(self._browse)
-        self.board.head.another_pressed.connect(self._another)
-        self.board.head.open_pressed.connect(self._browse)
-        self.board.wanted.connect(self.act)
-        self.board.moved.connect(lambda name, before: self.desk.change(lambda campaign: campaign.move(name, before)))
+    def _connect_signals(self) -> None:
+        self.controller.changed.connect(self._on_campaign_changed)
+        self.controller.message.connect(self._show_message)
+        self.start_pane.create_requested.connect(self.create_campaign)
+        self.start_pane.open_requested.connect(self.open)
+        self.start_pane.browse_pressed.connect(self._choose_campaign_file)
+        self.board.header.another_pressed.connect(self._show_start)
+        self.board.header.open_pressed.connect(self._choose_campaign_file)
+        self.board.action_requested.connect(self.perform_action)
+        self.board.item_moved.connect(
+            lambda name, before: self.controller.modify(lambda campaign: campaign.move(name, before))
+        )
         for words, do, keys in (
-            ("Run what needs no hands, one after the other; or end with the present one", self._queue, ("Ctrl+F5",)),
-            ("Undo", lambda: self.desk.change(lambda campaign: campaign.undo()), ("Ctrl+Z",)),
-            ("Redo", lambda: self.desk.change(lambda campaign: campaign.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
-            ("Begin another campaign", self._another, ("Ctrl+N",)),
-            ("Open a campaign", self._browse, ("Ctrl+O",)),
+            (
+                "Run what needs no hands, one after the other; or end with the present one",
+                self._toggle_queue,
+                ("Ctrl+F5",),
+            ),
+            ("Undo", lambda: self.controller.modify(lambda campaign: campaign.undo()), ("Ctrl+Z",)),
+            ("Redo", lambda: self.controller.modify(lambda campaign: campaign.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
+            ("Begin another campaign", self._show_start, ("Ctrl+N",)),
+            ("Open a campaign", self._choose_campaign_file, ("Ctrl+O",)),
         ):
-            bind(self, words, do, *keys, context=HERE)
+            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT)

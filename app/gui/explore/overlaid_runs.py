@@ -2,16 +2,17 @@
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive.replay import Measured, read_measured
-from app.explore.fit import Fitted
-from app.explore.state import Setting
-from app.gui.widgets.background import Jobs
+from app.archive.replay import MeasuredResponse, read_measured_response
+from app.explore.fit import ExploreFit
+from app.explore.state import ExploreSetting
+from app.gui.widgets.background import BackgroundWorker
 
-Fit = Callable[[Sequence[Measured], Setting, Callable[[], bool]], Fitted]
+FitRuns = Callable[[Sequence[MeasuredResponse], ExploreSetting, Callable[[], bool]], ExploreFit]
 """Finds the setting that meets the runs best, beginning from one, until it is cancelled; raises ValueError with a sentence."""
 
 
@@ -22,74 +23,76 @@ class OverlaidRuns(QObject):
     fitting = Signal(bool)
     """A fit has begun, or is over."""
     fitted = Signal(object)
-    """A `Fitted`."""
-    said = Signal(str, bool)
+    """A `ExploreFit`."""
+    message = Signal(str, bool)
     """A remark, and whether it is a fault."""
 
-    def __init__(self, fit: Fit | None, parent: QObject) -> None:
+    def __init__(self, fit: FitRuns | None, parent: QObject) -> None:
         super().__init__(parent)
         self.fit_with = fit
-        self.runs: tuple[Measured, ...] = ()
-        self._jobs, self._fits = Jobs("explore", self), Jobs("explore fit", self)
+        self.runs: tuple[MeasuredResponse, ...] = ()
+        self._file_worker, self._fit_worker = BackgroundWorker("explore", self), BackgroundWorker("explore fit", self)
         self._cancelled = threading.Event()
         self._fitting = False
 
-    def lay_over(self, paths: Sequence[Path]) -> None:
+    def add(self, paths: Sequence[Path]) -> None:
         """Read runs and add them."""
         for path in paths:
             if all(run.path != path for run in self.runs):
-                self._jobs.do(lambda path=path: read_measured(path), self._laid, self._failed)  # type: ignore[misc]
+                self._file_worker.submit(partial(read_measured_response, path), self._on_loaded, self._on_error)
 
-    def drop(self, run: Measured) -> None:
+    def remove(self, run: MeasuredResponse) -> None:
         """Take one away."""
-        self._become(tuple(r for r in self.runs if r is not run))
+        self._set_runs(tuple(r for r in self.runs if r is not run))
 
     def clear(self) -> None:
         """Take all away."""
-        self._become(())
+        self._set_runs(())
 
-    def fit(self, setting: Setting) -> None:
+    def fit(self, setting: ExploreSetting) -> None:
         """Let the model go where the runs are met best, from a setting; while that goes on: cancel it."""
         if self._fitting:
             self._cancelled.set()
             return
         find, runs = self.fit_with, self.runs
         if find is None or not runs:
-            self.said.emit("lay a measured run over the curves first", True)
+            self.message.emit("lay a measured run over the curves first", True)
             return
         self._cancelled.clear()
-        self._become_fitting(True)
-        self._fits.do(lambda: find(runs, setting, self._cancelled.is_set), self._fitted, self._fit_failed)
+        self._set_fitting(True)
+        self._fit_worker.submit(
+            lambda: find(runs, setting, self._cancelled.is_set), self._on_fitted, self._on_fit_error
+        )
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
         self._cancelled.set()
-        self._jobs.close()
-        self._fits.close()
+        self._file_worker.close()
+        self._fit_worker.close()
 
-    def _laid(self, run: Measured) -> None:
-        self._become((*(r for r in self.runs if r.path != run.path), run))
+    def _on_loaded(self, run: MeasuredResponse) -> None:
+        self._set_runs((*(r for r in self.runs if r.path != run.path), run))
 
-    def _become(self, runs: tuple[Measured, ...]) -> None:
+    def _set_runs(self, runs: tuple[MeasuredResponse, ...]) -> None:
         self.runs = runs
         self.changed.emit()
 
-    def _become_fitting(self, fitting: bool) -> None:
+    def _set_fitting(self, fitting: bool) -> None:
         self._fitting = fitting
         self.fitting.emit(fitting)
 
-    def _fitted(self, fitted: Fitted) -> None:
-        self._become_fitting(False)
-        self.fitted.emit(fitted)
+    def _on_fitted(self, result: ExploreFit) -> None:
+        self._set_fitting(False)
+        self.fitted.emit(result)
 
-    def _fit_failed(self, error: Exception) -> None:
+    def _on_fit_error(self, error: Exception) -> None:
         from model.identification.fit_options import FitCancelled
 
-        self._become_fitting(False)
+        self._set_fitting(False)
         if isinstance(error, FitCancelled):
-            self.said.emit("the fit was cancelled; nothing was moved", False)
+            self.message.emit("the fit was cancelled; nothing was moved", False)
         else:
-            self._failed(error)
+            self._on_error(error)
 
-    def _failed(self, error: Exception) -> None:
-        self.said.emit(str(error), True)
+    def _on_error(self, error: Exception) -> None:
+        self.message.emit(str(error), True)

@@ -12,35 +12,35 @@ from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QVBoxLayout, QWidget
 
-from app.archive.replay import Measured
-from app.explore.engine import Answerer, Picture, Question
-from app.explore.fit import Fitted
-from app.explore.session import Exploration, write_study
-from app.explore.state import TITLES, Setting, study_of
-from app.gui.explore.overlaid_runs import Fit, OverlaidRuns
+from app.archive.replay import MeasuredResponse
+from app.explore.engine import ExploreRequest, ExploreResult, ResponseEngine
+from app.explore.fit import ExploreFit
+from app.explore.session import ExploreSession, write_study
+from app.explore.state import PRESET_TITLES, ExploreSetting, make_study
+from app.gui.explore.overlaid_runs import FitRuns, OverlaidRuns
 from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
-from app.gui.explore.toolbar import ExploreBar
-from app.gui.widgets.background import Jobs
-from app.gui.widgets.dropped_files import run_urls
-from app.gui.widgets.file_dialog import Mode, ask_for_files
-from app.gui.widgets.shortcuts import HERE, bind
-from app.gui.widgets.status_line import Remark
+from app.gui.explore.toolbar import ExploreToolbar
+from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets.dropped_files import dropped_runs
+from app.gui.widgets.file_dialog import Mode, choose_files
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
+from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
-from app.live.latest_only import Latest
-from app.session.state import View
+from app.live.latest_only import LatestOnlyWorker
+from app.session.state import WindowState
 from model.parameter_spec import ParameterError
 
 
-def columns(
-    sliders: SliderPanel, remark: Remark, plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar
+def explore_columns(
+    sliders: SliderPanel, status_line: StatusLine, plot: ExplorePlot, shape: ShapePlot, toolbar: ExploreToolbar
 ) -> tuple[QWidget, QWidget]:
     """The left and the right side."""
-    return _left(sliders, remark, bar), _right(plot, shape, bar)
+    return _left_column(sliders, status_line, toolbar), _right_column(plot, shape, toolbar)
 
 
-def _left(sliders: SliderPanel, remark: Remark, bar: ExploreBar) -> QWidget:
+def _left_column(sliders: SliderPanel, status_line: StatusLine, toolbar: ExploreToolbar) -> QWidget:
     scroll = QScrollArea()
     scroll.setWidget(sliders)
     scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -48,24 +48,24 @@ def _left(sliders: SliderPanel, remark: Remark, bar: ExploreBar) -> QWidget:
     scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     scroll.viewport().setAutoFillBackground(False)
     sliders.setAutoFillBackground(False)
-    left, column = _column(6)
+    left, column = _empty_column(6)
     column.setContentsMargins(0, 2, 4, 0)
-    column.addLayout(bar.start())
+    column.addLayout(toolbar.start_row())
     column.addWidget(scroll, 1)
-    column.addWidget(remark)
-    column.addLayout(bar.leave())
+    column.addWidget(status_line)
+    column.addLayout(toolbar.export_row())
     left.setMinimumWidth(400)
     return left
 
 
-def _right(plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar) -> QWidget:
-    right, column = _column(4)
-    column.addLayout(bar.head())
-    column.addLayout(bar.runs())
+def _right_column(plot: ExplorePlot, shape: ShapePlot, toolbar: ExploreToolbar) -> QWidget:
+    right, column = _empty_column(4)
+    column.addLayout(toolbar.series_row())
+    column.addLayout(toolbar.overlay_row())
     rows = QSplitter(Qt.Orientation.Vertical)
     rows.addWidget(plot)
-    below, beam = _column(2)
-    beam.addLayout(bar.motion())
+    below, beam = _empty_column(2)
+    beam.addLayout(toolbar.motion_row())
     beam.addWidget(shape, 1)
     rows.addWidget(below)
     rows.setSizes([400, 210])
@@ -75,7 +75,7 @@ def _right(plot: ExplorePlot, shape: ShapePlot, bar: ExploreBar) -> QWidget:
     return right
 
 
-def _column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
+def _empty_column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
     """An empty column that fills its place."""
     widget = QWidget()
     column = QVBoxLayout(widget)
@@ -84,7 +84,7 @@ def _column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
     return widget, column
 
 
-PAINT_S = 0.02
+PAINT_PAUSE_S = 0.02
 """After the curve the worker waits so long for it to be painted, before it goes on with the motion."""
 
 
@@ -96,133 +96,133 @@ class ExplorePage(QSplitter):
     """
 
     title = "Explore"
-    _answered = Signal(object, object)
+    _result_ready = Signal(object, object)
 
-    def __init__(self, theme: Theme, fit: Fit | None = None, parent: QWidget | None = None) -> None:
+    def __init__(self, theme: Theme, fit: FitRuns | None = None, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
-        self.exploration = Exploration()
-        self.picture: Picture | None = None
-        self.shape_of: Question | None = None
+        self.session = ExploreSession()
+        self.result: ExploreResult | None = None
+        self.shown_request: ExploreRequest | None = None
         """The question whose whole answer is on the screen."""
-        self._asked: Question | None = None
-        self._stale = True
-        self._jobs = Jobs("explore study", self)
+        self._requested: ExploreRequest | None = None
+        self._sliders_stale = True
+        self._study_worker = BackgroundWorker("explore study", self)
         self.overlaid = OverlaidRuns(fit, self)
-        self._latest: Latest[Question, Picture] | None = None
-        self.sliders, self.plot, self.shape = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
-        self.bar = ExploreBar(TITLES, fit is not None, self)
-        self.remark = Remark()
-        for side in columns(self.sliders, self.remark, self.plot, self.shape, self.bar):
+        self._model_worker: LatestOnlyWorker[ExploreRequest, ExploreResult] | None = None
+        self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
+        self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
+        self.status_line = StatusLine()
+        for side in explore_columns(self.sliders, self.status_line, self.plot, self.shape_plot, self.toolbar):
             self.addWidget(side)
         self.setStretchFactor(0, 0)
         self.setStretchFactor(1, 1)
         self.setSizes([430, 820])
         self.setObjectName("explore/columns")
         self.setChildrenCollapsible(False)
-        self._connect()
+        self._connect_signals()
         self.setAcceptDrops(True)
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-        self._series()
+        self._update_series()
         self._show_setting()
 
     @property
-    def setting(self) -> Setting:
-        return self.exploration.setting
+    def setting(self) -> ExploreSetting:
+        return self.session.setting
 
     @property
-    def measured(self) -> tuple[Measured, ...]:
+    def overlaid_responses(self) -> tuple[MeasuredResponse, ...]:
         """The runs that lie over the curves."""
         return self.overlaid.runs
 
     # -- what the window does with a page ------------------------------------------------------------------------------
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Nothing here depends on the bench."""
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.plot.set_theme(theme)
-        self.shape.set_theme(theme)
+        self.shape_plot.set_theme(theme)
 
-    def enter(self) -> None:
+    def activate(self) -> None:
         """Take the keyboard."""
         self.setFocus()
 
-    def refresh(self) -> None:
+    def tick(self) -> None:
         """Called at every tick while the page is seen."""
-        if self._asked is None:
-            self._ask()
-        if self._stale:
-            self._stale = False
+        if self._requested is None:
+            self._request_result()
+        if self._sliders_stale:
+            self._sliders_stale = False
             self.sliders.show_setting(self.setting)
-            self.bar.show_setting(self.setting, self.exploration.history)
-        self.shape.refresh()
+            self.toolbar.show_setting(self.setting, self.session.history)
+        self.shape_plot.tick()
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        if self._latest is not None:
-            self._latest.close()
-        self._jobs.close()
-        self.overlaid.end()
+        if self._model_worker is not None:
+            self._model_worker.close()
+        self._study_worker.close()
+        self.overlaid.shutdown()
 
-    def save(self, settings: QSettings) -> None:
+    def save_state(self, settings: QSettings) -> None:
         """Remember how it is."""
-        settings.setValue("explore/setting", json.dumps(self.exploration.record()))
+        settings.setValue("explore/setting", json.dumps(self.session.to_record()))
 
-    def restore(self, settings: QSettings) -> None:
+    def restore_state(self, settings: QSettings) -> None:
         """Be as it was."""
         try:
-            self.exploration.begin_from(json.loads(str(settings.value("explore/setting", ""))))
+            self.session.restore_record(json.loads(str(settings.value("explore/setting", ""))))
         except (ValueError, KeyError, TypeError, AttributeError):
             return
         self._show_setting()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
 
-    def turn(self, name: str, value: float) -> None:
+    def set_value(self, name: str, value: float) -> None:
         """One slider to a value, SI."""
-        self._moved(lambda: self.exploration.turn(name, value))
+        self._apply_change(lambda: self.session.set_value(name, value))
 
-    def reset(self, name: str) -> None:
+    def reset_value(self, name: str) -> None:
         """One slider back."""
-        self._moved(lambda: self.exploration.reset(name))
+        self._apply_change(lambda: self.session.reset_value(name))
 
-    def go(self, setting: Setting) -> None:
+    def set_setting(self, setting: ExploreSetting) -> None:
         """Another setting."""
-        self._moved(lambda: self.exploration.go(setting))
+        self._apply_change(lambda: self.session.set_setting(setting))
 
-    def choose(self, name: str) -> None:
+    def load_preset(self, name: str) -> None:
         """Begin from a preset."""
-        self._moved(lambda: self.exploration.choose(name))
-        if self.exploration.kept:
-            self.bar.series[1].setChecked(True)  # the paper's theory is the fundamental
-            self.bar.series[0].setChecked(False)
-        self._ask()
+        self._apply_change(lambda: self.session.load_preset(name))
+        if self.session.kept_curves:
+            self.toolbar.series[1].setChecked(True)  # the paper's theory is the fundamental
+            self.toolbar.series[0].setChecked(False)
+        self._request_result()
 
     def undo(self) -> None:
-        self.exploration.history.undo()
+        self.session.history.undo()
         self._show_setting()
 
     def redo(self) -> None:
-        self.exploration.history.redo()
+        self.session.history.redo()
         self._show_setting()
 
-    def keep(self) -> None:
+    def keep_curve(self) -> None:
         """Let the present curve stay while the sliders move on."""
-        self.exploration.keep()
-        self._ask()
+        self.session.keep_curve()
+        self._request_result()
 
-    def clear(self) -> None:
+    def clear_overlays(self) -> None:
         """Take kept curves and measured runs away."""
-        self.exploration.kept = ()
+        self.session.kept_curves = ()
         self.overlaid.clear()
-        self._ask()
+        self._request_result()
 
-    def lay_over(self, paths: Sequence[Path]) -> None:
+    def overlay_runs(self, paths: Sequence[Path]) -> None:
         """Measured runs over the curves."""
-        self.overlaid.lay_over(paths)
+        self.overlaid.add(paths)
 
-    def fit(self) -> None:
+    def fit_runs(self) -> None:
         """Let the sliders go where the runs are met best; while that goes on: cancel it."""
         self.overlaid.fit(self.setting)
 
@@ -230,143 +230,149 @@ class ExplorePage(QSplitter):
         """The numbers as text for `--set`."""
         text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
         QGuiApplication.clipboard().setText(text)
-        self.remark.say(
+        self.status_line.show_message(
             f'copied as {kind}: tactor-bench model frequency-response --set @FILE, or --set "the text itself"'
         )
 
     def save_study(self, path: Path) -> None:
         """What the kept curves vary, or the slider moved last, as a study file."""
-        self.remark.say("computing the study …")
-        setting, kept, variable = self.setting, self.exploration.kept, self.exploration.variable
-        frequencies: Any = range(1, 251) if self.picture is None else self.picture.line.frequency_hz
-        self._jobs.do(
-            lambda: write_study(path, study_of(setting, kept, variable, frequencies), variable),
-            lambda words: self.remark.say(str(words)),
-            self._failed,
+        self.status_line.show_message("computing the study …")
+        setting, kept, variable = self.setting, self.session.kept_curves, self.session.study_variable
+        frequencies: Any = range(1, 251) if self.result is None else self.result.curve.frequency_hz
+        self._study_worker.submit(
+            lambda: write_study(path, make_study(setting, kept, variable, frequencies), variable),
+            lambda words: self.status_line.show_message(str(words)),
+            self._on_error,
         )
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _fitted(self, fitted: Fitted) -> None:
-        self.go(fitted.setting)
-        self.remark.say(f"Fitted: {fitted.words}", stays=True)  # until a slider is moved
+    def _on_fitted(self, result: ExploreFit) -> None:
+        self.set_setting(result.setting)
+        self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until a slider is moved
 
-    def _fitting(self, fitting: bool) -> None:
-        self.bar.show_fitting(fitting)
+    def _on_fitting(self, fitting: bool) -> None:
+        self.toolbar.show_fitting(fitting)
         if fitting:
-            self.remark.say("fitting …", stays=True)
+            self.status_line.show_message("fitting …", persistent=True)
 
-    def _failed(self, error: Exception) -> None:
-        self.remark.say(str(error), fault=True)
+    def _on_error(self, error: Exception) -> None:
+        self.status_line.show_message(str(error), is_error=True)
 
-    def _show_measured(self) -> None:
-        self.plot.show_measured(self.measured)
-        self.bar.show_measured(self.measured, self.overlaid.drop)
-        if other := self.exploration.otherwise_driven(self.measured):
+    def _show_overlaid(self) -> None:
+        self.plot.show_runs(self.overlaid_responses)
+        self.toolbar.show_runs(self.overlaid_responses, self.overlaid.remove)
+        if other := self.session.runs_with_other_drive(self.overlaid_responses):
             drives = ", ".join(f"{run.label} at {run.peak_to_peak_v:.3g} V" for run in other)
-            self.remark.say(f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", fault=True)
+            self.status_line.show_message(
+                f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
+            )
 
-    def _moved(self, move: Callable[[], object]) -> None:
+    def _apply_change(self, change: Callable[[], object]) -> None:
         """Do what moves sliders; where the model refuses, say why: they stay where they were."""
         try:
-            move()
+            change()
         except ParameterError as error:
-            self.remark.say(str(error), fault=True)
+            self.status_line.show_message(str(error), is_error=True)
         else:
-            self.remark.say("")
+            self.status_line.show_message("")
         self._show_setting()
 
     def _show_setting(self) -> None:
         if self.isVisible():
-            self._ask()
+            self._request_result()
         else:
-            self._asked = None
-        self._stale = True  # the curve first; the sliders follow with the next frame
+            self._requested = None
+        self._sliders_stale = True  # the curve first; the sliders follow with the next frame
 
-    def _ask(self) -> None:
-        question = self.exploration.question
-        if question == self._asked:
+    def _request_result(self) -> None:
+        question = self.session.request
+        if question == self._requested:
             return
-        self._asked = question
-        if self._latest is None:  # not before somebody looks: it loads the linear algebra
-            self._latest = Latest(Answerer().pictures, self._answered.emit, "explore model", PAINT_S)
-        self._latest.ask(question)
+        self._requested = question
+        if self._model_worker is None:  # not before somebody looks: it loads the linear algebra
+            self._model_worker = LatestOnlyWorker(
+                ResponseEngine().compute, self._result_ready.emit, "explore model", PAINT_PAUSE_S
+            )
+        self._model_worker.submit(question)
 
-    def _show(self, question: Question, answer: Picture | Exception) -> None:
-        if isinstance(answer, Exception):
-            self.remark.say(f"the model cannot be computed so: {answer}; move a slider back", fault=True)
+    def _on_result(self, request: ExploreRequest, result: ExploreResult | Exception) -> None:
+        if isinstance(result, Exception):
+            self.status_line.show_message(
+                f"the model cannot be computed so: {result}; move a slider back", is_error=True
+            )
             return
-        self.picture = answer
-        self.plot.show_picture(answer, question.kept)
-        if answer.shape is not None:
-            self.shape.show_shape(answer.shape, question.at_hz)
-            self.shape_of = question
+        self.result = result
+        self.plot.show_result(result, request.kept_curves)
+        if result.motion is not None:
+            self.shape_plot.show_motion(result.motion, request.cursor_hz)
+            self.shown_request = request
 
-    def _cursor(self, hz: float) -> None:
-        self.exploration.at_hz = float(f"{hz:.4g}")
-        self.bar.show_frequency(self.exploration.at_hz)
-        self._ask()
+    def _on_cursor_moved(self, hz: float) -> None:
+        self.session.cursor_hz = float(f"{hz:.4g}")
+        self.toolbar.show_frequency(self.session.cursor_hz)
+        self._request_result()
 
-    def _range(self, top_hz: float) -> None:
-        self.exploration.top_hz = top_hz
-        self.plot.show_range(top_hz)
-        self._ask()
+    def _set_range(self, max_hz: float) -> None:
+        self.session.max_hz = max_hz
+        self.plot.show_range(max_hz)
+        self._request_result()
 
-    def _series(self) -> None:
-        self.plot.show_series(*(box.isChecked() for box in self.bar.series))
+    def _update_series(self) -> None:
+        self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
 
-    def _browse(self) -> None:
-        ask_for_files(self, "Runs to lay over", self.lay_over, "Runs (*.h5)", mode=Mode.ExistingFiles)
+    def _choose_runs(self) -> None:
+        choose_files(self, "Runs to lay over", self.overlay_runs, "Runs (*.h5)", mode=Mode.ExistingFiles)
 
-    def _ask_for_study(self) -> None:
-        ask_for_files(
+    def _choose_study_file(self) -> None:
+        choose_files(
             self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", "study.h5",
             Mode.AnyFile,
         )  # fmt: skip
 
-    def _connect(self) -> None:
-        bar = self.bar
-        self._answered.connect(self._show)
-        self.overlaid.changed.connect(self._show_measured)
-        self.overlaid.fitting.connect(self._fitting)
-        self.overlaid.fitted.connect(self._fitted)
-        self.overlaid.said.connect(self.remark.say)
-        self.sliders.moved.connect(self.turn)
-        self.sliders.reset.connect(self.reset)
-        self.sliders.refused.connect(lambda words: self.remark.say(words, fault=True))
-        self.plot.cursor_moved.connect(self._cursor)
-        bar.preset_chosen.connect(self.choose)
-        bar.skin_chosen.connect(lambda on: self._moved(lambda: self.exploration.lay_on_skin(on)))
-        bar.frequency_chosen.connect(self.plot.pointer.setValue)
-        bar.range_chosen.connect(self._range)
-        bar.series_changed.connect(self._series)
+    def _connect_signals(self) -> None:
+        bar = self.toolbar
+        self._result_ready.connect(self._on_result)
+        self.overlaid.changed.connect(self._show_overlaid)
+        self.overlaid.fitting.connect(self._on_fitting)
+        self.overlaid.fitted.connect(self._on_fitted)
+        self.overlaid.message.connect(self.status_line.show_message)
+        self.sliders.value_changed.connect(self.set_value)
+        self.sliders.reset_requested.connect(self.reset_value)
+        self.sliders.input_rejected.connect(lambda words: self.status_line.show_message(words, is_error=True))
+        self.plot.cursor_moved.connect(self._on_cursor_moved)
+        bar.preset_chosen.connect(self.load_preset)
+        bar.skin_chosen.connect(lambda on: self._apply_change(lambda: self.session.set_on_skin(on)))
+        bar.frequency_chosen.connect(self.plot.cursor_line.setValue)
+        bar.range_chosen.connect(self._set_range)
+        bar.series_changed.connect(self._update_series)
         bar.copy_chosen.connect(self.copy)
         for button, do in (
-            (bar.undo, self.undo),
-            (bar.redo, self.redo),
-            (bar.keep, self.keep),
-            (bar.clear, self.clear),
-            (bar.lay, self._browse),
-            (bar.fit, self.fit),
-            (bar.study, self._ask_for_study),
+            (bar.undo_button, self.undo),
+            (bar.redo_button, self.redo),
+            (bar.keep_button, self.keep_curve),
+            (bar.clear_button, self.clear_overlays),
+            (bar.overlay_button, self._choose_runs),
+            (bar.fit_button, self.fit_runs),
+            (bar.study_button, self._choose_study_file),
         ):
             button.clicked.connect(do)
         for words, do, keys in (
-            ("Undo", bar.undo.click, ("Ctrl+Z",)),
-            ("Redo", bar.redo.click, ("Ctrl+Shift+Z", "Ctrl+Y")),
-            ("Keep the present curve", bar.keep.click, ("Ctrl+Shift+K",)),
-            ("Copy every parameter as JSON", bar.copy_json.click, ("Ctrl+Shift+C",)),
-            ("Lay a run over the curves", bar.lay.click, ("Ctrl+O",)),
-            ("Fit the model to the runs that lie over it, or cancel the fit", bar.fit.click, ("Ctrl+F",)),
-            ("Free, or on skin", bar.elsewhere, ("Ctrl+T",)),
-            ("Save as a study", bar.study.click, ("Ctrl+S",)),
+            ("Undo", bar.undo_button.click, ("Ctrl+Z",)),
+            ("Redo", bar.redo_button.click, ("Ctrl+Shift+Z", "Ctrl+Y")),
+            ("Keep the present curve", bar.keep_button.click, ("Ctrl+Shift+K",)),
+            ("Copy every parameter as JSON", bar.copy_json_button.click, ("Ctrl+Shift+C",)),
+            ("Lay a run over the curves", bar.overlay_button.click, ("Ctrl+O",)),
+            ("Fit the model to the runs that lie over it, or cancel the fit", bar.fit_button.click, ("Ctrl+F",)),
+            ("Free, or on skin", bar.toggle_skin, ("Ctrl+T",)),
+            ("Save as a study", bar.study_button.click, ("Ctrl+S",)),
         ):
-            bind(self, words, do, *keys, context=HERE, repeats=True)
+            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT, repeats=True)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if run_urls(event):
+        if dropped_runs(event):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        self.lay_over(run_urls(event))
+        self.overlay_runs(dropped_runs(event))
         event.acceptProposedAction()

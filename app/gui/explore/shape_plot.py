@@ -6,12 +6,12 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
-from app.explore.engine import PHASES, Shape
-from app.gui.plots.base import Corner, paint, quiet, round_step
-from app.gui.plots.copy import Copying, as_text, drawn
+from app.explore.engine import PHASES, BeamMotion
+from app.gui.plots.base import CornerLabel, apply_plot_theme, round_step, style_axes
+from app.gui.plots.copy import PlotCopyButtons, series_as_text, series_of
 from app.gui.widgets.theme import Theme
 
-TURN_S = 1.6
+CYCLE_S = 1.6
 """How long one period is shown."""
 
 
@@ -20,12 +20,12 @@ class ShapePlot(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._shape: Shape | None = None
-        self._top_um, self._drawn = 0.0, -1
+        self._motion: BeamMotion | None = None
+        self._max_um, self._drawn_phase = 0.0, -1
         self.frames = 0
         self.canvas = pg.PlotWidget(enableMenu=False)
         self.plot = self.canvas.getPlotItem()
-        quiet(self.plot, self.font())
+        style_axes(self.plot, self.font())
         self.plot.setContentsMargins(0, 0, 8, 0)
         self.plot.getAxis("left").setWidth(62)
         self.plot.setLabel("left", "shape (µm)")
@@ -37,8 +37,8 @@ class ShapePlot(QWidget):
         self._clamps = [pg.PlotCurveItem() for _ in range(2)]
         for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
             self.plot.addItem(item)
-        self.words = Corner(self.plot, "", self.font(), right=False)
-        self.copying = Copying(self.canvas, self._table)
+        self.corner_label = CornerLabel(self.plot, "", self.font(), right=False)
+        self.copy_buttons = PlotCopyButtons(self.canvas, self._table)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self.canvas)
@@ -47,9 +47,9 @@ class ShapePlot(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.canvas.setBackground(theme.panel)
-        paint(self.plot, theme)
+        apply_plot_theme(self.plot, theme)
         self.beam.setPen(pg.mkPen(theme.model, width=2))
-        self.layer.setPen(pg.mkPen(theme.warn, width=5))
+        self.layer.setPen(pg.mkPen(theme.warning, width=5))
         self.cylinder.setPen(pg.mkPen(theme.text, width=7))
         for line in self._envelope:
             line.setPen(pg.mkPen(theme.line, width=1))
@@ -57,47 +57,49 @@ class ShapePlot(QWidget):
         fill.setAlpha(26)
         self._fill.setBrush(fill)
         for clamp in self._clamps:
-            clamp.setPen(pg.mkPen(theme.dim, width=6))
-        self.words.colour(theme.text)
+            clamp.setPen(pg.mkPen(theme.secondary_text, width=6))
+        self.corner_label.set_color(theme.text)
 
     def _table(self) -> str:
-        shown = list(drawn("the beam", self.beam))
+        shown = list(series_of("the beam", self.beam))
         for name, line in zip(("lowest", "highest"), self._envelope, strict=True):
-            shown += drawn(name, line)
-        return as_text(shown, "along the beam (mm)", "deflection (µm), by the model", simulated=False)
+            shown += series_of(name, line)
+        return series_as_text(shown, "along the beam (mm)", "deflection (µm), by the model", simulated=False)
 
-    def show_shape(self, shape: Shape, frequency_hz: float) -> None:
+    def show_motion(self, motion: BeamMotion, frequency_hz: float) -> None:
         """Another motion."""
-        self._shape, self._drawn = shape, -1
-        low, high = (1e6 * both(v) for v in (shape.deflection.min(0), shape.deflection.max(0)))
-        x = 1e3 * along(shape)
+        self._motion, self._drawn_phase = motion, -1
+        low, high = (1e6 * mirror_half(v) for v in (motion.deflection.min(0), motion.deflection.max(0)))
+        x = 1e3 * beam_positions(motion)
         for line, values in zip(self._envelope, (low, high), strict=True):
             line.setData(x, values)
         top = max(float(np.abs(low).max()), float(np.abs(high).max()), 1.0)
-        if not 0.4 * self._top_um < 1.1 * top < self._top_um:
+        if not 0.4 * self._max_um < 1.1 * top < self._max_um:
             step = round_step(1.3 * top, 5)
-            self._top_um = step * np.ceil(1.3 * top / step)
-        self.plot.setYRange(-self._top_um, self._top_um, padding=0)
-        reach = 2e3 * float(shape.x[-1])
+            self._max_um = step * np.ceil(1.3 * top / step)
+        self.plot.setYRange(-self._max_um, self._max_um, padding=0)
+        reach = 2e3 * float(motion.x[-1])
         self.plot.setXRange(-0.03 * reach, 1.03 * reach, padding=0)
-        edge = 0.25 * self._top_um
+        edge = 0.25 * self._max_um
         for clamp, at in zip(self._clamps, (0.0, reach), strict=True):
             clamp.setData([at, at], [-edge, edge])
-        slower = TURN_S * frequency_hz
-        self.words.say(f"{frequency_hz:.4g} Hz, slowed {slower:.0f} times; MFC thick, cylinder in the middle")
-        self.refresh()
+        slower = CYCLE_S * frequency_hz
+        self.corner_label.set_text(
+            f"{frequency_hz:.4g} Hz, slowed {slower:.0f} times; MFC thick, cylinder in the middle"
+        )
+        self.tick()
 
-    def refresh(self) -> None:
+    def tick(self) -> None:
         """Move on with the clock."""
-        if self._shape is None or not self.isVisible():
+        if self._motion is None or not self.isVisible():
             return
-        phase = int(time.monotonic() / TURN_S * PHASES) % PHASES
-        if phase == self._drawn:
+        phase = int(time.monotonic() / CYCLE_S * PHASES) % PHASES
+        if phase == self._drawn_phase:
             return
-        self._drawn = phase
+        self._drawn_phase = phase
         self.frames += 1
-        shape = self._shape
-        w, x = 1e6 * both(shape.deflection[phase]), along(shape)
+        shape = self._motion
+        w, x = 1e6 * mirror_half(shape.deflection[phase]), beam_positions(shape)
         length = 2 * shape.x[-1]
         self.beam.setData(1e3 * x, w)
         covered = (x >= shape.L1) & (x <= length - shape.L1)
@@ -106,11 +108,11 @@ class ShapePlot(QWidget):
         self.cylinder.setData(1e3 * x[middle], np.full(int(middle.sum()), float(w[len(w) // 2])))
 
 
-def along(shape: Shape) -> np.ndarray:
+def beam_positions(motion: BeamMotion) -> np.ndarray:
     """Positions on the whole beam, m, from one clamp to the other."""
-    return np.concatenate((shape.x, 2 * shape.x[-1] - shape.x[-2::-1]))
+    return np.concatenate((motion.x, 2 * motion.x[-1] - motion.x[-2::-1]))
 
 
-def both(half: np.ndarray) -> np.ndarray:
+def mirror_half(half: np.ndarray) -> np.ndarray:
     """The other half of the beam does the same."""
     return np.concatenate((half, half[-2::-1]))

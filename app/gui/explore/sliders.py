@@ -7,13 +7,13 @@ from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
 
 from app.common.units import PEAK_TO_PEAK, UnitError, read_number
-from app.explore.sliders import GROUPS, Slider
-from app.explore.state import DRIVE, OF_SKIN, Setting
-from app.gui.widgets.form import mark
-from model.parameter_spec import ParameterError, Quantity
-from model.specimen import variables
+from app.explore.sliders import GROUPS, SliderSpec
+from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
+from app.gui.widgets.form import set_style_kind
+from model.parameter_spec import ParameterError, ParameterSpec
+from model.specimen import variable_specs
 
-STEPS = 1000
+SLIDER_STEPS = 1000
 
 
 class _Slider(QSlider):
@@ -26,78 +26,78 @@ class _Slider(QSlider):
 class SliderRow:
     """Name, slider, field, unit and the way back of one number."""
 
-    def __init__(self, slider: Slider, quantity: Quantity, panel: "SliderPanel") -> None:
-        self.slider, self._quantity, self._panel = slider, quantity, panel
-        self.label = QLabel(slider.label)
-        self.bar = _Slider(Qt.Orientation.Horizontal)
-        self.bar.setRange(0, STEPS)
-        self.bar.setSingleStep(5)
-        self.bar.setPageStep(50)
-        self.bar.setMinimumWidth(70)
+    def __init__(self, spec: SliderSpec, quantity: ParameterSpec, panel: "SliderPanel") -> None:
+        self.spec, self._quantity, self._panel = spec, quantity, panel
+        self.label = QLabel(spec.label)
+        self.slider_widget = _Slider(Qt.Orientation.Horizontal)
+        self.slider_widget.setRange(0, SLIDER_STEPS)
+        self.slider_widget.setSingleStep(5)
+        self.slider_widget.setPageStep(50)
+        self.slider_widget.setMinimumWidth(70)
         self.field = QLineEdit()
         self.field.setFixedWidth(78)
-        self.unit = QLabel(slider.unit.replace("^2", "²"))
-        self.back = QToolButton()
-        self.back.setText("↺")
-        self.back.setAutoRaise(True)
-        self.back.setToolTip("Back")
-        hint = f"{quantity.words}\n{quantity.limits}; the field takes values beyond the slider's ends, and units"
-        for widget in (self.label, self.bar, self.field):
+        self.unit = QLabel(spec.unit.replace("^2", "²"))
+        self.reset_button = QToolButton()
+        self.reset_button.setText("↺")
+        self.reset_button.setAutoRaise(True)
+        self.reset_button.setToolTip("Back")
+        hint = f"{quantity.description}\n{quantity.limits}; the field takes values beyond the slider's ends, and units"
+        for widget in (self.label, self.slider_widget, self.field):
             widget.setToolTip(hint)
         self.label.setBuddy(self.field)
-        self.bar.setAccessibleName(slider.label)
-        self.field.setAccessibleName(f"{slider.label} in {slider.unit}")
-        self.back.setAccessibleName(f"reset {slider.label}")
-        self.bar.valueChanged.connect(self._slid)
-        self.field.returnPressed.connect(self._typed)
-        self.field.editingFinished.connect(self._typed)
-        self.back.clicked.connect(lambda: panel.reset.emit(slider.name))
+        self.slider_widget.setAccessibleName(spec.label)
+        self.field.setAccessibleName(f"{spec.label} in {spec.unit}")
+        self.reset_button.setAccessibleName(f"reset {spec.label}")
+        self.slider_widget.valueChanged.connect(self._on_slider_moved)
+        self.field.returnPressed.connect(self._on_text_entered)
+        self.field.editingFinished.connect(self._on_text_entered)
+        self.reset_button.clicked.connect(lambda: panel.reset_requested.emit(spec.name))
 
     def show_value(self, value: float, moved: bool, in_use: bool) -> None:
         """Stand where a setting says."""
-        with QSignalBlocker(self.bar):
-            if not self.bar.isSliderDown():
-                self.bar.setValue(round(STEPS * self.slider.place(value)))
+        with QSignalBlocker(self.slider_widget):
+            if not self.slider_widget.isSliderDown():
+                self.slider_widget.setValue(round(SLIDER_STEPS * self.spec.position(value)))
         if not (self.field.hasFocus() and self.field.isModified()):
-            text = self.slider.text(value)
+            text = self.spec.format_value(value)
             if self.field.text() != text:
                 self.field.setText(text)
-            mark(self.field, "")
+            set_style_kind(self.field, "")
             self.field.setModified(False)
-        self.back.setEnabled(moved)
-        self.back.setText("↺" if moved else "")
-        mark(self.label, "moved" if moved else "" if in_use else "note-size")
+        self.reset_button.setEnabled(moved)
+        self.reset_button.setText("↺" if moved else "")
+        set_style_kind(self.label, "moved" if moved else "" if in_use else "note-size")
 
-    def _slid(self, place: int) -> None:
+    def _on_slider_moved(self, position: int) -> None:
         self.field.setModified(False)
-        self._panel.moved.emit(self.slider.name, self.slider.value(place / STEPS))
+        self._panel.value_changed.emit(self.spec.name, self.spec.value_at(position / SLIDER_STEPS))
 
-    def _typed(self) -> None:
+    def _on_text_entered(self) -> None:
         if not self.field.isModified():
             return
         text = self.field.text().strip()
         try:
             try:
-                value = float(self._quantity.check(float(text) / self.slider.factor))
+                value = float(self._quantity.check(float(text) / self.spec.factor))
             except ValueError as error:
                 if isinstance(error, ParameterError):
                     raise
                 value = read_number(text, self._quantity)
         except (UnitError, ParameterError) as error:
-            mark(self.field, "faulty")
-            self._panel.refused.emit(str(error))
+            set_style_kind(self.field, "faulty")
+            self._panel.input_rejected.emit(str(error))
             return
         self.field.setModified(False)
-        self._panel.moved.emit(self.slider.name, value)
+        self._panel.value_changed.emit(self.spec.name, value)
 
 
 class SliderPanel(QWidget):
     """All of them, in groups."""
 
-    moved = Signal(str, float)
+    value_changed = Signal(str, float)
     """A number's name and its new value, SI."""
-    reset = Signal(str)
-    refused = Signal(str)
+    reset_requested = Signal(str)
+    input_rejected = Signal(str)
     """Why what was typed cannot be."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -106,25 +106,25 @@ class SliderPanel(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 8, 0)
         layout.setSpacing(4)
-        known = variables()
+        known = variable_specs()
         for title, sliders in GROUPS.items():
             layout.addWidget(_caption(title))
-            layout.addLayout(self._group((s, known[s.name]) for s in sliders))
+            layout.addLayout(self._group_layout((s, known[s.name]) for s in sliders))
             if title == "Tactor":
                 layout.addWidget(_caption("Drive"))
-                layout.addLayout(self._group([(DRIVE, PEAK_TO_PEAK)]))
+                layout.addLayout(self._group_layout([(DRIVE_SLIDER, PEAK_TO_PEAK)]))
         layout.addStretch()
 
-    def show_setting(self, setting: Setting) -> None:
+    def show_setting(self, setting: ExploreSetting) -> None:
         """Stand as a setting says."""
-        values = setting.everything
+        values = setting.all_values
         for name, row in self.rows.items():
-            if name == DRIVE.name:
+            if name == DRIVE_SLIDER.name:
                 row.show_value(setting.peak_to_peak_v, setting.peak_to_peak_v != PEAK_TO_PEAK.default, True)
             else:
-                row.show_value(values[name], name in setting.values, setting.on_skin or name not in OF_SKIN)
+                row.show_value(values[name], name in setting.values, setting.on_skin or name not in SKIN_PARAMETERS)
 
-    def _group(self, sliders: Iterable[tuple[Slider, Quantity]]) -> QGridLayout:
+    def _group_layout(self, sliders: Iterable[tuple[SliderSpec, ParameterSpec]]) -> QGridLayout:
         grid = QGridLayout()
         grid.setHorizontalSpacing(6)
         grid.setVerticalSpacing(1)
@@ -134,13 +134,13 @@ class SliderPanel(QWidget):
         grid.setColumnMinimumWidth(4, 24)
         for at, (slider, quantity) in enumerate(sliders):
             row = SliderRow(slider, quantity, self)
-            for column, widget in enumerate((row.label, row.bar, row.field, row.unit, row.back)):
+            for column, widget in enumerate((row.label, row.slider_widget, row.field, row.unit, row.reset_button)):
                 grid.addWidget(widget, at, column)
             self.rows[slider.name] = row
         return grid
 
 
-def _caption(words: str) -> QLabel:
-    label = QLabel(words)
+def _caption(text: str) -> QLabel:
+    label = QLabel(text)
     label.setProperty("kind", "caption")
     return label

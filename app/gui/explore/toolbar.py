@@ -14,16 +14,16 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.archive.replay import Measured
-from app.common.undo import History
+from app.archive.replay import MeasuredResponse
+from app.common.undo import UndoHistory
 from app.common.units import UnitError, to_number
-from app.explore.state import Setting
+from app.explore.state import ExploreSetting
 
 RANGES_HZ = (250, 500, 1000, 4000)
 SERIES = ("max − min", "2 × fundamental", "phase", "log")
 
 
-class ExploreBar(QObject):
+class ExploreToolbar(QObject):
     """Holds the buttons; the page lays its rows out where they belong."""
 
     preset_chosen = Signal(str)
@@ -35,22 +35,25 @@ class ExploreBar(QObject):
 
     def __init__(self, presets: Mapping[str, str], fits: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.presets = QComboBox()
-        self.presets.addItem("Begin from …")
+        self.preset_box = QComboBox()
+        self.preset_box.addItem("Begin from …")
         for name, title in presets.items():
-            self.presets.addItem(title, name)
-        self.presets.setAccessibleName("begin from")
-        self.presets.activated.connect(self._preset)
-        self.free, self.skin = _choice("Free", "The tactor vibrates freely"), _choice("On skin", "On the membrane")
-        self._where = QButtonGroup(self)
-        for button in (self.free, self.skin):
-            self._where.addButton(button)
-        self.skin.toggled.connect(self.skin_chosen)
-        self.undo, self.redo = (
+            self.preset_box.addItem(title, name)
+        self.preset_box.setAccessibleName("begin from")
+        self.preset_box.activated.connect(self._on_preset)
+        self.free_button, self.skin_button = (
+            _choice("Free", "The tactor vibrates freely"),
+            _choice("On skin", "On the membrane"),
+        )
+        self._skin_group = QButtonGroup(self)
+        for button in (self.free_button, self.skin_button):
+            self._skin_group.addButton(button)
+        self.skin_button.toggled.connect(self.skin_chosen)
+        self.undo_button, self.redo_button = (
             _button(text, tip) for text, tip in (("↶", "Undo: Ctrl+Z"), ("↷", "Redo: Ctrl+Shift+Z"))
         )
-        self.undo.setAccessibleName("undo")
-        self.redo.setAccessibleName("redo")
+        self.undo_button.setAccessibleName("undo")
+        self.redo_button.setAccessibleName("redo")
         self.series = [QCheckBox(words) for words in SERIES]
         self.series[0].setChecked(True)
         for box in self.series:
@@ -59,71 +62,71 @@ class ExploreBar(QObject):
         self.frequency.setFixedWidth(64)
         self.frequency.setToolTip("Frequency whose motion is shown; the dotted line can be dragged, too")
         self.frequency.setAccessibleName("frequency of the motion in Hz")
-        self.frequency.editingFinished.connect(self._frequency)
+        self.frequency.editingFinished.connect(self._on_frequency)
         self.ranges = [_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz") for hz in RANGES_HZ]
         self._group = QButtonGroup(self)
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
             self._group.addButton(button)
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.keep = _button("Keep curve", "Let the present curve stay while the sliders move on: Ctrl+Shift+K")
-        self.clear = _button("Clear", "Take kept curves and measured runs away")
-        self.lay = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
-        self.fit = _button("Fit these", "Let the sliders go where the runs are met best: Ctrl+F")
+        self.keep_button = _button("Keep curve", "Let the present curve stay while the sliders move on: Ctrl+Shift+K")
+        self.clear_button = _button("Clear", "Take kept curves and measured runs away")
+        self.overlay_button = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
+        self.fit_button = _button("Fit these", "Let the sliders go where the runs are met best: Ctrl+F")
         if not fits:  # shown before it has a place it would be a window of its own
-            self.fit.hide()
-        self.study = _button(
+            self.fit_button.hide()
+        self.study_button = _button(
             "Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV: Ctrl+S"
         )
-        self.copy_json = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
-        self.copy_toml = _button("Copy TOML", "Every parameter as TOML for --set")
-        self.copy_json.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
-        self.copy_toml.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
+        self.copy_json_button = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
+        self.copy_toml_button = _button("Copy TOML", "Every parameter as TOML for --set")
+        self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
+        self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self._chips = QHBoxLayout()
         self._chips.setSpacing(4)
-        self.chips: list[QPushButton] = []
+        self.run_chips: list[QPushButton] = []
 
-    def elsewhere(self) -> None:
+    def toggle_skin(self) -> None:
         """From free to the skin, or back."""
-        (self.free if self.skin.isChecked() else self.skin).click()
+        (self.free_button if self.skin_button.isChecked() else self.skin_button).click()
 
-    def show_setting(self, setting: Setting, history: History[Setting]) -> None:
+    def show_setting(self, setting: ExploreSetting, history: UndoHistory[ExploreSetting]) -> None:
         """Tell where the tactor is, and whether there is a way back."""
-        for button, there in ((self.free, not setting.on_skin), (self.skin, setting.on_skin)):
+        for button, there in ((self.free_button, not setting.on_skin), (self.skin_button, setting.on_skin)):
             with QSignalBlocker(button):
                 button.setChecked(there)
-        self.undo.setEnabled(history.can_undo)
-        self.redo.setEnabled(history.can_redo)
+        self.undo_button.setEnabled(history.can_undo)
+        self.redo_button.setEnabled(history.can_redo)
 
     def show_frequency(self, hz: float) -> None:
         if not self.frequency.hasFocus():
             self.frequency.setText(f"{hz:.4g}")
 
-    def show_measured(self, measured: Sequence[Measured], drop: Callable[[Measured], None]) -> None:
+    def show_runs(self, runs: Sequence[MeasuredResponse], remove: Callable[[MeasuredResponse], None]) -> None:
         """A button for each run laid over; pressing it takes the run away."""
-        for chip in self.chips:
+        for chip in self.run_chips:
             self._chips.removeWidget(chip)
             chip.deleteLater()
-        self.chips = []
-        for run in measured:
+        self.run_chips = []
+        for run in runs:
             chip = _choice(f"{run.label}  ✕", f"{run.path}: press to take it away")
             chip.setCheckable(False)
-            chip.clicked.connect(lambda _=False, run=run: drop(run))
+            chip.clicked.connect(lambda _=False, run=run: remove(run))
             self._chips.addWidget(chip)
-            self.chips.append(chip)
+            self.run_chips.append(chip)
 
     def show_fitting(self, fitting: bool) -> None:
         """The button that fits is the one that cancels while it does."""
-        self.fit.setText("Cancel the fit" if fitting else "Fit these")
+        self.fit_button.setText("Cancel the fit" if fitting else "Fit these")
 
-    def start(self) -> QHBoxLayout:
+    def start_row(self) -> QHBoxLayout:
         """Preset, free or on skin, undo and redo."""
-        return _row(self.presets, self.free, self.skin, None, self.undo, self.redo)
+        return _row(self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button)
 
-    def leave(self) -> QHBoxLayout:
-        return _row(self.copy_json, self.copy_toml, self.study, None)
+    def export_row(self) -> QHBoxLayout:
+        return _row(self.copy_json_button, self.copy_toml_button, self.study_button, None)
 
-    def head(self) -> QHBoxLayout:
+    def series_row(self) -> QHBoxLayout:
         """What is drawn."""
         caption = QLabel("Response")
         caption.setProperty("kind", "caption")
@@ -131,25 +134,25 @@ class ExploreBar(QObject):
             caption, *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"),
         )  # fmt: skip
 
-    def motion(self) -> QHBoxLayout:
+    def motion_row(self) -> QHBoxLayout:
         """Which motion is shown."""
         caption = QLabel("Motion")
         caption.setProperty("kind", "caption")
         return _row(caption, QLabel("at"), self.frequency, QLabel("Hz"), None)
 
-    def runs(self) -> QHBoxLayout:
+    def overlay_row(self) -> QHBoxLayout:
         """Kept curves and measured runs."""
-        row = _row(self.keep, self.lay, self.fit)
+        row = _row(self.keep_button, self.overlay_button, self.fit_button)
         row.addLayout(self._chips)
         row.addStretch()
-        row.addWidget(self.clear)
+        row.addWidget(self.clear_button)
         return row
 
-    def _preset(self, at: int) -> None:
-        if name := self.presets.itemData(at):
+    def _on_preset(self, index: int) -> None:
+        if name := self.preset_box.itemData(index):
             self.preset_chosen.emit(name)
 
-    def _frequency(self) -> None:
+    def _on_frequency(self) -> None:
         try:
             hz = to_number(self.frequency.text(), "Hz")
         except UnitError:

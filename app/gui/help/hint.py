@@ -2,51 +2,51 @@
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.gui.widgets.form import mark
-from app.session.state import View
-from protocols.base.events import Status
+from app.gui.widgets.form import set_style_kind
+from app.session.state import WindowState
+from protocols.base.events import RunStatus
 
-WAITS = "The bench is connecting; the measurement then begins by itself."
-RUNS = (
+WAITING_TEXT = "The bench is connecting; the measurement then begins by itself."
+RUNNING_TEXT = (
     "The generator plays one frequency after the other, and each point falls on the model's curve. "
     "Esc stops at any time and brings the bench to rest."
 )
-DONE = "Finished, and the bench is at rest. The run is kept: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 tells every key."
-ENDED = "The run did not come to its end: {reason}. F5 begins again; F1 tells every key."
+FINISHED_TEXT = "Finished, and the bench is at rest. The run is kept: Ctrl+4 lists it, Enter opens it. F5 measures again; F1 tells every key."
+REASON_END = "The run did not come to its end: {reason}. F5 begins again; F1 tells every key."
 
 
-class Hint(QWidget):
+class FirstRunHint(QWidget):
     """Hidden, until `begin`."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._told = False
-        self.words = QLabel()
-        self.words.setWordWrap(True)
-        mark(self.words, "hint")
+        self._run_finished = False
+        self.label = QLabel()
+        self.label.setWordWrap(True)
+        set_style_kind(self.label, "hint")
         close = QPushButton("Got it")
         close.setProperty("kind", "choice")
         close.clicked.connect(self.hide)
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 6, 0)
-        row.addWidget(self.words, 1)
+        row.addWidget(self.label, 1)
         row.addWidget(close)
         self.hide()
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Lead through the run that comes."""
-        self._told = False
-        self.words.setText(WAITS)
+        self._run_finished = False
+        self.label.setText(WAITING_TEXT)
         self.show()
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Say what is to be seen now."""
         if self.isHidden():
             return
-        if view.busy and self._told:  # another run: the lesson is over
+        if view.busy and self._run_finished:  # another run: the lesson is over
             self.hide()
         elif view.busy:
-            self.words.setText(RUNS)
+            self.label.setText(RUNNING_TEXT)
         elif (ended := view.outcome) is not None:
-            self._told, done = True, ended.status is Status.COMPLETED
-            self.words.setText(DONE if done else ENDED.format(reason=ended.reason))
+            self._run_finished, done = True, ended.status is RunStatus.COMPLETED
+            self.label.setText(FINISHED_TEXT if done else REASON_END.format(reason=ended.reason))

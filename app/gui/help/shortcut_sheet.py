@@ -15,34 +15,34 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import Line
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import ShortcutInfo
 
 
-class KeySheet(QWidget):
+class ShortcutSheet(QWidget):
     """Filled each time it is opened."""
 
     closed = Signal()
-    first_page_asked = Signal()
+    welcome_requested = Signal()
 
     def __init__(self) -> None:
         super().__init__()
-        self._groups: Mapping[str, tuple[Line, ...]] = {}
-        self.rows: list[tuple[str, Line]] = []
+        self._groups: Mapping[str, tuple[ShortcutInfo, ...]] = {}
+        self.rows: list[tuple[str, ShortcutInfo]] = []
         """What is shown, with the title of its group."""
         self.search = QLineEdit()
         self.search.setPlaceholderText("Search: what to do, or a key")
         self.search.setAccessibleName("search the keys")
         self.search.setClearButtonEnabled(True)
-        self.search.textChanged.connect(self._list)
+        self.search.textChanged.connect(self._fill_list)
         self._scroll = QScrollArea()
         self._scroll.setWidgetResizable(True)
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
         self._scroll.viewport().setAutoFillBackground(False)
         heading = QLabel("Keys")
-        mark(heading, "heading")
+        set_style_kind(heading, "heading")
         first, close = QPushButton("First steps …"), QPushButton("Close   (F1)")
-        first.clicked.connect(self.first_page_asked)
+        first.clicked.connect(self.welcome_requested)
         close.clicked.connect(self.closed)
         top = QHBoxLayout()
         top.addWidget(heading)
@@ -56,14 +56,14 @@ class KeySheet(QWidget):
         layout.addLayout(top)
         layout.addWidget(self._scroll, 1)
 
-    def open(self, groups: Mapping[str, tuple[Line, ...]]) -> None:
+    def show_shortcuts(self, groups: Mapping[str, tuple[ShortcutInfo, ...]]) -> None:
         """Show these groups."""
         self._groups = groups
         self.search.clear()
-        self._list()
+        self._fill_list()
         self.search.setFocus()
 
-    def _list(self) -> None:
+    def _fill_list(self) -> None:
         wanted = self.search.text().lower().split()
         paper = QWidget()
         paper.setAutoFillBackground(False)
@@ -72,9 +72,11 @@ class KeySheet(QWidget):
         columns.setSpacing(28)
         self.rows = []
         for title, lines in self._groups.items():
-            found = [line for line in lines if all(w in f"{line.words} {' '.join(line.keys)}".lower() for w in wanted)]
+            found = [
+                line for line in lines if all(w in f"{line.description} {' '.join(line.keys)}".lower() for w in wanted)
+            ]
             if found:
-                columns.addWidget(_group(title, found), 1, Qt.AlignmentFlag.AlignTop)
+                columns.addWidget(_group_frame(title, found), 1, Qt.AlignmentFlag.AlignTop)
                 self.rows += [(title, line) for line in found]
         if not self.rows:
             columns.addWidget(QLabel("No key of this page does that."), 1, Qt.AlignmentFlag.AlignTop)
@@ -82,9 +84,9 @@ class KeySheet(QWidget):
         self._scroll.setWidget(paper)  # deletes the one before
 
 
-def _group(title: str, lines: list[Line]) -> QFrame:
+def _group_frame(title: str, lines: list[ShortcutInfo]) -> QFrame:
     frame = QFrame()
-    mark(frame, "panel")
+    set_style_kind(frame, "panel")
     grid = QGridLayout(frame)
     grid.setContentsMargins(16, 10, 16, 12)
     grid.setHorizontalSpacing(14)
@@ -92,18 +94,18 @@ def _group(title: str, lines: list[Line]) -> QFrame:
     grid.setColumnStretch(0, 2)
     grid.setColumnStretch(1, 3)
     heading = QLabel(title)
-    mark(heading, "running")
+    set_style_kind(heading, "running")
     grid.addWidget(heading, 0, 0, 1, 2)
     for at, line in enumerate(lines, 1):
         keys = QHBoxLayout()
         keys.setSpacing(4)
         for name in line.keys:
             cap = QLabel(name)
-            mark(cap, "key")
+            set_style_kind(cap, "key")
             keys.addWidget(cap)
         keys.addStretch()
         grid.addLayout(keys, at, 0)
-        words = QLabel(line.words)
+        words = QLabel(line.description)
         words.setWordWrap(True)
         grid.addWidget(words, at, 1)
     return frame

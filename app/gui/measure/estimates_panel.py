@@ -7,31 +7,31 @@ from PySide6.QtCore import QPointF, QSize
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
-from app.common.formatting import counted, uncertain
+from app.common.formatting import format_uncertain, pluralize
 from app.explore.sliders import SLIDERS
-from app.gui.widgets.form import mark
+from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
-from app.live.estimates import Told
+from app.live.estimates import EstimateUpdate
 
-ROWS = 3
+MAX_ROWS = 3
 TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequencies will."
 
 
-class Shrinking(QWidget):
+class ErrorHistoryPlot(QWidget):
     """A relative error after each point, on a logarithmic scale."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.errors: Sequence[float] = ()
-        self._ink = "#000000"
+        self._color = "#000000"
         self.setMinimumWidth(44)
 
     def sizeHint(self) -> QSize:
         return QSize(60, self.fontMetrics().height() + 4)
 
-    def show_errors(self, errors: Sequence[float], ink: str) -> None:
+    def show_errors(self, errors: Sequence[float], color: str) -> None:
         """The history of one estimate."""
-        self.errors, self._ink = errors, ink
+        self.errors, self._color = errors, color
         told = f"{len(errors)} fits, from {100 * errors[0]:.2g} % to {100 * errors[-1]:.2g} %" if errors else ""
         self.setToolTip(f"Standard error in parts of the value: {told}" if told else "")
         self.update()
@@ -48,9 +48,9 @@ class Shrinking(QWidget):
         ]
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setPen(QPen(QColor(self._ink), 1.5))
+        painter.setPen(QPen(QColor(self._color), 1.5))
         painter.drawPolyline(QPolygonF(places))
-        painter.setBrush(QColor(self._ink))
+        painter.setBrush(QColor(self._color))
         painter.drawEllipse(places[-1], 2, 2)
         painter.end()
 
@@ -60,16 +60,16 @@ class EstimatesPanel(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._theme, self._told = theme, Told()
+        self._theme, self._update = theme, EstimateUpdate()
         self._busy = False
         self.caption, self.note = QLabel(), QLabel()
-        mark(self.caption, "caption")
-        mark(self.note, "note")
+        set_style_kind(self.caption, "caption")
+        set_style_kind(self.note, "note")
         self.note.setWordWrap(True)
-        self.rows = [(QLabel(), QLabel(), Shrinking()) for _ in range(ROWS)]
+        self.rows = [(QLabel(), QLabel(), ErrorHistoryPlot()) for _ in range(MAX_ROWS)]
         for name, value, _ in self.rows:
-            mark(name, "note")
-            mark(value, "small")
+            set_style_kind(name, "note")
+            set_style_kind(value, "small")
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(8)
@@ -79,23 +79,23 @@ class EstimatesPanel(QWidget):
         for at, row in enumerate(self.rows, 1):
             for column, widget in enumerate(row):
                 grid.addWidget(widget, at, column)
-        grid.addWidget(self.note, ROWS + 1, 0, 1, 3)
+        grid.addWidget(self.note, MAX_ROWS + 1, 0, 1, 3)
         self.hide()
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self._theme = theme
-        told, self._told = self._told, Told()
-        self.show_told(told)
+        told, self._update = self._update, EstimateUpdate()
+        self.show_update(told)
 
-    def show_told(self, told: Told) -> None:
+    def show_update(self, update: EstimateUpdate) -> None:
         """Show what is known by now."""
-        if told is self._told:
+        if update is self._update:
             return
-        self._told = told
-        count = counted(told.points, "usable point")
-        self.caption.setText(f"What {count} tell{'s' if told.points == 1 else ''}")
-        estimates = told.estimates[:ROWS]
+        self._update = update
+        count = pluralize(update.points, "usable point")
+        self.caption.setText(f"What {count} tell{'s' if update.points == 1 else ''}")
+        estimates = update.estimates[:MAX_ROWS]
         for at, (name, value, shrinking) in enumerate(self.rows):
             there = at < len(estimates)
             for widget in (name, value, shrinking):
@@ -104,17 +104,19 @@ class EstimatesPanel(QWidget):
                 e = estimates[at]
                 slider = SLIDERS[e.name.partition("(")[0]]
                 name.setText(slider.label + e.name.removeprefix(slider.name))
-                value.setText(uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
-                shrinking.show_errors((told.errors or {}).get(e.name, ()), self._theme.model)
-        rests = f"Everything else as in {told.believed.words}; the sensor's gain is taken as exact."
-        self.note.setText(rests if estimates else TOO_FEW if told.words.startswith("not identifiable") else told.words)
-        self.note.setToolTip(told.words)
+                value.setText(format_uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
+                shrinking.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
+        rests = f"Everything else as in {update.active_model.description}; the sensor's gain is taken as exact."
+        self.note.setText(
+            rests if estimates else TOO_FEW if update.message.startswith("not identifiable") else update.message
+        )
+        self.note.setToolTip(update.message)
         self._show()
 
-    def allow(self, busy: bool) -> None:
+    def set_busy(self, busy: bool) -> None:
         """Only while points arrive: what the run ended with stands above the response."""
         self._busy = busy
         self._show()
 
     def _show(self) -> None:
-        self.setVisible(self._busy and bool(self._told.points))
+        self.setVisible(self._busy and bool(self._update.points))

@@ -3,9 +3,9 @@
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
 
-from app.common.undo import History
+from app.common.undo import UndoHistory
 from app.gui.measure.run_panel import RunPanel
-from app.gui.widgets.shortcuts import HERE, bind
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from protocols.base.protocol import Protocol
 
 
@@ -20,38 +20,38 @@ class FormHistory(QObject):
     def __init__(self, panel: RunPanel, page: QWidget) -> None:
         super().__init__(page)
         self._panel = panel
-        self._history: History[Protocol | None] = History(panel.protocol)
+        self._history: UndoHistory[Protocol | None] = UndoHistory(panel.protocol)
         # A preset fills one field after the other: what counts is how the form stands when all of that is over.
-        self._settled = QTimer(self, singleShot=True, interval=0)
-        self._settled.timeout.connect(self._remember)
-        panel.changed.connect(self._settled.start)
-        bind(page, "Undo in the form", self.undo, "Ctrl+Z", context=HERE, repeats=True)
-        bind(page, "Redo in the form", self.redo, "Ctrl+Shift+Z", "Ctrl+Y", context=HERE, repeats=True)
+        self._settle_timer = QTimer(self, singleShot=True, interval=0)
+        self._settle_timer.timeout.connect(self._remember)
+        panel.changed.connect(self._settle_timer.start)
+        bind_keys(page, "Undo in the form", self.undo, "Ctrl+Z", context=PAGE_CONTEXT, repeats=True)
+        bind_keys(page, "Redo in the form", self.redo, "Ctrl+Shift+Z", "Ctrl+Y", context=PAGE_CONTEXT, repeats=True)
 
     def undo(self) -> None:
         """Show what the form said before."""
         self._remember()
         if self._panel.form.isEnabled() and self._history.undo():
-            self._show()
+            self._show_protocol()
 
     def redo(self) -> None:
         """Show what was taken back."""
         if self._panel.form.isEnabled() and self._history.redo():
-            self._show()
+            self._show_protocol()
 
     def _remember(self) -> None:
         if (protocol := self._panel.protocol) is not None:
-            self._history.go(protocol, _changed(self._history.now, protocol))
+            self._history.push(protocol, _changed_field(self._history.current, protocol))
 
-    def _show(self) -> None:
-        protocol = self._history.now
+    def _show_protocol(self) -> None:
+        protocol = self._history.current
         if protocol is not None:
-            self._panel.fill(protocol)
+            self._panel.set_protocol(protocol)
 
 
-def _changed(before: Protocol | None, after: Protocol) -> str:
+def _changed_field(old: Protocol | None, new: Protocol) -> str:
     """The field that is another one; empty where it is more than one."""
-    if type(before) is not type(after):
+    if type(old) is not type(new):
         return ""
-    names = [name for name in type(after).model_fields if getattr(before, name) != getattr(after, name)]
+    names = [name for name in type(new).model_fields if getattr(old, name) != getattr(new, name)]
     return names[0] if len(names) == 1 else ""

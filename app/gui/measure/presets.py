@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWidget
 
-from app.common.atomic_write import write_whole
-from app.gui.widgets.form import mark
+from app.common.atomic_write import write_atomic
+from app.gui.widgets.form import set_style_kind
 from protocols.base.protocol import Protocol
 
 
@@ -30,7 +30,7 @@ def presets_path() -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Presets:
+class PresetStore:
     """Read from the file at every question: two windows may share it."""
 
     path: Path
@@ -55,7 +55,7 @@ class Presets:
             where = ".".join(str(part) for part in fault["loc"])
             raise PresetError(f"the preset '{name}' does not fit: {where}: {fault['msg']}; keep it anew") from error
 
-    def keep(self, name: str, protocol: Protocol) -> None:
+    def save(self, name: str, protocol: Protocol) -> None:
         """Write a preset, in place of one of that name.
 
         Raises:
@@ -65,7 +65,7 @@ class Presets:
         known.setdefault(protocol.name, {})[name] = protocol.model_dump(mode="json")
         self._write(known)
 
-    def forget(self, protocol: str, name: str) -> None:
+    def delete(self, protocol: str, name: str) -> None:
         """Remove a preset.
 
         Raises:
@@ -86,10 +86,10 @@ class Presets:
             raise PresetError(f"the presets {self.path} are no presets of this program; mend or remove that file")
         return known
 
-    def _write(self, known: dict[str, dict[str, dict[str, Any]]]) -> None:
+    def _write(self, presets: dict[str, dict[str, dict[str, Any]]]) -> None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(self.path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+            write_atomic(self.path, json.dumps(presets, indent=2, ensure_ascii=False) + "\n")
         except OSError as error:
             raise PresetError(f"the presets {self.path} cannot be written: {error.strerror or error}") from error
 
@@ -97,62 +97,62 @@ class Presets:
 class PresetButton(QToolButton):
     """Its menu is made when it is opened."""
 
-    taken = Signal(object)
+    preset_chosen = Signal(object)
 
-    def __init__(self, presets: Presets, parent: QWidget | None = None) -> None:
+    def __init__(self, presets: PresetStore, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._presets = presets
         self._kind: type[Protocol] | None = None
-        self._present: Callable[[], Protocol | None] = lambda: None
+        self._current: Callable[[], Protocol | None] = lambda: None
         self.setText("Presets")
-        mark(self, "tool")
+        set_style_kind(self, "tool")
         self.setToolTip("The paper's parameters, or your own")
         self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         menu = QMenu(self)
-        menu.aboutToShow.connect(self._fill)
+        menu.aboutToShow.connect(self._fill_menu)
         self.setMenu(menu)
 
-    def show_for(self, kind: type[Protocol], present: Callable[[], Protocol | None]) -> None:
+    def set_protocol(self, kind: type[Protocol], current: Callable[[], Protocol | None]) -> None:
         """Serve a protocol; `present` is what its form says."""
-        self._kind, self._present = kind, present
+        self._kind, self._current = kind, current
 
-    def _fill(self) -> None:
+    def _fill_menu(self) -> None:
         menu, kind = self.menu(), self._kind
         menu.clear()
         if kind is None:
             return
-        menu.addAction("The paper's", lambda: self.taken.emit(kind.model_validate({})))
+        menu.addAction("The paper's", lambda: self.preset_chosen.emit(kind.model_validate({})))
         try:
             names = self._presets.names(kind.name)
         except PresetError as error:
             menu.addAction(str(error)).setEnabled(False)
             return
         for name in names:
-            menu.addAction(name, partial(self._take, kind, name))
+            menu.addAction(name, partial(self._load_preset, kind, name))
         menu.addSeparator()
-        keep = menu.addAction("Keep these as …", self._keep)
-        keep.setEnabled(self._present() is not None)
+        keep = menu.addAction("Keep these as …", self._save_preset)
+        keep.setEnabled(self._current() is not None)
         if names:
             away = menu.addMenu("Forget")
             for name in names:
-                away.addAction(name, partial(self._forget, kind, name))
+                away.addAction(name, partial(self._delete_preset, kind, name))
 
-    def _keep(self) -> None:
-        protocol = self._present()
+    def _save_preset(self) -> None:
+        protocol = self._current()
         if protocol is None:
             return
         name, given = QInputDialog.getText(self, "Keep these parameters", "Name of the preset")
         if given and name.strip():
-            self._try(lambda: self._presets.keep(name.strip(), protocol))
+            self._report_errors(lambda: self._presets.save(name.strip(), protocol))
 
-    def _take(self, kind: type[Protocol], name: str) -> None:
-        self._try(lambda: self.taken.emit(self._presets.get(kind, name)))
+    def _load_preset(self, kind: type[Protocol], name: str) -> None:
+        self._report_errors(lambda: self.preset_chosen.emit(self._presets.get(kind, name)))
 
-    def _forget(self, kind: type[Protocol], name: str) -> None:
-        self._try(lambda: self._presets.forget(kind.name, name))
+    def _delete_preset(self, kind: type[Protocol], name: str) -> None:
+        self._report_errors(lambda: self._presets.delete(kind.name, name))
 
-    def _try(self, do: Callable[[], object]) -> None:
+    def _report_errors(self, action: Callable[[], object]) -> None:
         try:
-            do()
+            action()
         except PresetError as error:
             QMessageBox.warning(self, "Presets", str(error))

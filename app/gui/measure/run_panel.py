@@ -19,19 +19,19 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.common.formatting import counted, duration, size
+from app.common.formatting import format_bytes, format_duration, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
-from app.gui.measure.presets import PresetButton, Presets
-from app.gui.widgets.form import Form, mark
+from app.gui.measure.presets import PresetButton, PresetStore
+from app.gui.widgets.form import ProtocolForm, set_style_kind
 from app.gui.widgets.theme import Theme
-from app.session.state import View, volts_between
+from app.session.state import WindowState, format_voltage_range
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 
-GetBench = Callable[[], Bench | None]
+BenchGetter = Callable[[], Bench | None]
 
 
 class RunPanel(QWidget):
@@ -49,128 +49,135 @@ class RunPanel(QWidget):
     def __init__(
         self,
         protocol: Protocol,
-        bench: GetBench,
-        presets: Presets,
+        bench: BenchGetter,
+        presets: PresetStore,
         theme: Theme,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
         self._bench = bench
-        self._texts: dict[str, Protocol] = {}
+        self._edited_protocols: dict[str, Protocol] = {}
         """What the forms of the other protocols said last."""
-        self._can_run, self._why = False, ""
-        self._rehearsed: tuple[object, ...] = ()
-        self._told = ("", False)
-        self.form = Form(protocol)
-        self.choice = QComboBox()
-        self.choice.setToolTip("What to measure")
-        self.choice.setAccessibleName("protocol")
+        self._can_run, self._blocked_reason = False, ""
+        self._rehearsed_inputs: tuple[object, ...] = ()
+        self._rehearsal_result = ("", False)
+        self.form = ProtocolForm(protocol)
+        self.protocol_box = QComboBox()
+        self.protocol_box.setToolTip("What to measure")
+        self.protocol_box.setAccessibleName("protocol")
         for name in PROTOCOLS:
-            self.choice.addItem(PROTOCOLS.title(name), name)
-        self.choice.setCurrentIndex(self.choice.findData(protocol.name))
-        self.about = QLabel(about(type(protocol)))
-        self.about.setWordWrap(True)
-        mark(self.about, "note")
-        self.specimen, self.folder = QLineEdit(), QLineEdit()
-        self.rehearsal = QLabel()
-        self.rehearsal.setWordWrap(True)
-        self.rehearsal.setTextFormat(Qt.TextFormat.PlainText)
-        self.cautions = QLabel()
-        self.cautions.setWordWrap(True)
-        self.cautions.setTextFormat(Qt.TextFormat.PlainText)
-        mark(self.cautions, "caution")
-        self.cautions.hide()
-        self.told = EstimatesPanel(theme)
-        self.run = QPushButton("Run   (F5 or Ctrl+R)")
-        self.run.setProperty("kind", "go")
-        self.presets = PresetButton(presets)
+            self.protocol_box.addItem(PROTOCOLS.title(name), name)
+        self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
+        self.about_label = QLabel(protocol_summary(type(protocol)))
+        self.about_label.setWordWrap(True)
+        set_style_kind(self.about_label, "note")
+        self.specimen_edit, self.folder_edit = QLineEdit(), QLineEdit()
+        self.rehearsal_label = QLabel()
+        self.rehearsal_label.setWordWrap(True)
+        self.rehearsal_label.setTextFormat(Qt.TextFormat.PlainText)
+        self.warnings_label = QLabel()
+        self.warnings_label.setWordWrap(True)
+        self.warnings_label.setTextFormat(Qt.TextFormat.PlainText)
+        set_style_kind(self.warnings_label, "caution")
+        self.warnings_label.hide()
+        self.estimates_panel = EstimatesPanel(theme)
+        self.run_button = QPushButton("Run   (F5 or Ctrl+R)")
+        self.run_button.setProperty("kind", "go")
+        self.preset_button = PresetButton(presets)
         self._browse = QToolButton()
         self._scroll = QScrollArea()
         self._build()
-        self.form.changed.connect(self._edited)
-        self.choice.currentIndexChanged.connect(self._chosen)
-        self.presets.taken.connect(self.fill)
-        self.presets.show_for(type(protocol), lambda: self.protocol)
-        self.run.clicked.connect(self.run_pressed)
+        self.form.changed.connect(self._on_edited)
+        self.protocol_box.currentIndexChanged.connect(self._on_protocol_chosen)
+        self.preset_button.preset_chosen.connect(self.set_protocol)
+        self.preset_button.set_protocol(type(protocol), lambda: self.protocol)
+        self.run_button.clicked.connect(self.run_pressed)
         self._browse.clicked.connect(self._choose_folder)
-        self.specimen.textChanged.connect(self._edited)
-        self.folder.textChanged.connect(self._edited)
+        self.specimen_edit.textChanged.connect(self._on_edited)
+        self.folder_edit.textChanged.connect(self._on_edited)
 
     @property
     def protocol(self) -> Protocol | None:
         """What the form says, None while it is faulty."""
-        return self.form.checked.protocol
+        return self.form.result.protocol
 
     @property
     def kind(self) -> type[Protocol]:
         """Which protocol the form is of."""
         return self.form.kind
 
-    def fill(self, protocol: Protocol) -> None:
+    def set_protocol(self, protocol: Protocol) -> None:
         """Show a protocol and its parameters."""
         if type(protocol) is self.form.kind:
-            self.form.set(protocol)
+            self.form.set_protocol(protocol)
             return
         if (present := self.protocol) is not None:
-            self._texts[present.name] = present
-        self.form = Form(protocol)
+            self._edited_protocols[present.name] = present
+        self.form = ProtocolForm(protocol)
         self.form.setAutoFillBackground(False)
         self._scroll.setWidget(self.form)  # deletes the form before
-        self.form.changed.connect(self._edited)
-        self.about.setText(about(type(protocol)))
-        self.presets.show_for(type(protocol), lambda: self.protocol)
-        with QSignalBlocker(self.choice):
-            self.choice.setCurrentIndex(self.choice.findData(protocol.name))
-        self._edited()
+        self.form.changed.connect(self._on_edited)
+        self.about_label.setText(protocol_summary(type(protocol)))
+        self.preset_button.set_protocol(type(protocol), lambda: self.protocol)
+        with QSignalBlocker(self.protocol_box):
+            self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
+        self._on_edited()
 
-    def _chosen(self) -> None:
-        name = self.choice.currentData()
-        self.fill(self._texts.get(name) or PROTOCOLS[name].model_validate({}))
+    def _on_protocol_chosen(self) -> None:
+        name = self.protocol_box.currentData()
+        self.set_protocol(self._edited_protocols.get(name) or PROTOCOLS[name].model_validate({}))
 
     @property
-    def ready(self) -> bool:
+    def can_start(self) -> bool:
         """Whether Run would begin something."""
-        return self.run.isEnabled()
+        return self.run_button.isEnabled()
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Whether a run may begin, and why not."""
-        for editor in (self.form, self.choice, self.specimen, self.folder, self._browse, self.presets):
+        for editor in (
+            self.form,
+            self.protocol_box,
+            self.specimen_edit,
+            self.folder_edit,
+            self._browse,
+            self.preset_button,
+        ):
             editor.setEnabled(not view.busy)
-        self.rehearsal.setVisible(not view.busy)
-        self.told.allow(view.busy)
+        self.rehearsal_label.setVisible(not view.busy)
+        self.estimates_panel.set_busy(view.busy)
         self._can_run = view.can_run
-        self._why = view.why_not
-        self._judge()
+        self._blocked_reason = view.blocked_reason
+        self._update_rehearsal()
 
-    def show_cautions(self, words: Sequence[str]) -> None:
+    def show_warnings(self, messages: Sequence[str]) -> None:
         """What is foreseen to go wrong with what the form says."""
-        text = "\n".join(f"⚠ {each}." for each in words)
-        if text != self.cautions.text():
-            self.cautions.setText(text)
-            self.cautions.setVisible(bool(words))
+        text = "\n".join(f"⚠ {each}." for each in messages)
+        if text != self.warnings_label.text():
+            self.warnings_label.setText(text)
+            self.warnings_label.setVisible(bool(messages))
 
-    def _edited(self) -> None:
-        self._judge()
+    def _on_edited(self) -> None:
+        self._update_rehearsal()
         self.changed.emit()
 
-    def _judge(self) -> None:
+    def _update_rehearsal(self) -> None:
         """Rehearse what the form says, and allow Run or not."""
-        about = (self.form.checked, self._bench())
-        if about != self._rehearsed:
-            self._rehearsed, self._told = about, self._rehearse()
-        words, fault = self._told
-        self.rehearsal.setText(words)
-        mark(self.rehearsal, "fault" if fault else "")
-        missing = "" if self.folder.text().strip() else "a folder is needed"
-        why = self._why or missing or ("the form has a fault" if fault or self.protocol is None else "")
-        self.run.setEnabled(self._can_run and not why)
-        self.run.setToolTip(f"Cannot run: {why}" if why else "Begin the run: F5 or Ctrl+R")
+        about = (self.form.result, self._bench())
+        if about != self._rehearsed_inputs:
+            self._rehearsed_inputs, self._rehearsal_result = about, self._rehearse()
+        words, fault = self._rehearsal_result
+        self.rehearsal_label.setText(words)
+        set_style_kind(self.rehearsal_label, "fault" if fault else "")
+        missing = "" if self.folder_edit.text().strip() else "a folder is needed"
+        why = self._blocked_reason or missing or ("the form has a fault" if fault or self.protocol is None else "")
+        self.run_button.setEnabled(self._can_run and not why)
+        self.run_button.setToolTip(f"Cannot run: {why}" if why else "Begin the run: F5 or Ctrl+R")
 
     def _rehearse(self) -> tuple[str, bool]:
         """Duration, points, volts and file size, or why it cannot be; whether it is a fault."""
         protocol = self.protocol
         if protocol is None:
-            words = self.form.checked.faults.get("", "") or "Correct the field marked above."
+            words = self.form.result.errors.get("", "") or "Correct the field marked above."
             return f"✕ {words}", True
         bench = self._bench()
         if bench is None:
@@ -179,24 +186,24 @@ class RunPanel(QWidget):
             told = rehearse(protocol, bench.amplifier)
         except BenchError as refusal:
             return f"✕ {refusal}", True
-        entries = counted(told.entries, "point")
-        prompts = counted(told.prompts, "prompt")
+        entries = pluralize(told.entries, "point")
+        prompts = pluralize(told.prompts, "prompt")
         return (
-            f"{entries}, {prompts}, about {duration(told.duration_s)}, "
-            f"{volts_between(told.lowest_specimen_v, told.highest_specimen_v)} on the specimen, "
-            f"file about {size(told.file_bytes)}. Closest to a limit: {told.worst}."
+            f"{entries}, {prompts}, about {format_duration(told.duration_s)}, "
+            f"{format_voltage_range(told.lowest_specimen_v, told.highest_specimen_v)} on the specimen, "
+            f"file about {format_bytes(told.file_bytes)}. Closest to a limit: {told.worst}."
         ), False
 
     def _choose_folder(self) -> None:
-        chosen = QFileDialog.getExistingDirectory(self, "Folder for run files", self.folder.text())
+        chosen = QFileDialog.getExistingDirectory(self, "Folder for run files", self.folder_edit.text())
         if chosen:
-            self.folder.setText(str(Path(chosen)))
+            self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
-        mark(self.choice, "heading")
+        set_style_kind(self.protocol_box, "heading")
         top = QHBoxLayout()
-        top.addWidget(self.choice, 1)
-        top.addWidget(self.presets)
+        top.addWidget(self.protocol_box, 1)
+        top.addWidget(self.preset_button)
         scroll = self._scroll
         scroll.setWidget(self.form)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -207,15 +214,15 @@ class RunPanel(QWidget):
         scroll.viewport().setAutoFillBackground(False)
         self.form.setAutoFillBackground(False)
         self._browse.setText("…")
-        mark(self._browse, "tool")
+        set_style_kind(self._browse, "tool")
         self._browse.setToolTip("Choose the folder")
         self._browse.setAccessibleName("choose the folder")
-        self.specimen.setToolTip("Name of the specimen, written into the run file and its name")
-        self.folder.setToolTip("Where run files are kept")
+        self.specimen_edit.setToolTip("Name of the specimen, written into the run file and its name")
+        self.folder_edit.setToolTip("Where run files are kept")
         where = QGridLayout()
         where.setHorizontalSpacing(8)
         where.setVerticalSpacing(4)
-        for at, (words, editor) in enumerate((("specimen", self.specimen), ("folder", self.folder))):
+        for at, (words, editor) in enumerate((("specimen", self.specimen_edit), ("folder", self.folder_edit))):
             label = QLabel(words)
             label.setBuddy(editor)
             editor.setAccessibleName(words)
@@ -226,15 +233,15 @@ class RunPanel(QWidget):
         layout.setContentsMargins(0, 2, 8, 0)
         layout.setSpacing(8)
         layout.addLayout(top)
-        layout.addWidget(self.about)
+        layout.addWidget(self.about_label)
         layout.addWidget(scroll, 1)
         layout.addLayout(where)
-        layout.addWidget(self.rehearsal)
-        layout.addWidget(self.cautions)
-        layout.addWidget(self.told)
-        layout.addWidget(self.run)
+        layout.addWidget(self.rehearsal_label)
+        layout.addWidget(self.warnings_label)
+        layout.addWidget(self.estimates_panel)
+        layout.addWidget(self.run_button)
 
 
-def about(kind: type[Protocol]) -> str:
+def protocol_summary(kind: type[Protocol]) -> str:
     """The first sentence a protocol says of itself."""
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())

@@ -10,14 +10,14 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.widgets.form import mark
-from app.gui.widgets.shortcuts import HERE, bind
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class PlotSeries:
     """One thing a plot shows: x, y and where there is one its standard error, each (N,), in the units of the axes."""
 
     name: str
@@ -26,11 +26,11 @@ class Shown:
     errors: Array | None = None
 
 
-def as_text(shown: Iterable[Shown], x_label: str, y_label: str, simulated: bool) -> str:
+def series_as_text(series: Iterable[PlotSeries], x_label: str, y_label: str, simulated: bool) -> str:
     """A table with tabs between its columns, as spreadsheets take it; it begins with SIMULATED where that is so."""
     lines = ["SIMULATED"] if simulated else []
     lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
-    for one in shown:
+    for one in series:
         errors = np.full(len(one.y), np.nan) if one.errors is None else one.errors
         lines += [
             f"{one.name}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
@@ -40,15 +40,15 @@ def as_text(shown: Iterable[Shown], x_label: str, y_label: str, simulated: bool)
     return "\n".join(lines) + "\n"
 
 
-def drawn(name: str, item: Any, bars: Any = None) -> Iterable[Shown]:
+def series_of(name: str, item: Any, bars: Any = None) -> Iterable[PlotSeries]:
     """What an item of a plot shows, with the bars that belong to it; nothing where it is hidden or empty."""
     x, y = item.getData()
     if item.isVisible() and x is not None and len(x):
         errors = None if bars is None else np.asarray(bars.opts["height"], float) / 2
-        yield Shown(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
+        yield PlotSeries(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
 
 
-class Copying(QWidget):
+class PlotCopyButtons(QWidget):
     """Two buttons in the lower corner of a canvas, there while the mouse or the keyboard is in it: Ctrl+P, Ctrl+D.
 
     No menu that drops down: that would keep the Stop key to itself.
@@ -61,16 +61,24 @@ class Copying(QWidget):
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
         super().__init__(canvas)
         self._canvas, self._text = canvas, text
-        self._ring = QFrame(canvas)
-        self._ring.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        mark(self._ring, "ring")
-        self._ring.hide()
-        bind(canvas, "Copy the plot that has the keyboard, as a picture", self.copy_picture, "Ctrl+P", context=HERE)
-        bind(canvas, "Copy the plot that has the keyboard, as a table", self.copy_data, "Ctrl+D", context=HERE)
+        self._button_frame = QFrame(canvas)
+        self._button_frame.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        set_style_kind(self._button_frame, "ring")
+        self._button_frame.hide()
+        bind_keys(
+            canvas,
+            "Copy the plot that has the keyboard, as a picture",
+            self.copy_picture,
+            "Ctrl+P",
+            context=PAGE_CONTEXT,
+        )
+        bind_keys(
+            canvas, "Copy the plot that has the keyboard, as a table", self.copy_data, "Ctrl+D", context=PAGE_CONTEXT
+        )
         canvas.installEventFilter(self)
         self.hide()
 
-    def offer(self) -> None:
+    def show_buttons(self) -> None:
         """Show the buttons, which are made when the mouse comes for the first time."""
         if self.layout() is None:
             row = QHBoxLayout(self)
@@ -81,22 +89,22 @@ class Copying(QWidget):
                 ("Copy data", self.copy_data, "Ctrl+D", "What this plot shows as a table on the clipboard"),
             ):
                 button = QPushButton(words)
-                mark(button, "choice")
+                set_style_kind(button, "choice")
                 button.setToolTip(f"{hint}: {key} while the keyboard is in the plot")
                 button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
                 button.clicked.connect(do)
                 row.addWidget(button)
         self.show()
-        self._place()
+        self._place_buttons()
 
     def copy_picture(self) -> None:
         """The plot as it is seen, without these buttons."""
-        seen, ringed = self.isVisible(), self._ring.isVisible()
+        seen, ringed = self.isVisible(), self._button_frame.isVisible()
         self.hide()
-        self._ring.hide()
+        self._button_frame.hide()
         QGuiApplication.clipboard().setPixmap(self._canvas.grab())
         self.setVisible(seen)
-        self._ring.setVisible(ringed)
+        self._button_frame.setVisible(ringed)
 
     def copy_data(self) -> None:
         """The numbers."""
@@ -106,22 +114,22 @@ class Copying(QWidget):
         if watched is self._canvas:
             match event.type():
                 case QEvent.Type.FocusIn:
-                    self._ring.setGeometry(self._canvas.rect())
-                    self._ring.show()
-                    self.offer()
+                    self._button_frame.setGeometry(self._canvas.rect())
+                    self._button_frame.show()
+                    self.show_buttons()
                 case QEvent.Type.Enter:
-                    self.offer()
+                    self.show_buttons()
                 case QEvent.Type.Leave if not self._canvas.hasFocus():
                     self.hide()
                 case QEvent.Type.FocusOut:
-                    self._ring.hide()
+                    self._button_frame.hide()
                     self.setVisible(self.isVisible() and self._canvas.underMouse())
                 case QEvent.Type.Resize if self.isVisible():
-                    self._ring.setGeometry(self._canvas.rect())
-                    self._place()
+                    self._button_frame.setGeometry(self._canvas.rect())
+                    self._place_buttons()
         return False
 
-    def _place(self) -> None:
+    def _place_buttons(self) -> None:
         self.adjustSize()
         at = self._canvas.rect().bottomRight() - self.rect().bottomRight()
         self.move(at.x() - 6, at.y() - 4)

@@ -9,41 +9,41 @@ from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QCheckBox
 
-from app.gui.plots.base import SERIES, Fill, ink
-from app.gui.plots.copy import Shown, drawn
-from app.gui.widgets.elided_label import Elided
-from app.gui.widgets.form import mark
+from app.gui.plots.base import SERIES, BandFill, curve_color
+from app.gui.plots.copy import PlotSeries, series_of
+from app.gui.widgets.elided_label import ElidedLabel
+from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
-from app.live.overlay import COVERAGE, Curve
+from app.live.overlay import COVERAGE, OverlayCurve
 
 LEGEND_COLUMNS = 3
-NO_ERRORS = "The paper's values have no errors: identify this specimen and accept the estimates"
+NO_ERRORS_TEXT = "The paper's values have no errors: identify this specimen and accept the estimates"
 
 
-class Drawn:
+class DrawnCurve:
     """One curve of the model: a line for each series, and the ground it lies in."""
 
     def __init__(self, plot: Any) -> None:
         self._plot = plot
         self.lines = [pg.PlotCurveItem(antialias=True) for _ in SERIES]
-        self.fills = [Fill(plot) for _ in SERIES]
-        self.curve: Curve | None = None
+        self.fills = [BandFill(plot) for _ in SERIES]
+        self.curve: OverlayCurve | None = None
         for line in self.lines:
             plot.addItem(line)
 
-    def colour(self, ink: str) -> None:
+    def set_color(self, color: str) -> None:
         """Take another colour."""
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
-            line.setPen(pg.mkPen(ink, width=1.5, style=series.line))
-            fill.colour(ink)
+            line.setPen(pg.mkPen(color, width=1.5, style=series.line))
+            fill.set_color(color)
 
-    def show(self, curve: Curve) -> None:
+    def show(self, curve: OverlayCurve) -> None:
         """Draw a curve, with its band where it has one."""
         self.curve = curve
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
             line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
             if curve.band is None:
-                fill.empty()
+                fill.clear()
             else:
                 low, high = (series.factor * end for end in getattr(curve.band, series.column))
                 fill.show_between(curve.frequency_hz, low, high)
@@ -54,23 +54,23 @@ class Drawn:
             self._plot.removeItem(item)
 
 
-class ModelCurves:
+class ModelCurveItems:
     """Curves in a plot, a legend's entry that ticks their bands off, and a line that says whose they are."""
 
     def __init__(self, plot: Any) -> None:
         self._plot = plot
         self._theme: Theme | None = None
-        self.free = Drawn(plot)
-        self.on: list[Drawn] = []
+        self.free = DrawnCurve(plot)
+        self.on_membrane: list[DrawnCurve] = []
         """On the membrane, by rising elongation."""
         self.legend = plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6, colCount=LEGEND_COLUMNS)
-        self.box = QCheckBox(f"{100 * COVERAGE:g} % band")
-        self.box.setChecked(True)
-        self.box.setEnabled(False)
-        self.box.setIconSize(QSize(24, 14))
-        self.box.toggled.connect(lambda _: self._show())
-        self.source = Elided()
-        mark(self.source, "note")
+        self.band_box = QCheckBox(f"{100 * COVERAGE:g} % band")
+        self.band_box.setChecked(True)
+        self.band_box.setEnabled(False)
+        self.band_box.setIconSize(QSize(24, 14))
+        self.band_box.toggled.connect(lambda _: self._update_visibility())
+        self.source_label = ElidedLabel()
+        set_style_kind(self.source_label, "note")
         self._series: Sequence[bool] = [True for _ in SERIES]
 
     @property
@@ -79,91 +79,93 @@ class ModelCurves:
         return self.free.lines
 
     @property
-    def fills(self) -> list[Fill]:
+    def fills(self) -> list[BandFill]:
         """The grounds of the free tactor, one of each series."""
         return self.free.fills
 
     @property
-    def every(self) -> list[Drawn]:
-        return [self.free, *self.on]
+    def all_curves(self) -> list[DrawnCurve]:
+        return [self.free, *self.on_membrane]
 
-    def colour_at(self, elongation_m: float, otherwise: str) -> QColor:
+    def color_at(self, elongation_m: float, default: str) -> QColor:
         """The colour of what was measured at an elongation (NaN: free) where several curves are drawn."""
-        if not self.on:
-            return QColor(otherwise)
+        if not self.on_membrane:
+            return QColor(default)
         assert self._theme is not None
-        for at, each in enumerate(self.every):
-            if self.free.curve is not None and self.free.curve.at(elongation_m) is each.curve:
-                return ink(at, self._theme)
+        for at, each in enumerate(self.all_curves):
+            if self.free.curve is not None and self.free.curve.at_elongation(elongation_m) is each.curve:
+                return curve_color(at, self._theme)
         return QColor(self._theme.text)  # of this elongation there is no curve
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self._theme = theme
         self.legend.setLabelTextColor(theme.text)
-        for at, each in enumerate(self.every):
-            each.colour(ink(at, theme).name() if self.on else theme.model)
-        self._name()
-        swatch = QPixmap(self.box.iconSize())
+        for at, each in enumerate(self.all_curves):
+            each.set_color(curve_color(at, theme).name() if self.on_membrane else theme.model)
+        self._label_curves()
+        swatch = QPixmap(self.band_box.iconSize())
         swatch.fill(self.free.fills[0].brush().color())
-        self.box.setIcon(QIcon(swatch))
+        self.band_box.setIcon(QIcon(swatch))
 
-    def show_curve(self, curve: Curve) -> None:
+    def show_curve(self, curve: OverlayCurve) -> None:
         """Draw a curve and those on the membrane, and say whose they are."""
-        while len(self.on) > len(curve.on):
-            self.on.pop().remove()
-        while len(self.on) < len(curve.on):
-            self.on.append(Drawn(self._plot))
-        for each, shown in zip(self.every, (curve, *curve.on), strict=True):
+        while len(self.on_membrane) > len(curve.on_membrane):
+            self.on_membrane.pop().remove()
+        while len(self.on_membrane) < len(curve.on_membrane):
+            self.on_membrane.append(DrawnCurve(self._plot))
+        for each, shown in zip(self.all_curves, (curve, *curve.on_membrane), strict=True):
             each.show(shown)
         if self._theme is not None:
             self.set_theme(self._theme)
-        of, band = curve.believed, curve.band
+        of, band = curve.active_model, curve.band
         why = f"Where the model's curve lies with {100 * COVERAGE:g} %, by the errors of the calibration"
-        self.box.setEnabled(band is not None)
-        self.box.setToolTip(why if band is not None else of.trouble or NO_ERRORS)
-        self.source.setText(f"curve{'s' if curve.on else ''}: {of.words}")
-        where = "The tactor, free and on the membrane," if curve.on else "The free tactor"
-        self.source.setToolTip(of.trouble or f"{where} with {of.words}")
-        mark(self.source, "fault" if of.trouble else "note")
-        self._show()
+        self.band_box.setEnabled(band is not None)
+        self.band_box.setToolTip(why if band is not None else of.problem or NO_ERRORS_TEXT)
+        self.source_label.setText(f"curve{'s' if curve.on_membrane else ''}: {of.description}")
+        where = "The tactor, free and on the membrane," if curve.on_membrane else "The free tactor"
+        self.source_label.setToolTip(of.problem or f"{where} with {of.description}")
+        set_style_kind(self.source_label, "fault" if of.problem else "note")
+        self._update_visibility()
 
-    def choose(self, series: Sequence[bool]) -> None:
+    def select_series(self, series: Sequence[bool]) -> None:
         """Which series are drawn."""
         self._series = series
-        self._show()
+        self._update_visibility()
 
-    def tops(self) -> list[float]:
+    def maxima(self) -> list[float]:
         """The largest of every line that is seen."""
-        seen = [line for each in self.every for line in each.lines if line.isVisible()]
+        seen = [line for each in self.all_curves for line in each.lines if line.isVisible()]
         return [float(np.nanmax(y)) for _, y in (line.getData() for line in seen) if y is not None and len(y)]
 
-    def table(self) -> list[Shown]:
+    def plot_series(self) -> list[PlotSeries]:
         """The lines and bands that are seen, as numbers."""
-        shown: list[Shown] = []
-        for each in self.every:
-            where = f", {label_of(each.curve)}" if self.on and each.curve is not None else ""
+        shown: list[PlotSeries] = []
+        for each in self.all_curves:
+            where = f", {curve_label(each.curve)}" if self.on_membrane and each.curve is not None else ""
             for series, line, fill in zip(SERIES, each.lines, each.fills, strict=True):
-                shown += drawn(f"{series.words}{where}, {self.source.text()}", line)
+                shown += series_of(f"{series.label}{where}, {self.source_label.text()}", line)
                 if fill.ends is not None and fill.isVisible():
-                    names = (f"{series.words}{where}, {self.box.text()}, {end} end" for end in ("lower", "upper"))
-                    shown += [Shown(name, fill.ends[0], end) for name, end in zip(names, fill.ends[1:], strict=True)]
+                    names = (f"{series.label}{where}, {self.band_box.text()}, {end} end" for end in ("lower", "upper"))
+                    shown += [
+                        PlotSeries(name, fill.ends[0], end) for name, end in zip(names, fill.ends[1:], strict=True)
+                    ]
         return shown
 
-    def _name(self) -> None:
+    def _label_curves(self) -> None:
         """Which colour is which, in words of the present theme's."""
         self.legend.clear()
-        for each in self.every:
-            if self.on and each.curve is not None:
-                self.legend.addItem(each.lines[0], label_of(each.curve))
+        for each in self.all_curves:
+            if self.on_membrane and each.curve is not None:
+                self.legend.addItem(each.lines[0], curve_label(each.curve))
 
-    def _show(self) -> None:
-        for each in self.every:
+    def _update_visibility(self) -> None:
+        for each in self.all_curves:
             for line, fill, shown in zip(each.lines, each.fills, self._series, strict=True):
                 line.setVisible(shown)
-                fill.setVisible(shown and self.box.isChecked())
+                fill.setVisible(shown and self.band_box.isChecked())
 
 
-def label_of(curve: Curve) -> str:
+def curve_label(curve: OverlayCurve) -> str:
     """`free`, `2.54 mm`."""
     return "free" if curve.elongation_m is None else f"{1e3 * curve.elongation_m:g} mm"

@@ -13,20 +13,20 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.gui.plots.base import AXIS_WIDTH, LABEL_ON_LINE, SAMPLE, SERIES, FramedPlot, calm_range, sample
-from app.gui.plots.copy import Shown, as_text, drawn
-from app.gui.plots.model_curves import ModelCurves
-from app.gui.plots.residual_strip import SHOWS, Strip
-from app.gui.widgets.elided_label import Elided
-from app.gui.widgets.form import mark
+from app.gui.plots.base import AXIS_WIDTH, LABEL_ON_LINE, LEGEND_ICON_SIZE, SERIES, PlotBase, legend_icon, stable_range
+from app.gui.plots.copy import PlotSeries, series_as_text, series_of
+from app.gui.plots.model_curves import ModelCurveItems
+from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
+from app.gui.widgets.elided_label import ElidedLabel
+from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
-from app.live.overlay import Curve, elongations_of
-from app.session.messages import estimate_words, point_words
+from app.live.overlay import OverlayCurve, elongations_of
+from app.session.messages import describe_point, format_estimate
 from protocols.base.events import RunEnded
 from protocols.base.quality import Quality
 
 
-class Selection:
+class EntrySelection:
     """Entries of the plan, and the button that measures them again: it is there while something is chosen.
 
     Args:
@@ -44,136 +44,141 @@ class Selection:
     def toggle(self, entries: Sequence[int], spots: Sequence[Any]) -> None:
         """A click on points: choose them, or not any more."""
         at = {entries[spot.index()] for spot in spots if spot.index() < len(entries)}
-        self._become(self.entries ^ at)
+        self._set_entries(self.entries ^ at)
 
-    def keep(self, entries: Sequence[int]) -> None:
+    def retain(self, entries: Sequence[int]) -> None:
         """Other points are shown: what is not among them is not chosen."""
-        self._become(self.entries & set(entries))
+        self._set_entries(self.entries & set(entries))
 
-    def allow(self, allowed: bool) -> None:
+    def set_allowed(self, allowed: bool) -> None:
         """Whether a run may begin."""
         self._allowed = allowed
-        self._show()
+        self._update_button()
 
-    def take(self) -> tuple[int, ...]:
+    def pop(self) -> tuple[int, ...]:
         """What was chosen, which is then done with."""
         taken = tuple(sorted(self.entries))
-        self._become(frozenset())
+        self._set_entries(frozenset())
         return taken
 
-    def _become(self, entries: frozenset[int] | set[int]) -> None:
+    def _set_entries(self, entries: frozenset[int] | set[int]) -> None:
         if entries != self.entries:
             self.entries = frozenset(entries)
-            self._show()
+            self._update_button()
             self._changed()
 
-    def _show(self) -> None:
+    def _update_button(self) -> None:
         count = len(self.entries)
         self._button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
         self._button.setVisible(count > 0)
         self._button.setEnabled(self._allowed)
 
 
-FELT_UM = 50.0
-"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.response.perception`)."""
+FELT_THRESHOLD_UM = 50.0
+"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.response.perception_blocks`)."""
 
 
-HINT = "hollow: not usable"
-HINT_TIP = "A hollow point is one that no fit may use; point at it for the reason"
+HOLLOW_HINT = "hollow: not usable"
+HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
 
 
-class ResponsePlot(FramedPlot):
+class ResponsePlot(PlotBase):
     """Measured points and the model's curve; the points are those of one run. A click on a point chooses it."""
 
-    again_pressed = Signal(tuple)
+    repeat_requested = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(theme, parent)
-        self._curve: Curve | None = None
+        self._curve: OverlayCurve | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
-        self._told: Sequence[Any] = ()
-        self._top_hz = 250.0
+        self._last_points: Sequence[Any] = ()
+        self._max_hz = 250.0
         self._plot.setLabel("left", "amplitude (µm)")
         self._plot.setLabel("bottom", "frequency (Hz)")
-        words = f"{FELT_UM:g} µm: felt on the abdomen"
-        self._felt = pg.InfiniteLine(FELT_UM, angle=0, label=words, labelOpts=LABEL_ON_LINE)
-        self._felt.label.setFont(self.font())
-        self._plot.addItem(self._felt)
-        self.band = ModelCurves(self._plot)
+        words = f"{FELT_THRESHOLD_UM:g} µm: felt on the abdomen"
+        self._threshold_line = pg.InfiniteLine(FELT_THRESHOLD_UM, angle=0, label=words, labelOpts=LABEL_ON_LINE)
+        self._threshold_line.label.setFont(self.font())
+        self._plot.addItem(self._threshold_line)
+        self.model_curves = ModelCurveItems(self._plot)
         self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
         self.scatters = [
-            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=_tip)
+            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=_tooltip)
             for s in SERIES
         ]
         for item in (*self._bars, *self.scatters):
             self._plot.addItem(item)
-        self.shown = [QCheckBox(series.words) for series in SERIES]
-        self.hint = Elided()
-        self.hint.setToolTip(HINT_TIP)
-        self._strip: Strip | None = None
-        self.below = QComboBox()
-        self.below.addItems([f"below: {words}" for words in SHOWS])
-        self.below.setToolTip("What is drawn under the response: measured less model, or the phase")
-        self.below.currentIndexChanged.connect(self._show_below)
-        self.again = QPushButton()
-        self.chosen = Selection(self.again, self._draw_points)
-        self.again.clicked.connect(lambda: self.again_pressed.emit(self.chosen.take()))
-        self.scatters[0].sigClicked.connect(lambda _, spots: self.chosen.toggle(self._entries, spots))
-        self._under(self._head())
+        self.series_boxes = [QCheckBox(series.label) for series in SERIES]
+        self.hint_label = ElidedLabel()
+        self.hint_label.setToolTip(HOLLOW_TOOLTIP)
+        self._residual_strip: ResidualStrip | None = None
+        self.strip_box = QComboBox()
+        self.strip_box.addItems([f"below: {words}" for words in STRIP_QUANTITIES])
+        self.strip_box.setToolTip("What is drawn under the response: measured less model, or the phase")
+        self.strip_box.currentIndexChanged.connect(self._select_strip)
+        self.repeat_button = QPushButton()
+        self.selection = EntrySelection(self.repeat_button, self._draw_points)
+        self.repeat_button.clicked.connect(lambda: self.repeat_requested.emit(self.selection.pop()))
+        self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
+        self._add_head(self._head_row())
         self._scale()
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         super().set_theme(theme)
-        self._felt.setPen(pg.mkPen(theme.felt, width=1.5))
-        self._felt.label.setColor(QColor(theme.felt))
-        for at, (box, bars) in enumerate(zip(self.shown, self._bars, strict=True)):
-            bars.setData(pen=pg.mkPen(self._ink(at)))
-            box.setIcon(sample(SERIES[at], theme.model, self._ink(at), self.devicePixelRatioF()))
-            box.setIconSize(SAMPLE)
-        self.band.set_theme(theme)
-        if self._strip is not None:
-            self._strip.set_theme(theme)
+        self._threshold_line.setPen(pg.mkPen(theme.threshold, width=1.5))
+        self._threshold_line.label.setColor(QColor(theme.threshold))
+        for at, (box, bars) in enumerate(zip(self.series_boxes, self._bars, strict=True)):
+            bars.setData(pen=pg.mkPen(self._series_color(at)))
+            box.setIcon(legend_icon(SERIES[at], theme.model, self._series_color(at), self.devicePixelRatioF()))
+            box.setIconSize(LEGEND_ICON_SIZE)
+        self.model_curves.set_theme(theme)
+        if self._residual_strip is not None:
+            self._residual_strip.set_theme(theme)
         self._draw_points()
 
-    def show_curve(self, curve: Curve) -> None:
+    def show_model_curve(self, curve: OverlayCurve) -> None:
         """Draw the model's curve."""
         if curve is self._curve:
             return
         self._curve = curve
-        self._top_hz = curve.question.top_hz
-        self.band.show_curve(curve)
+        self._max_hz = curve.request.max_hz
+        self.model_curves.show_curve(curve)
         self._draw_points()
         self._scale()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
         """Draw the points of the present run."""
-        self.chosen.allow(can_run)
-        if points is self._told:
+        self.selection.set_allowed(can_run)
+        if points is self._last_points:
             return
         self._entries = entries
-        self.chosen.keep(entries)
-        self._told = points
+        self.selection.retain(entries)
+        self._last_points = points
         # Other protocols measure other things (the wiring check); they are told in the log.
         self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
         self._draw_points()
         self._scale()
 
-    def show_found(self, outcome: RunEnded | None) -> None:
+    def show_estimates(self, outcome: RunEnded | None) -> None:
         """Write what was identified from the points."""
-        self.found.say("" if outcome is None else ",   ".join(estimate_words(e) for e in outcome.estimates))
+        self.estimates_label.set_text(
+            "" if outcome is None else ",   ".join(format_estimate(e) for e in outcome.estimates)
+        )
 
     def _draw_points(self) -> None:
         x = np.array([p.frequency for p in self._points])
         usable = [Quality(p.quality).usable for p in self._points]
-        words = [point_words(p) for p in self._points]
+        words = [describe_point(p) for p in self._points]
         for at, series in enumerate(SERIES):
             y = series.factor * np.array([getattr(p, series.column) for p in self._points])
             errors = series.factor * np.array([getattr(p, f"{series.column}_errors") for p in self._points])
-            inks = [self.band.colour_at(getattr(p, "elongation", math.nan), self._ink(at)) for p in self._points]
-            taken = [at < len(self._entries) and self._entries[at] in self.chosen.entries for at in range(len(x))]
+            inks = [
+                self.model_curves.color_at(getattr(p, "elongation", math.nan), self._series_color(at))
+                for p in self._points
+            ]
+            taken = [at < len(self._entries) and self._entries[at] in self.selection.entries for at in range(len(x))]
             pens = [
                 pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2)
                 for t, ink in zip(taken, inks, strict=True)
@@ -187,88 +192,100 @@ class ResponsePlot(FramedPlot):
         self._draw_strip()
 
     def _scale(self) -> None:
-        self._tell_apart()
-        tops = [FELT_UM * 1.5]
-        visible = [series for series, box in zip(SERIES, self.shown, strict=True) if box.isChecked()]
+        self._warn_mismatch()
+        tops = [FELT_THRESHOLD_UM * 1.5]
+        visible = [series for series, box in zip(SERIES, self.series_boxes, strict=True) if box.isChecked()]
         for series in visible:
             sizes = (series.factor * getattr(p, series.column) for p in self._points)
             tops += [size for size in sizes if np.isfinite(size)]
-        tops += self.band.tops()
-        right = max([self._top_hz, *(1.03 * p.frequency for p in self._points)])
+        tops += self.model_curves.maxima()
+        right = max([self._max_hz, *(1.03 * p.frequency for p in self._points)])
         self._plot.setXRange(0, right, padding=0)
-        self._plot.setYRange(0, calm_range(0.0, max(tops), None)[1], padding=0)
+        self._plot.setYRange(0, stable_range(0.0, max(tops), None)[1], padding=0)
 
-    def _tell_apart(self) -> None:
+    def _warn_mismatch(self) -> None:
         """Say it where curve and points do not belong to the same drive: the form was changed after the run."""
         hollow = any(not Quality(p.quality).usable for p in self._points)
-        words, curve_v = HINT if hollow else "", None if self._curve is None else 2 * self._curve.question.amplitude_v
+        words, curve_v = (
+            HOLLOW_HINT if hollow else "",
+            None if self._curve is None else 2 * self._curve.request.amplitude_v,
+        )
         if self._points and curve_v is not None:
             points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
             if abs(points_v - curve_v) > 0.02 * curve_v:
                 words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
-            bare = [e for e in elongations_of(self._points) if self._curve is not None and self._curve.at(e) is None]
+            bare = [
+                e
+                for e in elongations_of(self._points)
+                if self._curve is not None and self._curve.at_elongation(e) is None
+            ]
             if bare:
                 words = f"no curve of {', '.join(f'{1e3 * e:g}' for e in bare)} mm"
-        self.hint.setText(words)
-        self.hint.setVisible(bool(words))
-        mark(self.hint, "fault" if words and words != HINT else "note")
+        self.hint_label.setText(words)
+        self.hint_label.setVisible(bool(words))
+        set_style_kind(self.hint_label, "fault" if words and words != HOLLOW_HINT else "note")
 
-    def _head(self) -> QHBoxLayout:
+    def _head_row(self) -> QHBoxLayout:
         head = QHBoxLayout()
         head.setSpacing(10)
         caption = QLabel("Response")
         caption.setProperty("kind", "caption")
         head.addWidget(caption)
-        for at, box in enumerate(self.shown):
+        for at, box in enumerate(self.series_boxes):
             box.setChecked(True)
-            box.setToolTip(f"{SERIES[at].words}: measured points and the model's curve")
-            box.toggled.connect(self._toggled)
+            box.setToolTip(f"{SERIES[at].label}: measured points and the model's curve")
+            box.toggled.connect(self._on_series_toggled)
             head.addWidget(box)
-        head.addWidget(self.band.box)
-        head.addWidget(self.again)
-        head.addWidget(self.band.source, 3)
-        self.hint.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        head.addWidget(self.hint)
-        head.addWidget(self.below)
+        head.addWidget(self.model_curves.band_box)
+        head.addWidget(self.repeat_button)
+        head.addWidget(self.model_curves.source_label, 3)
+        self.hint_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        head.addWidget(self.hint_label)
+        head.addWidget(self.strip_box)
         return head
 
-    def _toggled(self) -> None:
-        for items in zip(self.shown, self._bars, self.scatters, strict=True):
+    def _on_series_toggled(self) -> None:
+        for items in zip(self.series_boxes, self._bars, self.scatters, strict=True):
             box, *drawn = items
             for item in drawn:
                 item.setVisible(box.isChecked())
-        self.band.choose([box.isChecked() for box in self.shown])
+        self.model_curves.select_series([box.isChecked() for box in self.series_boxes])
         self._scale()
 
     @property
-    def strip(self) -> Strip:
+    def residual_strip(self) -> ResidualStrip:
         """What is drawn below; made when somebody wants it."""
-        if self._strip is None:
-            self._strip = Strip(self._plot, AXIS_WIDTH, self._theme)
-            self._strip.set_theme(self._theme)
-            self._layout.addWidget(self._strip)
-        return self._strip
+        if self._residual_strip is None:
+            self._residual_strip = ResidualStrip(self._plot, AXIS_WIDTH, self._theme)
+            self._residual_strip.set_theme(self._theme)
+            self._layout.addWidget(self._residual_strip)
+        return self._residual_strip
 
     def _draw_strip(self) -> None:
-        if self._strip is not None:
-            inks = [self.band.colour_at(getattr(p, "elongation", math.nan), self._ink(0)) for p in self._points]
-            self._strip.draw(self._points, self._curve, inks)
+        if self._residual_strip is not None:
+            inks = [
+                self.model_curves.color_at(getattr(p, "elongation", math.nan), self._series_color(0))
+                for p in self._points
+            ]
+            self._residual_strip.draw(self._points, self._curve, inks)
 
-    def _show_below(self, at: int) -> None:
-        self.strip.shows = SHOWS[at]
+    def _select_strip(self, index: int) -> None:
+        self.residual_strip.quantity = STRIP_QUANTITIES[index]
         self._draw_strip()
 
     def _table(self) -> str:
         """What is drawn, as numbers."""
-        shown: list[Shown] = []
+        shown: list[PlotSeries] = []
         for at, series in enumerate(SERIES):
-            shown += drawn(f"{series.words}, measured", self.scatters[at], self._bars[at])
-        return as_text((*shown, *self.band.table()), "frequency (Hz)", "amplitude (µm)", self.mark.visible)
+            shown += series_of(f"{series.label}, measured", self.scatters[at], self._bars[at])
+        return series_as_text(
+            (*shown, *self.model_curves.plot_series()), "frequency (Hz)", "amplitude (µm)", self.simulated_label.visible
+        )
 
-    def _ink(self, at: int) -> str:
-        return (self._theme.measured, self._theme.second)[at]
+    def _series_color(self, index: int) -> str:
+        return (self._theme.measured, self._theme.second)[index]
 
 
-def _tip(x: float, y: float, data: str) -> str:
+def _tooltip(x: float, y: float, data: str) -> str:
     del x, y
     return data

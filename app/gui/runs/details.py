@@ -16,146 +16,157 @@ from PySide6.QtWidgets import (
 )
 
 from app.archive.export import FORMATS
-from app.archive.replay import Measured
-from app.archive.run_summary import Entry
+from app.archive.replay import MeasuredResponse
+from app.archive.run_summary import RunSummary
 from app.gui.runs.compare_plot import ComparePlot
-from app.gui.widgets.form import mark
-from app.gui.widgets.progress_row import GoingOn
+from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.progress_row import ProgressRow
 from app.gui.widgets.theme import Theme
 
-NOTHING = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
-LONGEST = 280
+EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
+MAX_REASON_LENGTH = 280
 """Characters of a reason that are shown beside the list."""
 
 
-class _Note(QPlainTextEdit):
+class _NoteEdit(QPlainTextEdit):
     """Is kept when it is left."""
 
-    left = Signal()
+    focus_lost = Signal()
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
         super().focusOutEvent(event)
-        self.left.emit()
+        self.focus_lost.emit()
 
 
-class RunSide(QWidget):
+class RunDetailsPane(QWidget):
     """Tells of the chosen runs; what is typed is kept when the field is left."""
 
-    noted = Signal(str, str)
+    notes_changed = Signal(str, str)
     open_pressed = Signal()
     explore_pressed = Signal()
     export_pressed = Signal(str)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._before, self._of = ("", ""), ""
-        self.heading, self.facts, self.said = QLabel(), QLabel(), QLabel()
+        self._saved_notes, self._run_path = ("", ""), ""
+        self.heading, self.facts_label, self.message_label = QLabel(), QLabel(), QLabel()
         self.heading.setProperty("kind", "caption")
-        for label in (self.heading, self.facts, self.said):
+        for label in (self.heading, self.facts_label, self.message_label):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
-        self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.going = GoingOn()
+        self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.progress_row = ProgressRow()
         self.plot = ComparePlot(theme)
         self.plot.setMinimumHeight(160)
-        self.none = QLabel()
-        self.none.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.none.setWordWrap(True)
-        mark(self.none, "note-size")
-        self.tags, self.note = QLineEdit(), _Note()
-        self.tags.setPlaceholderText("good, second try   (F2)")
-        self.tags.setAccessibleName("tags")
-        self.note.setAccessibleName("note")
-        self.note.setTabChangesFocus(True)
-        self.note.setMaximumHeight(3 * self.note.fontMetrics().lineSpacing() + 14)
-        self.tags.editingFinished.connect(self._keep)
-        self.note.left.connect(self._keep)
-        self.open, self.explore = _button("Open", "Enter"), _button("Explore", "Lay over the model's curve: E")
-        self.open.clicked.connect(self.open_pressed)
-        self.explore.clicked.connect(self.explore_pressed)
+        self.empty_label = QLabel()
+        self.empty_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.empty_label.setWordWrap(True)
+        set_style_kind(self.empty_label, "note-size")
+        self.tags_edit, self.note_edit = QLineEdit(), _NoteEdit()
+        self.tags_edit.setPlaceholderText("good, second try   (F2)")
+        self.tags_edit.setAccessibleName("tags")
+        self.note_edit.setAccessibleName("note")
+        self.note_edit.setTabChangesFocus(True)
+        self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
+        self.tags_edit.editingFinished.connect(self._save_notes)
+        self.note_edit.focus_lost.connect(self._save_notes)
+        self.open_button, self.explore_button = (
+            _button("Open", "Enter"),
+            _button("Explore", "Lay over the model's curve: E"),
+        )
+        self.open_button.clicked.connect(self.open_pressed)
+        self.explore_button.clicked.connect(self.explore_pressed)
         row = QHBoxLayout()
         row.setSpacing(6)
-        row.addWidget(self.open)
-        row.addWidget(self.explore)
+        row.addWidget(self.open_button)
+        row.addWidget(self.explore_button)
         row.addStretch()
         row.addWidget(QLabel("Export"))
-        self.exports = []
+        self.export_buttons = []
         for kind in FORMATS:
             button = _button(kind.upper(), f"Points, estimates, events and raw samples as {kind.upper()} files")
             button.clicked.connect(lambda _=False, kind=kind: self.export_pressed.emit(kind))
             row.addWidget(button)
-            self.exports.append(button)
+            self.export_buttons.append(button)
         fields = QGridLayout()
         fields.addWidget(QLabel("tags"), 0, 0)
-        fields.addWidget(self.tags, 0, 1)
+        fields.addWidget(self.tags_edit, 0, 1)
         fields.addWidget(QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop)
-        fields.addWidget(self.note, 1, 1)
+        fields.addWidget(self.note_edit, 1, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(8, 0, 0, 0)
         layout.setSpacing(6)
-        for widget in (self.heading, self.plot, self.none, self.facts):
-            layout.addWidget(widget, 1 if widget in (self.plot, self.none) else 0)
+        for widget in (self.heading, self.plot, self.empty_label, self.facts_label):
+            layout.addWidget(widget, 1 if widget in (self.plot, self.empty_label) else 0)
         layout.addLayout(fields)
-        layout.addWidget(self.said)
-        layout.addWidget(self.going)
+        layout.addWidget(self.message_label)
+        layout.addWidget(self.progress_row)
         layout.addLayout(row)
-        self.said.hide()
+        self.message_label.hide()
         self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.plot.set_theme(theme)
 
-    def say(self, words: str, fault: bool = False) -> None:
+    def show_message(self, text: str, is_error: bool = False) -> None:
         """A remark, or what went wrong."""
-        self.said.setText(words)
-        mark(self.said, "fault" if fault else "note")
-        self.said.setVisible(bool(words))
+        self.message_label.setText(text)
+        set_style_kind(self.message_label, "fault" if is_error else "note")
+        self.message_label.setVisible(bool(text))
 
-    def show_entries(self, chosen: Sequence[Entry]) -> None:
+    def show_selection(self, selected: Sequence[RunSummary]) -> None:
         """Tell of these; the plot follows when the files are read."""
-        one = chosen[0] if len(chosen) == 1 else None
-        readable = any(e.readable for e in chosen)
-        for widget in (self.open, self.explore, *self.exports):
+        one = selected[0] if len(selected) == 1 else None
+        readable = any(e.readable for e in selected)
+        for widget in (self.open_button, self.explore_button, *self.export_buttons):
             widget.setEnabled(readable)
-        self.tags.setEnabled(bool(chosen))
-        self.note.setEnabled(one is not None)
+        self.tags_edit.setEnabled(bool(selected))
+        self.note_edit.setEnabled(one is not None)
         if one is not None:
             self.heading.setText(f"{one.specimen or one.name}   {one.protocol}   {one.state}")
-            lines = [_short(one.reason), *one.found.split("; "), one.path]
-            self.facts.setText("\n".join(line for line in lines if line))
+            lines = [_shorten_reason(one.reason), *one.found.split("; "), one.path]
+            self.facts_label.setText("\n".join(line for line in lines if line))
         else:
-            self.heading.setText(f"{len(chosen)} runs chosen" if chosen else "Nothing is chosen")
-            found = [f"{e.specimen}: {e.found}" for e in chosen if e.found]
+            self.heading.setText(f"{len(selected)} runs chosen" if selected else "Nothing is chosen")
+            found = [f"{e.specimen}: {e.found}" for e in selected if e.found]
             more = f"\n… and {len(found) - 6} more" if len(found) > 6 else ""
-            self.facts.setText("\n".join(found[:6]) + more)
+            self.facts_label.setText("\n".join(found[:6]) + more)
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
         # A list that was read before the last words were kept, or before those that are being typed, takes none away.
-        if of != self._of or not (self.tags.hasFocus() or self.note.hasFocus()):
-            self._before, self._of = texts, of
-            with QSignalBlocker(self.tags):
-                self.tags.setText(texts[0])
-            self.note.setPlainText(texts[1])
-        if not chosen:
+        if of != self._run_path or not (self.tags_edit.hasFocus() or self.note_edit.hasFocus()):
+            self._saved_notes, self._run_path = texts, of
+            with QSignalBlocker(self.tags_edit):
+                self.tags_edit.setText(texts[0])
+            self.note_edit.setPlainText(texts[1])
+        if not selected:
             self.show_runs((), 0)
 
-    def show_runs(self, runs: Sequence[Measured], of: int) -> None:
+    def show_runs(self, runs: Sequence[MeasuredResponse], selected_count: int) -> None:
         """The points of what is chosen."""
-        self.plot.show_runs(runs, f"{len(runs)} of {of} are shown" if 0 < len(runs) < of else "")
+        self.plot.show_runs(
+            runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
+        )
         self.plot.setVisible(bool(runs))
-        self.none.setVisible(not runs)
-        self.none.setText("No response over frequency.\nEnter opens what was measured." if of else NOTHING)
+        self.empty_label.setVisible(not runs)
+        self.empty_label.setText(
+            "No response over frequency.\nEnter opens what was measured." if selected_count else EMPTY_TEXT
+        )
 
-    def _keep(self) -> None:
-        texts = (self.tags.text().strip(), self.note.toPlainText().strip())
-        if texts != self._before:
-            self._before = texts
-            self.noted.emit(*texts)
+    def _save_notes(self) -> None:
+        texts = (self.tags_edit.text().strip(), self.note_edit.toPlainText().strip())
+        if texts != self._saved_notes:
+            self._saved_notes = texts
+            self.notes_changed.emit(*texts)
 
 
-def _short(reason: str) -> str:
+def _shorten_reason(reason: str) -> str:
     """As much of why a run ended as there is room for; it says all of it when it is opened."""
-    return reason if len(reason) <= LONGEST else f"{reason[:LONGEST].rsplit(' ', 1)[0]} … (Enter opens all of it)"
+    return (
+        reason
+        if len(reason) <= MAX_REASON_LENGTH
+        else f"{reason[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} … (Enter opens all of it)"
+    )
 
 
 def _button(text: str, tip: str) -> QPushButton:

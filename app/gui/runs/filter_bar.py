@@ -6,8 +6,8 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPushButton, QWidget
 
-from app.archive.catalogue import Scanned
-from app.archive.run_summary import Entry, Wanted, read_since
+from app.archive.catalogue import ScanResult
+from app.archive.run_summary import RunFilter, RunSummary, read_since
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
@@ -15,30 +15,30 @@ SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30
 class _Search(QLineEdit):
     """Down and Enter go on to the list."""
 
-    left = Signal()
+    focus_list_requested = Signal()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Down, Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.left.emit()
+            self.focus_list_requested.emit()
             return
         super().keyPressEvent(event)
 
 
-class RunFilter(QWidget):
+class RunFilterBar(QWidget):
     """Says which runs are wanted."""
 
     changed = Signal()
-    to_list = Signal()
+    list_requested = Signal()
     stop_pressed = Signal()
     progressed = Signal(int, int)
     """How many of how many files are read; told from another thread."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.search = _Search()
-        self.search.setPlaceholderText("Search: words in names, results, tags, notes   ( / )")
-        self.search.setAccessibleName("search")
-        self.search.setClearButtonEnabled(True)
+        self.search_edit = _Search()
+        self.search_edit.setPlaceholderText("Search: words in names, results, tags, notes   ( / )")
+        self.search_edit.setAccessibleName("search")
+        self.search_edit.setClearButtonEnabled(True)
         self.specimen, self.protocol, self.state, self.since = (QComboBox() for _ in range(4))
         for combo, words in (
             (self.specimen, "any specimen"),
@@ -51,31 +51,31 @@ class RunFilter(QWidget):
         for words, text in SINCE:
             self.since.addItem(words, text)
         self.since.setAccessibleName("begun")
-        self.told = QLabel()
-        self.told.setProperty("kind", "note")
-        self.stop = QPushButton("Stop reading")
-        self.stop.setProperty("kind", "choice")
-        self.stop.hide()
+        self.count_label = QLabel()
+        self.count_label.setProperty("kind", "note")
+        self.stop_button = QPushButton("Stop reading")
+        self.stop_button.setProperty("kind", "choice")
+        self.stop_button.hide()
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 2, 0, 0)
         row.setSpacing(6)
-        row.addWidget(self.search, 1)
-        for widget in (self.specimen, self.protocol, self.state, self.since, self.told, self.stop):
+        row.addWidget(self.search_edit, 1)
+        for widget in (self.specimen, self.protocol, self.state, self.since, self.count_label, self.stop_button):
             row.addWidget(widget)
-        self.search.textChanged.connect(lambda _: self.changed.emit())
-        self.search.left.connect(self.to_list)
+        self.search_edit.textChanged.connect(lambda _: self.changed.emit())
+        self.search_edit.focus_list_requested.connect(self.list_requested)
         for combo in (self.specimen, self.protocol, self.state, self.since):
             combo.currentIndexChanged.connect(lambda _: self.changed.emit())
-        self.stop.clicked.connect(self.stop_pressed)
-        self.progressed.connect(self._progress)
-        self._count = ""
+        self.stop_button.clicked.connect(self.stop_pressed)
+        self.progressed.connect(self._show_progress)
+        self._count_text = ""
 
     @property
-    def wanted(self) -> Wanted:
+    def selected_filter(self) -> RunFilter:
         """What the row says."""
         since = self.since.currentData()
-        return Wanted(
-            self.search.text(),
+        return RunFilter(
+            self.search_edit.text(),
             self.specimen.currentData(),
             self.protocol.currentData(),
             self.state.currentData(),
@@ -84,19 +84,19 @@ class RunFilter(QWidget):
 
     def clear(self) -> bool:
         """Want everything; whether something was filtered."""
-        if self.wanted == Wanted():
+        if self.selected_filter == RunFilter():
             return False
-        self.search.clear()
+        self.search_edit.clear()
         for combo in (self.specimen, self.protocol, self.state, self.since):
             combo.setCurrentIndex(0)
         return True
 
-    def offer(self, entries: Sequence[Entry]) -> None:
+    def set_choices(self, summaries: Sequence[RunSummary]) -> None:
         """The choices that there are."""
         for combo, values in (
-            (self.specimen, {e.specimen for e in entries}),
-            (self.protocol, {e.protocol for e in entries}),
-            (self.state, {str(e.state) for e in entries}),
+            (self.specimen, {e.specimen for e in summaries}),
+            (self.protocol, {e.protocol for e in summaries}),
+            (self.state, {str(e.state) for e in summaries}),
         ):
             with QSignalBlocker(combo):
                 chosen = combo.currentData()
@@ -106,21 +106,21 @@ class RunFilter(QWidget):
                     combo.addItem(value, value)
                 combo.setCurrentIndex(max(combo.findData(chosen), 0))
 
-    def count(self, found: int, known: int) -> None:
+    def show_count(self, shown: int, total: int) -> None:
         """How many are shown of how many."""
-        number = f"{known:,}".replace(",", " ")
-        self._count = f"{number} runs" if found == known else f"{found:,}".replace(",", " ") + f" of {number} runs"
-        if not self.stop.isVisible():
-            self.told.setText(self._count)
+        number = f"{total:,}".replace(",", " ")
+        self._count_text = f"{number} runs" if shown == total else f"{shown:,}".replace(",", " ") + f" of {number} runs"
+        if not self.stop_button.isVisible():
+            self.count_label.setText(self._count_text)
 
-    def scanned(self, scanned: Scanned) -> None:
+    def show_scan_result(self, result: ScanResult) -> None:
         """The folder was looked at."""
-        self.stop.hide()
-        rest = "" if scanned.whole else "; reading was stopped"
-        self.told.setText(f"{self._count}{rest}")
-        self.told.setToolTip("\n".join(scanned.skipped))
+        self.stop_button.hide()
+        rest = "" if result.complete else "; reading was stopped"
+        self.count_label.setText(f"{self._count_text}{rest}")
+        self.count_label.setToolTip("\n".join(result.skipped))
 
-    def _progress(self, done: int, due: int) -> None:
-        if due > 20 and done < due:
-            self.stop.show()
-            self.told.setText(f"reading {done} of {due}")
+    def _show_progress(self, done: int, total: int) -> None:
+        if total > 20 and done < total:
+            self.stop_button.show()
+            self.count_label.setText(f"reading {done} of {total}")

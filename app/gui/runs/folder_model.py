@@ -5,13 +5,13 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive.catalogue import Catalogue, Scanned
-from app.archive.run_summary import Entry
-from app.archive.transfer import annotate
-from app.gui.widgets.background import Jobs
+from app.archive.catalogue import Catalogue, ScanResult
+from app.archive.run_summary import RunSummary
+from app.archive.transfer import annotate_runs
+from app.gui.widgets.background import BackgroundWorker
 
 
-class RunsFolder(QObject):
+class RunFolderModel(QObject):
     """Lists what is known at once, then what has changed since; one look at a time.
 
     Args:
@@ -19,25 +19,25 @@ class RunsFolder(QObject):
         index: where what is known is kept.
     """
 
-    emptied = Signal()
+    cleared = Signal()
     """The folder is another one, of which nothing is known yet."""
     listed = Signal()
     """`entries` are what is known now."""
     progressed = Signal(int, int)
     """How many of how many files are read."""
     scanned = Signal(object)
-    """A look is over: `Scanned`."""
+    """A look is over: `ScanResult`."""
     failed = Signal(object)
     """What went wrong: an exception with a sentence."""
 
     def __init__(self, folder: Callable[[], Path], index: Path | None, parent: QObject) -> None:
         super().__init__(parent)
         self._folder, self._index = folder, index
-        self._jobs = Jobs("runs", self)
-        self.entries: list[Entry] = []
+        self._worker = BackgroundWorker("runs", self)
+        self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
-        self._leave: tuple[Path, ...] = ()
-        self._busy = self._due = self._scanning = self._stop = False
+        self._excluded: tuple[Path, ...] = ()
+        self._busy = self._rescan_due = self._scanning = self._cancelled = False
 
     @property
     def path(self) -> Path:
@@ -45,62 +45,64 @@ class RunsFolder(QObject):
         return self._folder() if self._catalogue is None else self._catalogue.folder
 
     @property
-    def settled(self) -> bool:
+    def is_idle(self) -> bool:
         """Whether it was looked at, and nothing is under way."""
-        return self._catalogue is not None and not self._jobs.waiting
+        return self._catalogue is not None and not self._worker.pending
 
-    def show_busy(self, busy: bool) -> None:
+    def set_busy(self, busy: bool) -> None:
         """A run that ended is news."""
-        self._due = self._due or (self._busy and not busy)
+        self._rescan_due = self._rescan_due or (self._busy and not busy)
         self._busy = busy
 
-    def writing(self, path: Path | None) -> None:
+    def set_active_file(self, path: Path | None) -> None:
         """The file that this program is writing; it is left alone."""
-        self._leave = () if path is None else (path,)
+        self._excluded = () if path is None else (path,)
 
-    def refresh(self) -> None:
+    def refresh_if_changed(self) -> None:
         """Look where there may be something new."""
-        if self._catalogue is None or self._catalogue.folder != self._folder() or self._due:
-            self.look()
+        if self._catalogue is None or self._catalogue.folder != self._folder() or self._rescan_due:
+            self.rescan()
 
-    def look(self) -> None:
+    def rescan(self) -> None:
         """List what is known at once, then what has changed since."""
         if self._scanning:
             return
-        folder, leave = self._folder(), self._leave
+        folder, leave = self._folder(), self._excluded
         if self._catalogue is None or self._catalogue.folder != folder:
             self._catalogue = Catalogue(folder, self._index)
-            self.entries = []
-            self.emptied.emit()
-        catalogue, self._due, self._scanning, self._stop = self._catalogue, False, True, False
-        self._jobs.do(catalogue.entries, self._listed, self._failed)
-        self._jobs.do(
-            lambda: catalogue.scan(self.progressed.emit, lambda: self._stop, leave), self._scanned, self._failed
+            self.summaries = []
+            self.cleared.emit()
+        catalogue, self._rescan_due, self._scanning, self._cancelled = self._catalogue, False, True, False
+        self._worker.submit(catalogue.entries, self._on_listed, self._on_error)
+        self._worker.submit(
+            lambda: catalogue.scan(self.progressed.emit, lambda: self._cancelled, leave),
+            self._on_scanned,
+            self._on_error,
         )
 
-    def stop(self) -> None:
+    def cancel(self) -> None:
         """End the look that is under way; what was read is kept."""
-        self._stop = True
+        self._cancelled = True
 
     def annotate(self, runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
         """Tags and a note for runs, given with the tags and the note they have."""
-        self._jobs.do(lambda: annotate(list(runs), tags, note), lambda _: self.look(), self._failed)
+        self._worker.submit(lambda: annotate_runs(list(runs), tags, note), lambda _: self.rescan(), self._on_error)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self._stop = True
-        self._jobs.close()
+        self._cancelled = True
+        self._worker.close()
 
-    def _listed(self, entries: list[Entry]) -> None:
-        self.entries = entries
+    def _on_listed(self, summaries: list[RunSummary]) -> None:
+        self.summaries = summaries
         self.listed.emit()
 
-    def _scanned(self, scanned: Scanned) -> None:
+    def _on_scanned(self, result: ScanResult) -> None:
         self._scanning = False
-        self.scanned.emit(scanned)
-        if scanned.news and self._catalogue is not None:
-            self._jobs.do(self._catalogue.entries, self._listed, self._failed)
+        self.scanned.emit(result)
+        if result.has_changes and self._catalogue is not None:
+            self._worker.submit(self._catalogue.entries, self._on_listed, self._on_error)
 
-    def _failed(self, error: Exception) -> None:
+    def _on_error(self, error: Exception) -> None:
         self._scanning = False
         self.failed.emit(error)

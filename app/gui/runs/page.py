@@ -8,25 +8,25 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
 from app.archive.export import Format
-from app.archive.replay import Measured, Reopened, Traces, look_closer, reopen
-from app.archive.run_summary import Entry
-from app.archive.transfer import measured_of
+from app.archive.replay import LoadedRun, MeasuredResponse, TraceWindow, load_run, load_trace_window
+from app.archive.run_summary import RunSummary
+from app.archive.transfer import measured_responses
 from app.config.tables import AmplifierTable
-from app.gui.runs.details import RunSide
-from app.gui.runs.filter_bar import RunFilter
-from app.gui.runs.folder_model import RunsFolder
-from app.gui.runs.table import RunsList, RunsModel, RunsTable
-from app.gui.runs.transfers import Transfers
-from app.gui.runs.viewer import RunView
-from app.gui.widgets.background import Jobs
-from app.gui.widgets.dropped_files import run_urls, table_urls
-from app.gui.widgets.file_dialog import Mode, ask_for_files
-from app.gui.widgets.shortcuts import HERE, bind
+from app.gui.runs.details import RunDetailsPane
+from app.gui.runs.filter_bar import RunFilterBar
+from app.gui.runs.folder_model import RunFolderModel
+from app.gui.runs.table import RunListLayout, RunTableModel, RunTableView
+from app.gui.runs.transfers import RunTransfers
+from app.gui.runs.viewer import RunViewer
+from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets.dropped_files import dropped_runs, dropped_tables
+from app.gui.widgets.file_dialog import Mode, choose_files
+from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
-from app.live.overlay import Overlay, Question, elongations_of
-from app.session.state import View
+from app.live.overlay import CurveRequest, Overlay, elongations_of
+from app.session.state import WindowState
 
-MOST_COMPARED = 24
+MAX_COMPARED = 24
 
 
 class RunsPage(QStackedWidget):
@@ -39,7 +39,7 @@ class RunsPage(QStackedWidget):
     """
 
     title = "Runs"
-    explore_asked = Signal(object)
+    explore_requested = Signal(object)
     """Paths of runs to be laid over the model's curve."""
 
     def __init__(
@@ -53,211 +53,211 @@ class RunsPage(QStackedWidget):
     ) -> None:
         super().__init__()
         self._overlay = Overlay(amplifier=overlay.amplifier)
-        self._reads = Jobs("run files", self)
+        self._worker = BackgroundWorker("run files", self)
         self._folder = folder
-        self.known = RunsFolder(folder, index, self)
-        self.model = RunsModel(theme)
-        self.table = RunsTable(self.model)
-        self.filter, self.side, self.opened = RunFilter(), RunSide(theme), RunView(theme)
-        self.transfers = Transfers(self.side.going, folder, specimen, amplifier, self)
-        self.addWidget(RunsList(self.filter, self.table, self.side))
-        self.addWidget(self.opened)
+        self.folder_model = RunFolderModel(folder, index, self)
+        self.model = RunTableModel(theme)
+        self.table = RunTableView(self.model)
+        self.filter_bar, self.details, self.viewer = RunFilterBar(), RunDetailsPane(theme), RunViewer(theme)
+        self.transfers = RunTransfers(self.details.progress_row, folder, specimen, amplifier, self)
+        self.addWidget(RunListLayout(self.filter_bar, self.table, self.details))
+        self.addWidget(self.viewer)
         self.setAcceptDrops(True)
-        self._connect()
+        self._connect_signals()
 
     # -- what the window does with a page ------------------------------------------------------------------------------
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """A run that ended is news; one that is being written is left alone."""
-        self.known.show_busy(view.busy)
+        self.folder_model.set_busy(view.busy)
 
-    def writing(self, path: Path | None) -> None:
+    def set_active_file(self, path: Path | None) -> None:
         """The file that this program is writing."""
-        self.known.writing(path)
+        self.folder_model.set_active_file(path)
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self.model.set_theme(theme)
-        self.side.set_theme(theme)
-        self.opened.set_theme(theme)
+        self.details.set_theme(theme)
+        self.viewer.set_theme(theme)
 
-    def enter(self) -> None:
+    def activate(self) -> None:
         """Take the keyboard."""
-        (self.opened.back if self.currentWidget() is self.opened else self.table).setFocus()
+        (self.viewer.back_button if self.currentWidget() is self.viewer else self.table).setFocus()
 
-    def refresh(self) -> None:
+    def tick(self) -> None:
         """Called at every tick while the page is seen."""
-        self.known.refresh()
-        if self.currentWidget() is self.opened and (curve := self._overlay.ready()) is not None:
-            self.opened.show_curve(curve)
+        self.folder_model.refresh_if_changed()
+        if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
+            self.viewer.show_model_curve(curve)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self.transfers.end()
-        self.known.end()
-        self._reads.close()
+        self.transfers.shutdown()
+        self.folder_model.shutdown()
+        self._worker.close()
         self._overlay.close()
 
     # -- what a person wants -------------------------------------------------------------------------------------------
 
-    def open(self) -> None:
+    def open_selected(self) -> None:
         """The chosen run, as it was."""
-        chosen = self.chosen
+        chosen = self.selected
         if not chosen:
             return
         if not chosen[0].readable:
-            self.side.say(chosen[0].reason, fault=True)
+            self.details.show_message(chosen[0].reason, is_error=True)
             return
-        self.open_path(self._path(chosen[0]))
+        self.open_run(self._path_of(chosen[0]))
 
-    def open_path(self, path: Path) -> None:
+    def open_run(self, path: Path) -> None:
         """A run, as it was."""
-        self.side.say("opening …")
-        self._reads.do(lambda: reopen(path), self._reopened, self._failed)
+        self.details.show_message("opening …")
+        self._worker.submit(lambda: load_run(path), self._on_run_loaded, self._on_error)
 
-    def back(self) -> bool:
+    def go_back(self) -> bool:
         """From an opened run to the list, from a search to all; whether there was somewhere to go."""
-        if self.currentWidget() is self.opened:
+        if self.currentWidget() is self.viewer:
             self.setCurrentIndex(0)
             self.table.setFocus()
             return True
-        if self.filter.clear():
+        if self.filter_bar.clear():
             return True
         self.table.setFocus()
         return False
 
     def annotate(self, tags: str, note: str) -> None:
         """Tags and a note for what is chosen; with several, the tags are added to each and notes stay."""
-        chosen = [(self._path(e), e.tags, e.note) for e in self.chosen]
-        self.known.annotate(chosen, tags, note)
+        chosen = [(self._path_of(e), e.tags, e.note) for e in self.selected]
+        self.folder_model.annotate(chosen, tags, note)
 
-    def export(self, folder: Path, kind: Format, chosen: Sequence[Entry] | None = None) -> None:
+    def export_selected(self, folder: Path, kind: Format, selected: Sequence[RunSummary] | None = None) -> None:
         """What is chosen, or what was, as files for other programs."""
-        entries = self.chosen if chosen is None else chosen
-        self.transfers.export([self._path(e) for e in entries if e.readable], folder, kind)
+        entries = self.selected if selected is None else selected
+        self.transfers.export_runs([self._path_of(e) for e in entries if e.readable], folder, kind)
 
-    def explore(self) -> None:
+    def explore_selected(self) -> None:
         """Lay what is chosen, or opened, over the model's curve."""
-        if self.currentWidget() is self.opened and self.opened.run is not None:
-            self.explore_asked.emit([self.opened.run.path])
-        elif paths := [self._path(e) for e in self.chosen if e.readable]:
-            self.explore_asked.emit(paths)
+        if self.currentWidget() is self.viewer and self.viewer.run is not None:
+            self.explore_requested.emit([self.viewer.run.path])
+        elif paths := [self._path_of(e) for e in self.selected if e.readable]:
+            self.explore_requested.emit(paths)
 
     @property
-    def chosen(self) -> list[Entry]:
+    def selected(self) -> list[RunSummary]:
         """The entries that are selected, in the list's order."""
-        return self.table.chosen
+        return self.table.selected
 
-    def choose(self, paths: Sequence[str]) -> None:
+    def select_paths(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
-        self.table.choose(paths)
+        self.table.select_paths(paths)
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _path(self, entry: Entry) -> Path:
-        return self.model.folder / entry.path
+    def _path_of(self, summary: RunSummary) -> Path:
+        return self.model.folder / summary.path
 
-    def _listed(self) -> None:
-        self.filter.offer(self.known.entries)
-        self._list()
+    def _on_listed(self) -> None:
+        self.filter_bar.set_choices(self.folder_model.summaries)
+        self._update_table()
 
-    def _list(self) -> None:
-        chosen = [entry.path for entry in self.chosen]
-        found = self.filter.wanted.among(self.known.entries)
-        self.model.show(self.known.path, found)
-        self.choose(chosen)
-        if not self.chosen and found:
+    def _update_table(self) -> None:
+        chosen = [entry.path for entry in self.selected]
+        found = self.filter_bar.selected_filter.apply(self.folder_model.summaries)
+        self.model.set_summaries(self.folder_model.path, found)
+        self.select_paths(chosen)
+        if not self.selected and found:
             self.table.setCurrentIndex(self.model.index(0, 0))
-        self.filter.count(len(found), len(self.known.entries))
-        self._chosen()
+        self.filter_bar.show_count(len(found), len(self.folder_model.summaries))
+        self._on_selection_changed()
 
-    def _chosen(self) -> None:
-        chosen = self.chosen
-        self.side.show_entries(chosen)
-        paths = [self._path(e) for e in chosen if e.readable][:MOST_COMPARED]
-        self._reads.do(lambda: (chosen, measured_of(paths)), self._compared, self._failed)
+    def _on_selection_changed(self) -> None:
+        chosen = self.selected
+        self.details.show_selection(chosen)
+        paths = [self._path_of(e) for e in chosen if e.readable][:MAX_COMPARED]
+        self._worker.submit(lambda: (chosen, measured_responses(paths)), self._on_responses_read, self._on_error)
 
-    def _compared(self, answer: tuple[list[Entry], list[Measured]]) -> None:
-        chosen, runs = answer
-        if chosen == self.chosen:  # else it was overtaken
-            self.side.show_runs(runs, len(chosen))
+    def _on_responses_read(self, result: tuple[list[RunSummary], list[MeasuredResponse]]) -> None:
+        chosen, runs = result
+        if chosen == self.selected:  # else it was overtaken
+            self.details.show_runs(runs, len(chosen))
 
-    def _reopened(self, run: Reopened) -> None:
-        self.side.say("")
-        self.opened.show_run(run)
+    def _on_run_loaded(self, run: LoadedRun) -> None:
+        self.details.show_message("")
+        self.viewer.show_run(run)
         peak_to_peak = run.parameters.get("peak_to_peak_v", 5.0)
         amplitude_v, elongations = float(peak_to_peak) / 2, elongations_of(run.points)
-        self._overlay.ask(Question(1.05 * run.top_hz, amplitude_v, run.path.parent, run.specimen, elongations))
-        self.setCurrentWidget(self.opened)
-        self.opened.back.setFocus()
+        self._overlay.submit(CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations))
+        self.setCurrentWidget(self.viewer)
+        self.viewer.back_button.setFocus()
 
-    def _look_closer(self, from_s: float, to_s: float) -> None:
+    def _load_trace_window(self, from_s: float, to_s: float) -> None:
         """What is looked at closely is read from the file; only where it is still looked at when its turn comes."""
-        run, traces = self.opened.run, self.opened.traces
+        run, traces = self.viewer.run, self.viewer.trace_plot
         if run is None:
             return
 
-        def show(part: Traces) -> None:
-            if self.opened.run is run and traces.seen == (from_s, to_s):
-                traces.show_part(part)
+        def show(part: TraceWindow) -> None:
+            if self.viewer.run is run and traces.visible_range == (from_s, to_s):
+                traces.show_window(part)
 
-        self._reads.do(lambda: look_closer(run.path, from_s, to_s), show, self._failed)
+        self._worker.submit(lambda: load_trace_window(run.path, from_s, to_s), show, self._on_error)
 
-    def _failed(self, error: Exception) -> None:
-        self.side.say(str(error), fault=True)
+    def _on_error(self, error: Exception) -> None:
+        self.details.show_message(str(error), is_error=True)
 
-    def _ask_to_export(self, kind: Format) -> None:
-        if chosen := self.chosen:
-            ask_for_files(
-                self, "Folder for the exported files", lambda paths: self.export(paths[0], kind, chosen),
+    def _choose_export_folder(self, kind: Format) -> None:
+        if chosen := self.selected:
+            choose_files(
+                self, "Folder for the exported files", lambda paths: self.export_selected(paths[0], kind, chosen),
                 start=str(self._folder()), mode=Mode.Directory,
             )  # fmt: skip
 
     def _copy_paths(self) -> None:
-        QGuiApplication.clipboard().setText("\n".join(str(self._path(e).resolve()) for e in self.chosen))
+        QGuiApplication.clipboard().setText("\n".join(str(self._path_of(e).resolve()) for e in self.selected))
 
-    def _search(self) -> None:
-        if self.currentWidget() is not self.opened:
-            self.filter.search.setFocus()
-            self.filter.search.selectAll()
+    def _focus_search(self) -> None:
+        if self.currentWidget() is not self.viewer:
+            self.filter_bar.search_edit.setFocus()
+            self.filter_bar.search_edit.selectAll()
 
-    def _connect(self) -> None:
-        self.filter.changed.connect(self._list)
-        self.filter.stop_pressed.connect(self.known.stop)
-        self.known.emptied.connect(self._list)
-        self.known.listed.connect(self._listed)
-        self.known.progressed.connect(self.filter.progressed)
-        self.known.scanned.connect(self.filter.scanned)
-        self.known.failed.connect(self._failed)
-        self.filter.to_list.connect(self.table.setFocus)
-        self.table.selectionModel().selectionChanged.connect(lambda *_: self._chosen())
-        self.table.opened.connect(self.open)
-        self.table.doubleClicked.connect(lambda _: self.open())
-        self.transfers.came.connect(self.known.look)
-        self.transfers.said.connect(self.side.say)
-        self.side.noted.connect(self.annotate)
-        self.side.open_pressed.connect(self.open)
-        self.side.explore_pressed.connect(self.explore)
-        self.side.export_pressed.connect(self._ask_to_export)
-        self.opened.traces.looked_at.connect(self._look_closer)
-        self.opened.back_pressed.connect(self.back)
-        self.opened.explore_pressed.connect(self.explore)
+    def _connect_signals(self) -> None:
+        self.filter_bar.changed.connect(self._update_table)
+        self.filter_bar.stop_pressed.connect(self.folder_model.cancel)
+        self.folder_model.cleared.connect(self._update_table)
+        self.folder_model.listed.connect(self._on_listed)
+        self.folder_model.progressed.connect(self.filter_bar.progressed)
+        self.folder_model.scanned.connect(self.filter_bar.show_scan_result)
+        self.folder_model.failed.connect(self._on_error)
+        self.filter_bar.list_requested.connect(self.table.setFocus)
+        self.table.selectionModel().selectionChanged.connect(lambda *_: self._on_selection_changed())
+        self.table.open_requested.connect(self.open_selected)
+        self.table.doubleClicked.connect(lambda _: self.open_selected())
+        self.transfers.finished.connect(self.folder_model.rescan)
+        self.transfers.message.connect(self.details.show_message)
+        self.details.notes_changed.connect(self.annotate)
+        self.details.open_pressed.connect(self.open_selected)
+        self.details.explore_pressed.connect(self.explore_selected)
+        self.details.export_pressed.connect(self._choose_export_folder)
+        self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
+        self.viewer.back_pressed.connect(self.go_back)
+        self.viewer.explore_pressed.connect(self.explore_selected)
         for words, do, keys in (
-            ("Search", self._search, ("/", "Ctrl+F")),
-            ("Lay what is chosen over the model's curve", self.explore, ("E",)),
-            ("Export what is chosen", lambda: self._ask_to_export("csv"), ("Ctrl+E",)),
-            ("Tags and note", self.side.tags.setFocus, ("F2",)),
+            ("Search", self._focus_search, ("/", "Ctrl+F")),
+            ("Lay what is chosen over the model's curve", self.explore_selected, ("E",)),
+            ("Export what is chosen", lambda: self._choose_export_folder("csv"), ("Ctrl+E",)),
+            ("Tags and note", self.details.tags_edit.setFocus, ("F2",)),
             ("Copy the paths of what is chosen", self._copy_paths, ("Ctrl+C",)),
         ):
-            bind(self, words, do, *keys, context=HERE, repeats=True)
+            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT, repeats=True)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
-        if (run_urls(event) or table_urls(event)) and event.source() is None:
+        if (dropped_runs(event) or dropped_tables(event)) and event.source() is None:
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        if runs := run_urls(event):
-            self.transfers.take_in(runs)
-        if tables := table_urls(event):
-            self.transfers.bring_in(tables)
+        if runs := dropped_runs(event):
+            self.transfers.copy_in(runs)
+        if tables := dropped_tables(event):
+            self.transfers.import_tables(tables)
         event.acceptProposedAction()

@@ -20,14 +20,14 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QVBoxLayout, QWidget
 
-from app.archive.run_summary import Entry, State
-from app.common.formatting import duration
+from app.archive.run_summary import RunState, RunSummary
+from app.common.formatting import format_duration
 from app.gui.widgets.theme import Theme
 
 Index = QModelIndex | QPersistentModelIndex
 COLUMNS = ("begun", "specimen", "protocol", "status", "points", "length", "found", "tags")
-RIGHT = ("points", "length")
-KEYS = {
+RIGHT_ALIGNED = ("points", "length")
+SORT_KEYS = {
     "begun": lambda e: e.start_time,
     "specimen": lambda e: e.specimen.casefold(),
     "protocol": lambda e: e.protocol,
@@ -37,46 +37,46 @@ KEYS = {
     "found": lambda e: e.found,
     "tags": lambda e: e.tags.casefold(),
 }
-SIGNS = {
-    State.COMPLETED: "✓",
-    State.STOPPED: "■",
-    State.FAILED: "✕",
-    State.UNSAFE: "⚠",
-    State.RUNNING: "▶",
-    State.CRASHED: "✕",
-    State.IMPORTED: "⇥",
-    State.NEWER: "?",
-    State.DAMAGED: "✕",
+STATE_MARKS = {
+    RunState.COMPLETED: "✓",
+    RunState.STOPPED: "■",
+    RunState.FAILED: "✕",
+    RunState.UNSAFE: "⚠",
+    RunState.RUNNING: "▶",
+    RunState.CRASHED: "✕",
+    RunState.IMPORTED: "⇥",
+    RunState.NEWER: "?",
+    RunState.DAMAGED: "✕",
 }
 
 
-class RunsModel(QAbstractTableModel):
+class RunTableModel(QAbstractTableModel):
     """Shows entries in an order of its own; rows carry their files when they are dragged away."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.folder = Path()
-        self.entries: list[Entry] = []
+        self.summaries: list[RunSummary] = []
         self._theme = theme
-        self._column, self._down = 0, True
+        self._sort_column, self._descending = 0, True
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
         self._theme = theme
 
-    def show(self, folder: Path, entries: Sequence[Entry]) -> None:
+    def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
         """Show other entries."""
         self.beginResetModel()
         self.folder = folder
-        self.entries = sorted(entries, key=KEYS[COLUMNS[self._column]], reverse=self._down)
+        self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
         self.endResetModel()
 
     def row_of(self, path: str) -> int:
         """Where a run stands; -1 if it does not."""
-        return next((row for row, entry in enumerate(self.entries) if entry.path == path), -1)
+        return next((row for row, entry in enumerate(self.summaries) if entry.path == path), -1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own signature
-        return 0 if parent.isValid() else len(self.entries)
+        return 0 if parent.isValid() else len(self.summaries)
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         return 0 if parent.isValid() else len(COLUMNS)
@@ -87,22 +87,22 @@ class RunsModel(QAbstractTableModel):
         return None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        entry, column = self.entries[index.row()], COLUMNS[index.column()]
+        entry, column = self.summaries[index.row()], COLUMNS[index.column()]
         match role:
             case Qt.ItemDataRole.DisplayRole:
-                return _text(entry, column)
-            case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT:
+                return _cell_text(entry, column)
+            case Qt.ItemDataRole.TextAlignmentRole if column in RIGHT_ALIGNED:
                 return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
             case Qt.ItemDataRole.ForegroundRole if column == "status":
-                return QColor(self._colour(State(entry.state)))
+                return QColor(self._state_color(RunState(entry.state)))
             case Qt.ItemDataRole.ToolTipRole:
                 note = f"\n\n{entry.note}" if entry.note else ""
                 return f"{self.folder / entry.path}\n{entry.reason}{note}"
         return None
 
     def sort(self, column: int, order: Qt.SortOrder = Qt.SortOrder.AscendingOrder) -> None:
-        self._column, self._down = column, order is Qt.SortOrder.DescendingOrder
-        self.show(self.folder, self.entries)
+        self._sort_column, self._descending = column, order is Qt.SortOrder.DescendingOrder
+        self.set_summaries(self.folder, self.summaries)
 
     def flags(self, index: Index) -> Qt.ItemFlag:
         return super().flags(index) | Qt.ItemFlag.ItemIsDragEnabled
@@ -110,41 +110,43 @@ class RunsModel(QAbstractTableModel):
     def mimeData(self, indexes: Sequence[QModelIndex]) -> QMimeData:
         mime = QMimeData()
         rows = sorted({index.row() for index in indexes})
-        mime.setUrls([QUrl.fromLocalFile(str((self.folder / self.entries[row].path).resolve())) for row in rows])
+        mime.setUrls([QUrl.fromLocalFile(str((self.folder / self.summaries[row].path).resolve())) for row in rows])
         return mime
 
-    def _colour(self, state: State) -> str:
+    def _state_color(self, state: RunState) -> str:
         match state:
-            case State.COMPLETED | State.IMPORTED:
-                return self._theme.good
-            case State.STOPPED | State.RUNNING | State.NEWER:
-                return self._theme.warn
+            case RunState.COMPLETED | RunState.IMPORTED:
+                return self._theme.success
+            case RunState.STOPPED | RunState.RUNNING | RunState.NEWER:
+                return self._theme.warning
             case _:
-                return self._theme.bad
+                return self._theme.error
 
 
-def _text(e: Entry, column: str) -> str:
+def _cell_text(summary: RunSummary, column: str) -> str:
     match column:
         case "begun":
-            return f"{e.begun:%Y-%m-%d %H:%M}" if e.begun else e.name
+            return f"{summary.started_at:%Y-%m-%d %H:%M}" if summary.started_at else summary.name
         case "status":
-            return f"{SIGNS[State(e.state)]} {e.state}" + (", SIMULATED" if e.simulated else "")
+            return f"{STATE_MARKS[RunState(summary.state)]} {summary.state}" + (
+                ", SIMULATED" if summary.simulated else ""
+            )
         case "points":
-            return str(e.points) if e.readable else ""
+            return str(summary.points) if summary.readable else ""
         case "length":
-            return duration(e.seconds) if e.readable else ""
+            return format_duration(summary.seconds) if summary.readable else ""
         case "found":
-            return e.found or ("" if e.state == State.COMPLETED else e.reason)
+            return summary.found or ("" if summary.state == RunState.COMPLETED else summary.reason)
         case _:
-            return str(getattr(e, column))
+            return str(getattr(summary, column))
 
 
-class RunsTable(QTableView):
+class RunTableView(QTableView):
     """Enter opens what is chosen; not by a shortcut, because Enter answers a prompt first."""
 
-    opened = Signal()
+    open_requested = Signal()
 
-    def __init__(self, model: RunsModel) -> None:
+    def __init__(self, model: RunTableModel) -> None:
         super().__init__()
         self._runs = model
         self.setModel(model)
@@ -170,12 +172,12 @@ class RunsTable(QTableView):
         self.setAccessibleName("runs")
 
     @property
-    def chosen(self) -> list[Entry]:
+    def selected(self) -> list[RunSummary]:
         """The entries that are selected, in the list's order."""
         rows = sorted(index.row() for index in self.selectionModel().selectedRows())
-        return [self._runs.entries[row] for row in rows]
+        return [self._runs.summaries[row] for row in rows]
 
-    def choose(self, paths: Sequence[str]) -> None:
+    def select_paths(self, paths: Sequence[str]) -> None:
         """Select runs by their paths."""
         selection = self.selectionModel()
         selection.clearSelection()
@@ -186,12 +188,12 @@ class RunsTable(QTableView):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
-            self.opened.emit()
+            self.open_requested.emit()
             return
         super().keyPressEvent(event)
 
 
-class RunsList(QWidget):
+class RunListLayout(QWidget):
     """Holds the three."""
 
     def __init__(self, top: QWidget, table: QWidget, side: QWidget) -> None:

@@ -7,16 +7,16 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 from app.archive.export import Format
-from app.archive.transfer import TakenIn, bring_in, export_runs, take_in
+from app.archive.transfer import CopyResult, copy_runs_into, export_runs, import_tables
 from app.common.errors import UsageError
-from app.common.formatting import counted
-from app.common.progress import Stopped
+from app.common.formatting import pluralize
+from app.common.progress import OperationCancelled
 from app.config.tables import AmplifierTable
-from app.gui.widgets.background import Jobs
-from app.gui.widgets.progress_row import GoingOn
+from app.gui.widgets.background import BackgroundWorker
+from app.gui.widgets.progress_row import ProgressRow
 
 
-class Transfers(QObject):
+class RunTransfers(QObject):
     """Exports runs, takes run files in, and imports tables.
 
     Args:
@@ -26,90 +26,92 @@ class Transfers(QObject):
         amplifier: through which they were driven.
     """
 
-    came = Signal()
+    finished = Signal()
     """There may be new runs in the folder."""
-    said = Signal(str, bool)
+    message = Signal(str, bool)
     """What came of it, and whether it is a fault."""
 
     def __init__(
         self,
-        going: GoingOn,
+        progress_row: ProgressRow,
         folder: Callable[[], Path],
         specimen: Callable[[], str],
         amplifier: AmplifierTable,
         parent: QObject,
     ) -> None:
         super().__init__(parent)
-        self._going, self._folder, self._specimen, self._amplifier = going, folder, specimen, amplifier
-        self._jobs = Jobs("run deeds", self)
+        self._progress_row, self._folder, self._specimen, self._amplifier = progress_row, folder, specimen, amplifier
+        self._worker = BackgroundWorker("run deeds", self)
 
-    def export(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
+    def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
         """Runs as files for other programs."""
-        going = self._going
-        self._begin(
-            f"exporting {counted(len(paths), 'run')} …",
-            lambda: export_runs(paths, folder, kind, going.stopped, going.tell),
+        going = self._progress_row
+        self._start(
+            f"exporting {pluralize(len(paths), 'run')} …",
+            lambda: export_runs(paths, folder, kind, going.cancelled, going.update_progress),
             lambda count: f"{count} files written to {folder}",
         )
 
-    def take_in(self, paths: Sequence[Path]) -> None:
+    def copy_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; what has the same name is never replaced."""
-        folder, going = self._folder(), self._going
+        folder, going = self._folder(), self._progress_row
 
-        def done(taken: TakenIn) -> str:
-            self.came.emit()
-            there = f"already there: {', '.join(taken.there)}" if taken.there else ""
+        def done(taken: CopyResult) -> str:
+            self.finished.emit()
+            there = f"already there: {', '.join(taken.already_present)}" if taken.already_present else ""
             return "; ".join(
-                filter(None, [f"{counted(len(taken.copied), 'run')} taken in" if taken.copied else "", there])
+                filter(None, [f"{pluralize(len(taken.copied), 'run')} taken in" if taken.copied else "", there])
             )
 
-        self._begin(
-            f"taking in {counted(len(paths), 'run')} …", lambda: take_in(paths, folder, going.stopped, going.tell), done
+        self._start(
+            f"taking in {pluralize(len(paths), 'run')} …",
+            lambda: copy_runs_into(paths, folder, going.cancelled, going.update_progress),
+            done,
         )
 
-    def bring_in(self, paths: Sequence[Path]) -> None:
+    def import_tables(self, paths: Sequence[Path]) -> None:
         """Tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
-        folder, specimen, going = self._folder(), self._specimen(), self._going
+        folder, specimen, going = self._folder(), self._specimen(), self._progress_row
         names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
 
         def tell(share: float) -> None:
-            if going.stopped():
-                raise Stopped
-            going.tell(share)
+            if going.cancelled():
+                raise OperationCancelled
+            going.update_progress(share)
 
         def done(brought: tuple[int, list[str]]) -> str:
-            self.came.emit()
+            self.finished.emit()
             count, cautions = brought
-            return "\n".join([f"{names}: {counted(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
+            return "\n".join([f"{names}: {pluralize(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
-        self._begin(f"importing {names} …", lambda: bring_in(paths, folder, specimen, self._amplifier, tell), done)
+        self._start(f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, tell), done)
 
-    def end(self) -> None:
+    def shutdown(self) -> None:
         """End what works beside the window."""
-        self._going.end_it()
-        self._jobs.close()
+        self._progress_row.request_cancel()
+        self._worker.close()
 
-    def _begin(self, words: str, work: Callable[[], Any], then: Callable[[Any], str]) -> None:
+    def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
         """Do something with files that takes its time; `then` says what came of it."""
-        going = self._going
-        if going.going:
-            self.said.emit(f"{going.words.text()} Wait for its end, or stop it, first.", True)
+        going = self._progress_row
+        if going.running:
+            self.message.emit(f"{going.label.text()} Wait for its end, or stop it, first.", True)
             return
 
         def done(answer: Any) -> None:
-            stopped = "stopped" if going.stopped() else ""
-            going.over()
-            self.said.emit("; ".join(filter(None, [stopped, then(answer)])), False)
+            stopped = "stopped" if going.cancelled() else ""
+            going.finish()
+            self.message.emit("; ".join(filter(None, [stopped, describe_result(answer)])), False)
 
         def failed(error: Exception) -> None:
-            going.over()
-            if isinstance(error, Stopped):
-                self.said.emit("stopped; nothing was written", False)
+            going.finish()
+            if isinstance(error, OperationCancelled):
+                self.message.emit("stopped; nothing was written", False)
             elif isinstance(error, UsageError):
-                self.said.emit(f"{error}\nMore can be said in a terminal: tactor-bench import --help", True)
+                self.message.emit(f"{error}\nMore can be said in a terminal: tactor-bench import --help", True)
             else:
-                self.said.emit(str(error), True)
+                self.message.emit(str(error), True)
 
-        self.said.emit("", False)
-        going.begin(words)
-        self._jobs.do(work, done, failed)
+        self.message.emit("", False)
+        going.start(text)
+        self._worker.submit(work, done, failed)

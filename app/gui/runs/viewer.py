@@ -3,20 +3,20 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
 
-from app.archive.replay import Reopened
-from app.common.formatting import duration, ended
+from app.archive.replay import LoadedRun
+from app.common.formatting import format_duration, format_outcome
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.result_plots import ResultPlots
-from app.gui.runs.trace_plot import RunTraces
+from app.gui.runs.trace_plot import TracePlot
 from app.gui.widgets.log_pane import LogPane
 from app.gui.widgets.theme import Theme
-from app.live.overlay import Curve
-from app.session.messages import estimate_words
-from protocols.base.events import RunEnded, Status
+from app.live.overlay import OverlayCurve
+from app.session.messages import format_estimate
+from protocols.base.events import RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 
 
-class RunView(QWidget):
+class RunViewer(QWidget):
     """Shows a reopened run as the measuring page showed it."""
 
     back_pressed = Signal()
@@ -24,25 +24,25 @@ class RunView(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.run: Reopened | None = None
-        self.heading, self.facts = QLabel(), QLabel()
+        self.run: LoadedRun | None = None
+        self.heading, self.facts_label = QLabel(), QLabel()
         self.heading.setProperty("kind", "heading")
-        self.facts.setProperty("kind", "note")
-        self.facts.setWordWrap(True)
-        for label in (self.heading, self.facts):
+        self.facts_label.setProperty("kind", "note")
+        self.facts_label.setWordWrap(True)
+        for label in (self.heading, self.facts_label):
             label.setTextFormat(Qt.TextFormat.PlainText)
-        self.facts.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.plots, self.traces, self.log = ResultPlots(theme), RunTraces(theme), LogPane(theme)
-        self.back = QPushButton("← Back  (Esc)")
-        self.explore = QPushButton("Show in Explore  (E)")
-        self.back.clicked.connect(self.back_pressed)
-        self.explore.clicked.connect(self.explore_pressed)
+        self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
+        self.back_button = QPushButton("← Back  (Esc)")
+        self.explore_button = QPushButton("Show in Explore  (E)")
+        self.back_button.clicked.connect(self.back_pressed)
+        self.explore_button.clicked.connect(self.explore_pressed)
         head = QHBoxLayout()
-        head.addWidget(self.back)
+        head.addWidget(self.back_button)
         head.addWidget(self.heading, 1)
-        head.addWidget(self.explore)
+        head.addWidget(self.explore_button)
         rows = QSplitter(Qt.Orientation.Vertical)
-        for widget, share in ((self.plots, 5), (self.traces, 4), (self.log, 2)):
+        for widget, share in ((self.plots, 5), (self.trace_plot, 4), (self.log, 2)):
             rows.addWidget(widget)
             rows.setStretchFactor(rows.count() - 1, share)
         rows.setChildrenCollapsible(False)
@@ -51,7 +51,7 @@ class RunView(QWidget):
         layout.setContentsMargins(0, 2, 0, 0)
         layout.setSpacing(4)
         layout.addLayout(head)
-        layout.addWidget(self.facts)
+        layout.addWidget(self.facts_label)
         layout.addWidget(rows, 1)
 
     @property
@@ -61,31 +61,31 @@ class RunView(QWidget):
 
     def set_theme(self, theme: Theme) -> None:
         """Take other colours."""
-        for widget in (self.plots, self.traces, self.log):
+        for widget in (self.plots, self.trace_plot, self.log):
             widget.set_theme(theme)
 
-    def show_run(self, run: Reopened) -> None:
+    def show_run(self, run: LoadedRun) -> None:
         """Show a run; its curve follows."""
         self.run = run
         self.heading.setText(run.title)
-        told = "".join(f"   {estimate_words(e)}." for e in run.estimates)
-        parameters = ", ".join(f"{name} {_short(value)}" for name, value in run.parameters.items())
+        told = "".join(f"   {format_estimate(e)}." for e in run.estimates)
+        parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.parameters.items())
         simulated = "SIMULATED.   " if run.simulated else ""
-        self.facts.setText(
-            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {duration(run.duration_s)}, {ended(run.state, run.reason)}.{told}\n{parameters}"
+        self.facts_label.setText(
+            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}, {format_outcome(run.state, run.reason)}.{told}\n{parameters}"
         )
         # What a protocol that is not known here measured is drawn where it is an amplitude over frequency.
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
-        found = RunEnded(Status.COMPLETED, "", "", run.estimates)
+        found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates)
         self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
-        self.traces.show_traces(run.traces, run.simulated)
+        self.trace_plot.show_traces(run.traces, run.simulated)
         self.log.show_messages(run.messages)
 
-    def show_curve(self, curve: Curve) -> None:
+    def show_model_curve(self, curve: OverlayCurve) -> None:
         """The model under the points."""
-        self.plots.show_curve(curve)
+        self.plots.show_model_curve(curve)
 
 
-def _short(value: object) -> str:
+def _format_value(value: object) -> str:
     text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value)
     return text if len(text) < 80 else f"{text[:77]}…"

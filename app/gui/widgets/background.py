@@ -7,7 +7,7 @@ from typing import Any
 from PySide6.QtCore import QObject, Signal
 
 
-class Jobs(QObject):
+class BackgroundWorker(QObject):
     """Does one thing after another in a thread of its own.
 
     `failed` of a job hears what it raised; without it the error is raised in the window's thread.
@@ -19,31 +19,31 @@ class Jobs(QObject):
         super().__init__(parent)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
         self.closed = False
-        self.waiting = 0
+        self.pending = 0
         """Jobs that are not back yet."""
-        self._done.connect(self._bring)
+        self._done.connect(self._deliver)
 
-    def do(
+    def submit(
         self,
         work: Callable[[], Any],
-        then: Callable[[Any], object] = lambda _: None,
-        failed: Callable[[Exception], object] | None = None,
+        on_result: Callable[[Any], object] = lambda _: None,
+        on_error: Callable[[Exception], object] | None = None,
     ) -> None:
         """Do `work` beside the window, then tell `then`, in the window's thread, what came of it."""
         if self.closed:
             return
-        self.waiting += 1
+        self.pending += 1
         future = self._pool.submit(work)
-        future.add_done_callback(lambda done: None if self.closed else self._done.emit((then, failed), done))
+        future.add_done_callback(lambda done: None if self.closed else self._done.emit((on_result, on_error), done))
 
     def close(self) -> None:
         """Finish what has begun, leave the rest, tell nobody."""
         self.closed = True
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _bring(self, hearers: tuple[Any, Any], done: Future[Any]) -> None:
-        self.waiting -= 1
-        then, failed = hearers
+    def _deliver(self, callbacks: tuple[Any, Any], done: Future[Any]) -> None:
+        self.pending -= 1
+        then, failed = callbacks
         try:
             answer = done.result()
         except CancelledError:

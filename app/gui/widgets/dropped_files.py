@@ -4,17 +4,17 @@ from pathlib import Path
 
 from PySide6.QtGui import QDropEvent
 
-TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".mat"})
+TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat", ".mat"})
 
 
-def run_urls(event: QDropEvent) -> list[Path]:
+def dropped_runs(event: QDropEvent) -> list[Path]:
     """Run files that are dragged over a page."""
     return [path for path in _paths(event) if path.suffix == ".h5"]
 
 
-def table_urls(event: QDropEvent) -> list[Path]:
+def dropped_tables(event: QDropEvent) -> list[Path]:
     """Tables that are dragged over a page."""
-    return [path for path in _paths(event) if path.suffix.lower() in TABLES]
+    return [path for path in _paths(event) if path.suffix.lower() in TABLE_SUFFIXES]
 
 
 def _paths(event: QDropEvent) -> list[Path]:

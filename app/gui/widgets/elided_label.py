@@ -4,16 +4,16 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel
 
-LEAST = 6
+MIN_CHARACTERS = 6
 """Characters that are seen in any case."""
 
 
-class Elided(QLabel):
+class ElidedLabel(QLabel):
     """One line of plain text."""
 
     def minimumSizeHint(self) -> QSize:
         whole = super().minimumSizeHint()
-        return QSize(min(whole.width(), LEAST * self.fontMetrics().averageCharWidth()), whole.height())
+        return QSize(min(whole.width(), MIN_CHARACTERS * self.fontMetrics().averageCharWidth()), whole.height())
 
     def paintEvent(self, _event: QPaintEvent) -> None:
         painter = QPainter(self)

@@ -6,13 +6,13 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from app.gui.widgets.shortcuts import lend
+from app.gui.widgets.shortcuts import forward_keys
 
 Mode = QFileDialog.FileMode
 
 
-def ask_for_files(
-    parent: QWidget, title: str, then: Callable[[list[Path]], object], files: str = "", start: str = "",
+def choose_files(
+    parent: QWidget, title: str, callback: Callable[[list[Path]], object], name_filter: str = "", start: str = "",
     mode: Mode = Mode.ExistingFile,
 ) -> QFileDialog:  # fmt: skip
     """Ask, and go on at once; `then` is called with what was chosen, if anything was.
@@ -22,13 +22,13 @@ def ask_for_files(
     Args:
         parent: over whose window it stands.
         title: what is asked for.
-        then: takes the paths.
-        files: which files are listed, as Qt words it: `Runs (*.h5)`.
-        start: the folder that is looked at first; with `Mode.AnyFile` a name, too.
+        callback: takes the paths.
+        name_filter: which files are listed, as Qt words it: `Runs (*.h5)`.
+        start: the folder that is looked at first; with `ModalFit.AnyFile` a name, too.
         mode: one file, several, a folder, or a file that need not be there.
     """
     where = Path(start)
-    dialog = QFileDialog(parent, title, str(where.parent if mode is Mode.AnyFile else where), files)
+    dialog = QFileDialog(parent, title, str(where.parent if mode is Mode.AnyFile else where), name_filter)
     dialog.setOption(QFileDialog.Option.DontUseNativeDialog)
     dialog.setFileMode(mode)
     if mode is Mode.Directory:
@@ -38,7 +38,7 @@ def ask_for_files(
         dialog.selectFile(where.name)
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    dialog.filesSelected.connect(lambda names: then([Path(name) for name in names]))
-    lend(dialog, Qt.Key.Key_F12)
+    dialog.filesSelected.connect(lambda names: callback([Path(name) for name in names]))
+    forward_keys(dialog, Qt.Key.Key_F12)
     dialog.show()
     return dialog

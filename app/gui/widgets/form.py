@@ -14,58 +14,60 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
-from app.common.units import UnitError, read_value, unit_of, words_of
+from app.common.units import UnitError, description_of, read_value, unit_of
 from protocols.base.protocol import Protocol
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class FormField:
     """One parameter as a person sees it."""
 
     name: str
     label: str
     unit: str
     """Empty for a count or a text."""
-    words: str
+    description: str
     limits: str
-    many: bool = False
+    is_list: bool = False
     """Several numbers, separated by commas."""
-    switch: bool = False
+    is_switch: bool = False
     choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class FormResult:
     """What came of the texts of a form: the protocol, or a sentence per faulty field ("" for the form as a whole)."""
 
     protocol: Protocol | None
-    faults: Mapping[str, str]
+    errors: Mapping[str, str]
 
 
-def fields_of(kind: type[Protocol]) -> tuple[Field, ...]:
+def protocol_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
     """The fields of a protocol in the order in which it writes them."""
     written = list(kind.__annotations__)
     names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
-    return tuple(_field(kind, name) for name in names)
+    return tuple(_make_field(kind, name) for name in names)
 
 
-def form_fields(kind: type[Protocol]) -> tuple[Field, ...]:
+def form_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
     """The fields of a form, whose words call the other fields by their labels."""
 
     def label(name: re.Match[str]) -> str:
-        return f"'{_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
+        return f"'{_field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
 
-    return tuple(replace(field, words=re.sub(r"\w+_\w+", label, field.words)) for field in fields_of(kind))
+    return tuple(
+        replace(field, description=re.sub(r"\w+_\w+", label, field.description)) for field in protocol_fields(kind)
+    )
 
 
-def text_of(value: Any) -> str:
+def format_parameter(value: Any) -> str:
     """A parameter's value as one types it."""
     if isinstance(value, tuple):
-        return ", ".join(text_of(item) for item in value)
+        return ", ".join(format_parameter(item) for item in value)
     return f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else str(value)
 
 
-def check(kind: type[Protocol], texts: Mapping[str, Any]) -> Checked:
+def check_form(kind: type[Protocol], texts: Mapping[str, Any]) -> FormResult:
     """Read what was typed, in units or without."""
     faults: dict[str, str] = {}
     values: dict[str, Any] = {}
@@ -80,38 +82,38 @@ def check(kind: type[Protocol], texts: Mapping[str, Any]) -> Checked:
         protocol = kind(**values)  # unreadable fields stand at their defaults, so that the others are still judged
     except ValidationError as error:
         for fault in error.errors():
-            name, words = _sentence(kind, fault)
+            name, words = _field_error(kind, fault)
             faults.setdefault(name, words)
-        return Checked(None, faults)
-    return Checked(None if faults else protocol, faults)
+        return FormResult(None, faults)
+    return FormResult(None if faults else protocol, faults)
 
 
-def _field(kind: type[Protocol], name: str) -> Field:
+def _make_field(kind: type[Protocol], name: str) -> FormField:
     info = kind.model_fields[name]
     unit = unit_of(kind, name) or ""
     annotation: Any = info.annotation
     many = get_origin(annotation) is tuple
     marks = list(info.metadata) + (list(getattr(get_args(annotation)[0], "__metadata__", ())) if many else [])
     interval = next((mark for mark in marks if isinstance(mark, Interval)), None)
-    label = _label(kind, name)
-    return Field(
+    label = _field_label(kind, name)
+    return FormField(
         name=name,
         label=label,
         unit="" if unit == "1" else unit,
-        words=words_of(kind, name),
-        limits=_limits(interval, "" if unit == "1" else unit),
-        many=many,
-        switch=annotation is bool,
+        description=description_of(kind, name),
+        limits=_format_limits(interval, "" if unit == "1" else unit),
+        is_list=many,
+        is_switch=annotation is bool,
         choices=tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else (),
     )
 
 
-def _label(kind: type[Protocol], name: str) -> str:
+def _field_label(kind: type[Protocol], name: str) -> str:
     unit = unit_of(kind, name) or ""
     return name.removesuffix(f"_{unit.lower()}").replace("_", " ")
 
 
-def _limits(interval: Interval | None, unit: str) -> str:
+def _format_limits(interval: Interval | None, unit: str) -> str:
     if interval is None:
         return ""
     low: Any = interval.ge if interval.ge is not None else interval.gt
@@ -129,49 +131,51 @@ def _limits(interval: Interval | None, unit: str) -> str:
     return f"{words} {unit}".strip()
 
 
-def _sentence(kind: type[Protocol], fault: Any) -> tuple[str, str]:
+def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
     """The field a fault belongs to, and what to do about it."""
-    place, words = fault["loc"], fault["msg"].removeprefix("Value error, ")
+    place, words = error["loc"], error["msg"].removeprefix("Value error, ")
     if not place:  # fields that do not fit together: the sentence begins with the one to change
         name = next((name for name in kind.model_fields if words.startswith(name)), "")
         return name, words
     name = str(place[0])
-    field = _field(kind, name)
-    value = fault["input"]
-    if fault["type"].startswith(("greater_than", "less_than")):
-        return name, f"{text_of(value)} {field.unit}".strip() + f" is outside the range: {field.limits}"
-    if fault["type"] in ("int_from_float", "int_type"):
-        return name, f"{text_of(value)} is not a whole number"
-    if fault["type"] in ("finite_number", "float_type"):
+    field = _make_field(kind, name)
+    value = error["input"]
+    if error["type"].startswith(("greater_than", "less_than")):
+        return name, f"{format_parameter(value)} {field.unit}".strip() + f" is outside the range: {field.limits}"
+    if error["type"] in ("int_from_float", "int_type"):
+        return name, f"{format_parameter(value)} is not a whole number"
+    if error["type"] in ("finite_number", "float_type"):
         return name, f"{value} is no number"
     return name, words[:1].lower() + words[1:]
 
 
 Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
 
-LINES = (3, 7)
+LIST_HEIGHT_LINES = (3, 7)
 """Of an editor for many numbers, at least and at most."""
 
 
 class FieldRow:
     """One field: its name, its editor, its unit, and below them what it means - or what is wrong."""
 
-    def __init__(self, field: Field, value: Any) -> None:
+    def __init__(self, field: FormField, value: Any) -> None:
         self.field = field
         self.label = QLabel(field.label)
         self.unit = QLabel(field.unit)
-        self.note = QLabel()
-        self.note.setWordWrap(True)
-        self.note.setTextFormat(Qt.TextFormat.PlainText)
-        self.editor = _editor(field)
+        self.note_label = QLabel()
+        self.note_label.setWordWrap(True)
+        self.note_label.setTextFormat(Qt.TextFormat.PlainText)
+        self.editor = _make_editor(field)
         self.label.setBuddy(self.editor)
         limits = f"\n{field.limits}" if field.limits else ""
-        self.editor.setToolTip(f"{field.words}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip())
+        self.editor.setToolTip(
+            f"{field.description}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip()
+        )
         self.editor.setAccessibleName(f"{field.label} {field.unit}")
-        self.set(value)
-        self.say("")
+        self.set_value(value)
+        self.show_error("")
 
-    def set(self, value: Any) -> None:
+    def set_value(self, value: Any) -> None:
         """Show a value."""
         match self.editor:
             case QCheckBox() as box:
@@ -179,9 +183,9 @@ class FieldRow:
             case QComboBox() as combo:
                 combo.setCurrentText(str(value))
             case QPlainTextEdit() as many:
-                many.setPlainText(text_of(value))
+                many.setPlainText(format_parameter(value))
             case QLineEdit() as line:
-                line.setText(text_of(value))
+                line.setText(format_parameter(value))
 
     @property
     def text(self) -> Any:
@@ -196,15 +200,15 @@ class FieldRow:
             case QLineEdit() as line:
                 return line.text()
 
-    def say(self, fault: str) -> None:
+    def show_error(self, error: str) -> None:
         """Show what is wrong, or what the field means."""
-        meaning = self.field.words + (f"  ({self.field.limits})" if self.field.limits else "")
-        self.note.setText(f"✕ {fault}" if fault else meaning)
-        for widget, name in ((self.note, "fault" if fault else "note"), (self.editor, "faulty" if fault else "")):
-            mark(widget, name)
+        meaning = self.field.description + (f"  ({self.field.limits})" if self.field.limits else "")
+        self.note_label.setText(f"✕ {error}" if error else meaning)
+        for widget, name in ((self.note_label, "fault" if error else "note"), (self.editor, "faulty" if error else "")):
+            set_style_kind(widget, name)
 
 
-class Form(QWidget):
+class ProtocolForm(QWidget):
     """Parameters of one protocol as a person edits them."""
 
     changed = Signal()
@@ -220,31 +224,31 @@ class Form(QWidget):
         grid.setColumnStretch(1, 1)
         at = 0
         for row in self.rows.values():
-            many = row.field.many
+            many = row.field.is_list
             grid.addWidget(row.label, at, 0, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
             grid.addWidget(row.editor, at, 1)
             grid.addWidget(row.unit, at, 2, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
-            grid.addWidget(row.note, at + 1, 0, 1, 3)
+            grid.addWidget(row.note_label, at + 1, 0, 1, 3)
             grid.setRowMinimumHeight(at + 2, 3)
             grid.setRowStretch(at, 20 if many else 0)
             at += 3
-            _changes(row.editor).connect(self._edited)
+            _edit_signal(row.editor).connect(self._on_edited)
         grid.setRowStretch(at, 1)
-        self.checked = Checked(protocol, {})
+        self.result = FormResult(protocol, {})
 
-    def set(self, protocol: Protocol) -> None:
+    def set_protocol(self, protocol: Protocol) -> None:
         """Show the parameters of a protocol of the same kind."""
         for name, row in self.rows.items():
-            row.set(getattr(protocol, name))
+            row.set_value(getattr(protocol, name))
 
-    def _edited(self) -> None:
-        self.checked = check(self.kind, {name: row.text for name, row in self.rows.items()})
+    def _on_edited(self) -> None:
+        self.result = check_form(self.kind, {name: row.text for name, row in self.rows.items()})
         for name, row in self.rows.items():
-            row.say(self.checked.faults.get(name, ""))
+            row.show_error(self.result.errors.get(name, ""))
         self.changed.emit()
 
 
-def mark(widget: QWidget, kind: str) -> None:
+def set_style_kind(widget: QWidget, kind: str) -> None:
     """Say what a widget is at present, so that the style sheet can show it."""
     if widget.property("kind") != kind:
         widget.setProperty("kind", kind)
@@ -252,34 +256,34 @@ def mark(widget: QWidget, kind: str) -> None:
         widget.style().polish(widget)
 
 
-class Numbers(QPlainTextEdit):
+class NumberListEdit(QPlainTextEdit):
     """An editor for many numbers: a few lines, more where there is room."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setTabChangesFocus(True)
         self.setWordWrapMode(QTextOption.WrapMode.WordWrap)
-        self.setMinimumHeight(self._height(LINES[0]))
-        self.setMaximumHeight(self._height(LINES[1]))
+        self.setMinimumHeight(self._height(LIST_HEIGHT_LINES[0]))
+        self.setMaximumHeight(self._height(LIST_HEIGHT_LINES[1]))
 
     def sizeHint(self) -> QSize:
-        return QSize(super().sizeHint().width(), self._height(LINES[0]))
+        return QSize(super().sizeHint().width(), self._height(LIST_HEIGHT_LINES[0]))
 
     def _height(self, lines: int) -> int:
         return QFontMetrics(self.font()).lineSpacing() * lines + 12
 
 
-def _editor(field: Field) -> Editor:
-    if field.switch:
+def _make_editor(field: FormField) -> Editor:
+    if field.is_switch:
         return QCheckBox()
     if field.choices:
         combo = QComboBox()
         combo.addItems(field.choices)
         return combo
-    return Numbers() if field.many else QLineEdit()
+    return NumberListEdit() if field.is_list else QLineEdit()
 
 
-def _changes(editor: Editor) -> Any:
+def _edit_signal(editor: Editor) -> Any:
     """The signal that tells of an edit."""
     match editor:
         case QCheckBox():

@@ -6,10 +6,10 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
 from app.gui.widgets.theme import Theme
-from app.session.messages import Level, Message
-from app.session.state import View
+from app.session.messages import LogLine, Severity
+from app.session.state import WindowState
 
-SIGN = {Level.PLAIN: " ", Level.GOOD: "✓", Level.ATTENTION: "!", Level.BAD: "✕"}
+SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING: "!", Severity.ERROR: "✕"}
 
 
 class LogPane(QPlainTextEdit):
@@ -17,8 +17,8 @@ class LogPane(QPlainTextEdit):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._theme, self._told = theme, 0
-        self._messages: tuple[Message, ...] = ()
+        self._theme, self._written_count = theme, 0
+        self._messages: tuple[LogLine, ...] = ()
         self.setReadOnly(True)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)  # an open menu would keep the Stop key to itself
         self.setMaximumBlockCount(1000)
@@ -32,29 +32,29 @@ class LogPane(QPlainTextEdit):
         for message in self._messages:
             self._write(message)
 
-    def show_view(self, view: View) -> None:
+    def set_state(self, view: WindowState) -> None:
         """Write what is new."""
-        new = view.told - self._told
+        new = view.message_count - self._written_count
         if new <= 0:
             return
-        self._told, self._messages = view.told, view.messages
+        self._written_count, self._messages = view.message_count, view.messages
         for message in view.messages[-new:]:
             self._write(message)
 
-    def show_messages(self, messages: tuple[Message, ...]) -> None:
+    def show_messages(self, messages: tuple[LogLine, ...]) -> None:
         """Write these and nothing else."""
         self.clear()
-        self._told, self._messages = len(messages), messages
+        self._written_count, self._messages = len(messages), messages
         for message in messages:
             self._write(message)
 
-    def _write(self, message: Message) -> None:
+    def _write(self, message: LogLine) -> None:
         bar = self.verticalScrollBar()
         follow = bar.value() >= bar.maximum() - 2
-        level = message.level
+        level = message.severity
         self.appendHtml(
-            f'<span style="color:{self._theme.dim}">{message.at:%H:%M:%S}</span> '
-            f'<span style="color:{self._theme.level(level)}">{SIGN[level]}&nbsp;{escape(message.words)}</span>'
+            f'<span style="color:{self._theme.secondary_text}">{message.time:%H:%M:%S}</span> '
+            f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(message.text)}</span>'
         )
         if follow:
             bar.setValue(bar.maximum())

@@ -5,69 +5,69 @@ import threading
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
 
-from app.gui.widgets.form import mark
+from app.gui.widgets.form import set_style_kind
 
-PATIENCE_MS = 300
+SHOW_DELAY_MS = 300
 """What is over sooner is not shown: it would only flash."""
 
-STEPS = 1000
+PROGRESS_STEPS = 1000
 
 
-class GoingOn(QWidget):
+class ProgressRow(QWidget):
     """Hidden while nothing goes on. `tell` and `stopped` are for the thread that works."""
 
-    _told = Signal(float)
+    _progress_changed = Signal(float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.words, self.bar, self.stop = QLabel(), QProgressBar(), QPushButton("Stop")
-        self.bar.setRange(0, STEPS)
+        self.label, self.bar, self.cancel_button = QLabel(), QProgressBar(), QPushButton("Stop")
+        self.bar.setRange(0, PROGRESS_STEPS)
         self.bar.setTextVisible(False)
         self.bar.setFixedHeight(10)
-        mark(self.words, "note")
-        mark(self.stop, "choice")
-        self.stop.setToolTip("End it; what is whole stays, and nothing is left half done")
-        self.going = False
-        self._stop = threading.Event()
-        self._last = 0.0
-        self._due = QTimer(self, singleShot=True, interval=PATIENCE_MS)
-        self._due.timeout.connect(self.show)
-        self._told.connect(lambda share: self.bar.setValue(round(STEPS * share)))
-        self.stop.clicked.connect(self.end_it)
+        set_style_kind(self.label, "note")
+        set_style_kind(self.cancel_button, "choice")
+        self.cancel_button.setToolTip("End it; what is whole stays, and nothing is left half done")
+        self.running = False
+        self._cancel_event = threading.Event()
+        self._last_share = 0.0
+        self._show_timer = QTimer(self, singleShot=True, interval=SHOW_DELAY_MS)
+        self._show_timer.timeout.connect(self.show)
+        self._progress_changed.connect(lambda share: self.bar.setValue(round(PROGRESS_STEPS * share)))
+        self.cancel_button.clicked.connect(self.request_cancel)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(self.words)
+        row.addWidget(self.label)
         row.addWidget(self.bar, 1)
-        row.addWidget(self.stop)
+        row.addWidget(self.cancel_button)
         self.hide()
 
-    def begin(self, words: str) -> None:
+    def start(self, text: str) -> None:
         """Something begins."""
-        self.going, self._last = True, 0.0
-        self._stop.clear()
-        self.words.setText(words)
+        self.running, self._last_share = True, 0.0
+        self._cancel_event.clear()
+        self.label.setText(text)
         self.bar.setValue(0)
-        self.stop.setEnabled(True)
-        self._due.start()
+        self.cancel_button.setEnabled(True)
+        self._show_timer.start()
 
-    def over(self) -> None:
+    def finish(self) -> None:
         """It has ended, or was ended."""
-        self.going = False
-        self._due.stop()
+        self.running = False
+        self._show_timer.stop()
         self.hide()
 
-    def end_it(self) -> None:
+    def request_cancel(self) -> None:
         """Somebody wants no more of it."""
-        self._stop.set()
-        self.stop.setEnabled(False)
+        self._cancel_event.set()
+        self.cancel_button.setEnabled(False)
 
-    def tell(self, share: float) -> None:
+    def update_progress(self, share: float) -> None:
         """How far it is, 0 to 1; from any thread."""
-        if not 0 <= share - self._last < 1 / STEPS:  # more could not be seen
-            self._last = share
-            self._told.emit(share)
+        if not 0 <= share - self._last_share < 1 / PROGRESS_STEPS:  # more could not be seen
+            self._last_share = share
+            self._progress_changed.emit(share)
 
-    def stopped(self) -> bool:
+    def cancelled(self) -> bool:
         """Whether somebody wants no more of it; from any thread."""
-        return self._stop.is_set()
+        return self._cancel_event.is_set()

@@ -7,26 +7,26 @@ from PySide6.QtCore import QObject, Qt
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QWidget
 
-EVERYWHERE = "Everywhere"
-HERE = Qt.ShortcutContext.WidgetWithChildrenShortcut
+GLOBAL_GROUP = "Everywhere"
+PAGE_CONTEXT = Qt.ShortcutContext.WidgetWithChildrenShortcut
 """A key of one page: it works while the page has the keyboard."""
 
-Key = Qt.Key | str
+KeySpec = Qt.Key | str
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ShortcutInfo:
     """One line of the sheet: what is done, and the keys that do it."""
 
-    words: str
+    description: str
     keys: tuple[str, ...]
 
 
-def bind(
+def bind_keys(
     parent: QWidget,
-    words: str,
-    do: Callable[[], object],
-    *keys: Key,
+    description: str,
+    callback: Callable[[], object],
+    *keys: KeySpec,
     context: Qt.ShortcutContext = Qt.ShortcutContext.WindowShortcut,
     repeats: bool = False,
 ) -> list[QShortcut]:
@@ -34,14 +34,14 @@ def bind(
     made = []
     for key in keys:
         shortcut = QShortcut(QKeySequence(key), parent, context=context)
-        shortcut.setWhatsThis(words)
+        shortcut.setWhatsThis(description)
         shortcut.setAutoRepeat(repeats)
-        shortcut.activated.connect(do)
+        shortcut.activated.connect(callback)
         made.append(shortcut)
     return made
 
 
-def lend(dialog: QWidget, *keys: Key) -> None:
+def forward_keys(dialog: QWidget, *keys: KeySpec) -> None:
     """Let keys of the window work in a dialog over it as well."""
     over = dialog.parentWidget()
     assert over is not None
@@ -49,15 +49,15 @@ def lend(dialog: QWidget, *keys: Key) -> None:
     for key in keys:
         for own in window.findChildren(QShortcut, options=Qt.FindChildOption.FindDirectChildrenOnly):
             if own.key() == QKeySequence(key):
-                bind(dialog, own.whatsThis(), own.activated.emit, key)
+                bind_keys(dialog, own.whatsThis(), own.activated.emit, key)
 
 
-def lines_of(window: QWidget, pages: Sequence[object]) -> dict[str, tuple[Line, ...]]:
+def shortcuts_by_group(window: QWidget, pages: Sequence[object]) -> dict[str, tuple[ShortcutInfo, ...]]:
     """Every key of a window in groups: those that work everywhere, and those of the pages given, by their titles."""
-    groups: dict[str, dict[str, list[str]]] = {title: {} for title in (EVERYWHERE, *map(_title, pages))}
+    groups: dict[str, dict[str, list[str]]] = {title: {} for title in (GLOBAL_GROUP, *map(_page_title, pages))}
     for shortcut in window.findChildren(QShortcut):
-        owner = _owner(shortcut)
-        title = EVERYWHERE if owner is None else _title(owner)
+        owner = _owning_page(shortcut)
+        title = GLOBAL_GROUP if owner is None else _page_title(owner)
         if owner is not None and owner not in pages:
             continue
         keys = groups.setdefault(title, {}).setdefault(shortcut.whatsThis(), [])
@@ -65,20 +65,20 @@ def lines_of(window: QWidget, pages: Sequence[object]) -> dict[str, tuple[Line, 
         if name not in keys:
             keys.append(name)
     return {
-        title: tuple(Line(words, tuple(keys)) for words, keys in group.items())
+        title: tuple(ShortcutInfo(words, tuple(keys)) for words, keys in group.items())
         for title, group in groups.items()
         if group
     }
 
 
-def _owner(shortcut: QObject) -> QObject | None:
+def _owning_page(shortcut: QObject) -> QObject | None:
     """The page that a shortcut belongs to; None for one of the window."""
     parent = shortcut.parent()
-    while parent is not None and not _title(parent):
+    while parent is not None and not _page_title(parent):
         parent = parent.parent()
     return parent
 
 
-def _title(thing: object) -> str:
-    title = getattr(thing, "title", "")
+def _page_title(page: object) -> str:
+    title = getattr(page, "title", "")
     return title if isinstance(title, str) else ""

@@ -3,13 +3,13 @@
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.gui.widgets.form import mark
+from app.gui.widgets.form import set_style_kind
 
-STAYS_MS = 8000
+DISPLAY_MS = 8000
 """How long a remark stays."""
 
 
-class Remark(QLabel):
+class StatusLine(QLabel):
     """Hidden while there is nothing to say."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -17,16 +17,16 @@ class Remark(QLabel):
         self.hide()
         self.setWordWrap(True)
         self.setTextFormat(Qt.TextFormat.PlainText)
-        self._silence = QTimer(self, singleShot=True, interval=STAYS_MS)
-        self._silence.timeout.connect(lambda: self.say(""))
+        self._hide_timer = QTimer(self, singleShot=True, interval=DISPLAY_MS)
+        self._hide_timer.timeout.connect(lambda: self.show_message(""))
 
-    def say(self, words: str, fault: bool = False, stays: bool = False) -> None:
-        """Show a sentence in place of the last one; nothing where it is empty. A fault stays, and what `stays`."""
-        if words != self.text():
-            self.setText(words)
-            mark(self, "fault" if fault else "note")
-            self.setVisible(bool(words))
-        if words and not fault:
-            self._silence.start()
-        if stays:
-            self._silence.stop()
+    def show_message(self, message: str, is_error: bool = False, persistent: bool = False) -> None:
+        """Show a sentence in place of the last one; nothing where it is empty. A fault stays, and what `persistent`."""
+        if message != self.text():
+            self.setText(message)
+            set_style_kind(self, "fault" if is_error else "note")
+            self.setVisible(bool(message))
+        if message and not is_error:
+            self._hide_timer.start()
+        if persistent:
+            self._hide_timer.stop()

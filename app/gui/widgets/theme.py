@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 
-from app.session.messages import Level
+from app.session.messages import Severity
 from app.session.state import BenchState, Lamp
 
 
@@ -22,7 +22,7 @@ class Theme:
     field: str
     line: str
     text: str
-    dim: str
+    secondary_text: str
     accent: str
     model: str
     """The model's curve."""
@@ -30,15 +30,15 @@ class Theme:
     """Peak to peak, measured, and the displacement trace."""
     second: str
     """Twice the fundamental, measured, and the drive trace."""
-    felt: str
+    threshold: str
     """The 50 um line."""
-    good: str
-    warn: str
-    bad: str
+    success: str
+    warning: str
+    error: str
     simulated: str
     """SIMULATED on a plot."""
 
-    def state(self, state: BenchState) -> tuple[str, str]:
+    def state_colors(self, state: BenchState) -> tuple[str, str]:
         """Ground and writing of the state sign."""
         match state:
             case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED:
@@ -50,11 +50,21 @@ class Theme:
             case _:
                 return ("#3c424a", "#ffffff") if self.dark else ("#5b636d", "#ffffff")
 
-    def lamp(self, lamp: Lamp) -> str:
-        return {Lamp.READY: self.good, Lamp.WAITING: self.dim, Lamp.DOUBTED: self.warn, Lamp.ABSENT: self.bad}[lamp]
+    def lamp_color(self, lamp: Lamp) -> str:
+        return {
+            Lamp.READY: self.success,
+            Lamp.WAITING: self.secondary_text,
+            Lamp.SUSPECT: self.warning,
+            Lamp.MISSING: self.error,
+        }[lamp]
 
-    def level(self, level: Level) -> str:
-        return {Level.PLAIN: self.text, Level.GOOD: self.good, Level.ATTENTION: self.warn, Level.BAD: self.bad}[level]
+    def severity_color(self, severity: Severity) -> str:
+        return {
+            Severity.INFO: self.text,
+            Severity.SUCCESS: self.success,
+            Severity.WARNING: self.warning,
+            Severity.ERROR: self.error,
+        }[severity]
 
     def palette(self) -> QPalette:
         """The theme as Qt's palette."""
@@ -70,7 +80,7 @@ class Theme:
             (roles.ButtonText, self.text),
             (roles.ToolTipBase, self.panel),
             (roles.ToolTipText, self.text),
-            (roles.PlaceholderText, self.dim),
+            (roles.PlaceholderText, self.secondary_text),
             (roles.Highlight, self.accent),
             (roles.HighlightedText, "#ffffff"),
             (roles.Link, self.accent),
@@ -78,11 +88,11 @@ class Theme:
             (roles.Midlight, self.line),
             (roles.Mid, self.line),
             (roles.Dark, self.line),
-            (roles.BrightText, self.bad),
+            (roles.BrightText, self.error),
         ):
             palette.setColor(role, QColor(colour))
         for role in (roles.WindowText, roles.Text, roles.ButtonText):
-            palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(self.dim))
+            palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(self.secondary_text))
         return palette
 
 
@@ -93,15 +103,15 @@ LIGHT = Theme(
     field="#ffffff",
     line="#c9cdd3",
     text="#16191d",
-    dim="#5d6570",
+    secondary_text="#5d6570",
     accent="#1f5fbf",
     model="#1f5fbf",
     measured="#b3261e",
     second="#22262b",
-    felt="#1b7a3d",
-    good="#146c34",
-    warn="#8a5a00",
-    bad="#b00020",
+    threshold="#1b7a3d",
+    success="#146c34",
+    warning="#8a5a00",
+    error="#b00020",
     simulated="#d0021b",
 )
 DARK = Theme(
@@ -111,15 +121,15 @@ DARK = Theme(
     field="#23282e",
     line="#414851",
     text="#e8eaed",
-    dim="#9aa3ad",
+    secondary_text="#9aa3ad",
     accent="#3d78d0",
     model="#6ea8ff",
     measured="#ff8a80",
     second="#f4f5f6",
-    felt="#6fd08c",
-    good="#6fd08c",
-    warn="#ffc46b",
-    bad="#ff6b6b",
+    threshold="#6fd08c",
+    success="#6fd08c",
+    warning="#ffc46b",
+    error="#ff6b6b",
     simulated="#ff5a5a",
 )
 
@@ -129,7 +139,7 @@ def system_theme() -> Theme:
     return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
 
 
-def sheet(theme: Theme) -> str:
+def style_sheet(theme: Theme) -> str:
     """The style sheet."""
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
@@ -140,14 +150,14 @@ def sheet(theme: Theme) -> str:
     QLabel[kind="large"] {{ font-size: 11pt; }}
     QLabel[kind="welcome"] {{ font-size: 22pt; font-weight: bold; }}
     QLabel[kind="key"] {{
-        background: {theme.field}; border: 1px solid {theme.dim}; border-bottom-width: 2px; border-radius: 4px;
+        background: {theme.field}; border: 1px solid {theme.secondary_text}; border-bottom-width: 2px; border-radius: 4px;
         padding: 1px 6px; font-weight: bold;
     }}
     QLabel[kind="command"] {{
         background: {theme.window}; border: 1px solid {theme.line}; border-radius: 4px; padding: 3px 8px;
         font-family: monospace;
     }}
-    QLabel[kind="danger"] {{ color: {theme.bad}; font-weight: bold; }}
+    QLabel[kind="danger"] {{ color: {theme.error}; font-weight: bold; }}
     QLabel[kind="hint"] {{ color: {theme.text}; font-size: 11pt; }}
     QListWidget {{
         background: {theme.field}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 6px; outline: none;
@@ -155,13 +165,13 @@ def sheet(theme: Theme) -> str:
     }}
     QListWidget:focus {{ border: 2px solid {theme.accent}; }}
     QLabel[kind="running"] {{ font-size: 12pt; font-weight: bold; }}
-    QLabel[kind="note"] {{ color: {theme.dim}; font-size: 8pt; }}
+    QLabel[kind="note"] {{ color: {theme.secondary_text}; font-size: 8pt; }}
     QLabel[kind="small"] {{ font-size: 8pt; }}
-    QLabel[kind="fault"] {{ color: {theme.bad}; font-size: 9pt; }}
-    QLabel[kind="caution"] {{ color: {theme.warn}; font-size: 9pt; }}
+    QLabel[kind="fault"] {{ color: {theme.error}; font-size: 9pt; }}
+    QLabel[kind="caution"] {{ color: {theme.warning}; font-size: 9pt; }}
     QLabel[kind="caption"] {{ font-weight: bold; }}
     QLabel[kind="moved"] {{ color: {theme.accent}; font-weight: bold; }}
-    QLabel[kind="note-size"] {{ color: {theme.dim}; }}
+    QLabel[kind="note-size"] {{ color: {theme.secondary_text}; }}
     QLabel[kind="simulated"] {{
         color: {theme.simulated}; background: {theme.panel}; border: 4px solid {theme.simulated}; border-radius: 6px;
         font-size: 13pt; font-weight: bold; padding: 0 8px;
@@ -171,14 +181,14 @@ def sheet(theme: Theme) -> str:
         selection-background-color: {theme.accent}; selection-color: white;
     }}
     QLineEdit:focus, QPlainTextEdit:focus {{ border: 2px solid {theme.accent}; padding: 2px 4px; }}
-    QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] {{ border: 2px solid {theme.bad}; padding: 2px 4px; }}
-    QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {theme.dim}; background: {theme.window}; }}
+    QLineEdit[kind="faulty"], QPlainTextEdit[kind="faulty"] {{ border: 2px solid {theme.error}; padding: 2px 4px; }}
+    QLineEdit:disabled, QPlainTextEdit:disabled {{ color: {theme.secondary_text}; background: {theme.window}; }}
     QPushButton {{
         background: {theme.panel}; color: {theme.text}; border: 1px solid {theme.line}; border-radius: 5px; padding: 5px 12px;
     }}
     QPushButton:hover {{ border-color: {theme.accent}; }}
     QPushButton:focus {{ border: 2px solid {theme.accent}; padding: 4px 11px; }}
-    QPushButton:disabled {{ color: {theme.dim}; }}
+    QPushButton:disabled {{ color: {theme.secondary_text}; }}
     QPushButton[kind="choice"] {{ padding: 2px 9px; }}
     QPushButton[kind="choice"]:focus {{ padding: 1px 8px; }}
     QPushButton[kind="choice"]:checked {{ background: {theme.accent}; color: white; border-color: {theme.accent}; }}
@@ -189,21 +199,21 @@ def sheet(theme: Theme) -> str:
     }}
     QToolButton[kind="tool"]:hover {{ border-color: {theme.accent}; }}
     QToolButton[kind="tool"]:focus {{ border: 2px solid {theme.accent}; padding: 2px 6px; }}
-    QToolButton[kind="tool"]:disabled {{ color: {theme.dim}; }}
+    QToolButton[kind="tool"]:disabled {{ color: {theme.secondary_text}; }}
     QToolButton[popupMode="2"] {{ padding-right: 20px; }}
     QToolButton[popupMode="2"]:focus {{ padding-right: 19px; }}
     QToolButton::menu-indicator {{ subcontrol-origin: padding; subcontrol-position: right center; right: 5px; }}
     QPushButton[kind="go"] {{
         background: {theme.accent}; color: white; border: none; font-size: 12pt; font-weight: bold; padding: 9px 14px;
     }}
-    QPushButton[kind="go"]:disabled {{ background: {theme.line}; color: {theme.dim}; }}
+    QPushButton[kind="go"]:disabled {{ background: {theme.line}; color: {theme.secondary_text}; }}
     QPushButton[kind="go"]:focus {{ border: 2px solid {theme.text}; }}
     QPushButton[kind="stop"] {{
         background: #c00018; color: white; border: none; font-size: 13pt; font-weight: bold; padding: 0 14px;
     }}
-    QPushButton[kind="stop"]:disabled {{ background: {theme.panel}; color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QPushButton[kind="stop"]:disabled {{ background: {theme.panel}; color: {theme.secondary_text}; border: 1px solid {theme.line}; }}
     QPushButton[kind="pause"] {{ font-size: 11pt; font-weight: bold; padding: 0 10px; border: 2px solid {theme.text}; }}
-    QPushButton[kind="pause"]:disabled {{ color: {theme.dim}; border: 1px solid {theme.line}; }}
+    QPushButton[kind="pause"]:disabled {{ color: {theme.secondary_text}; border: 1px solid {theme.line}; }}
     QLabel[kind="laser"] {{ font-size: 20pt; }}
     QProgressBar {{ background: {theme.field}; border: 1px solid {theme.line}; border-radius: 5px; }}
     QProgressBar::chunk {{ background: {theme.accent}; border-radius: 4px; }}
@@ -216,7 +226,7 @@ def sheet(theme: Theme) -> str:
     QFrame[kind="broken"] QLabel {{ color: {theme.simulated}; font-size: 11pt; font-weight: bold; }}
     QFrame[kind="prompt"] {{ background: #ffc400; border: none; border-radius: 6px; }}
     QFrame[kind="unsafe"] {{ background: #c00018; border: none; border-radius: 6px; }}
-    QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.bad}; border-radius: 6px; }}
+    QFrame[kind="trouble"] {{ background: {theme.panel}; border: 2px solid {theme.error}; border-radius: 6px; }}
     QFrame[kind="prompt"] QLabel {{ color: black; font-size: 17pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel {{ color: white; font-size: 14pt; font-weight: bold; }}
     QFrame[kind="unsafe"] QLabel[kind="detail"] {{ font-size: 9pt; font-weight: normal; }}

@@ -14,16 +14,16 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, load_bench
-from app.gui.application import application
+from app.gui.application import qt_application
 from app.gui.main_window import MainWindow
-from app.live.session_link import Link
+from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenStage, Stage, end
 
 
 @pytest.fixture(scope="session")
 def qt() -> QApplication:
-    return application()
+    return qt_application()
 
 
 @pytest.fixture(scope="session")
@@ -58,11 +58,11 @@ def open_stage(
 
     def make(*, ahead: bool = False, **options: Any) -> Stage:
         session = ListeningSession()
-        link = Link(lambda: pytest.fail("nobody connects here"), lambda *_: session)
+        link = SessionAdapter(lambda: pytest.fail("nobody connects here"), lambda *_: session)
         given = {"protocol": SineDwell(), "folder": tmp_path, "specimen": "T7", "settings": settings} | options
         window = MainWindow(link, config, **given)
         if not ahead:
-            window.pages.make_ahead = lambda: None  # type: ignore[method-assign]
+            window.tabs.preload_pages = lambda: None  # type: ignore[method-assign]
         window.show()
         window.activateWindow()
         assert QTest.qWaitForWindowActive(window, 5000)

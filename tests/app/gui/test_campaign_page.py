@@ -11,8 +11,8 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.campaign.campaign import Campaign
-from app.campaign.plan import PAPER, Item, campaign_path
-from app.campaign.status import Next, Standing
+from app.campaign.plan import PAPER_ITEMS, CampaignItem, campaign_path
+from app.campaign.status import ItemStatus, NextAction
 from app.config.bench_file import BenchConfig
 from app.gui.campaign.page import CampaignPage
 from app.gui.main_window import MainWindow
@@ -20,7 +20,7 @@ from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
-from sim_hardware.testing.safe_volts import volts_are_safe
+from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.main_window import Bench, OpenStage, Stage, press, until, whole_window
 from tests.helpers.session_events import LIVE, OPENED, STOPPED
 
@@ -31,21 +31,21 @@ CTRL, ALT, SHIFT = (
 )
 FREE = Prompt("remove-membrane", "Take the membrane off.", hands_on=True)
 QUICK = (
-    Item("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
-    Item("dwell", "sine-dwell", {"frequencies_hz": (120, 150, 160), "record_s": 0.2}, ("wiring",)),
-    Item("again", "sine-dwell", {"frequencies_hz": (100,), "record_s": 0.2}, ("dwell",), (FREE,)),
+    CampaignItem("wiring", "wiring-check", {"record_s": 0.5, "wait_s": 0.2}),
+    CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (120, 150, 160), "record_s": 0.2}, ("wiring",)),
+    CampaignItem("again", "sine-dwell", {"frequencies_hz": (100,), "record_s": 0.2}, ("dwell",), (FREE,)),
 )
 
 Carry = Callable[[Qt.Key, Qt.KeyboardModifier], None]
 
 
 def settle(page: CampaignPage) -> None:
-    until(lambda: page.desk.sheet is not None and not page.desk.working, "for the campaign")
+    until(lambda: page.controller.summary is not None and not page.controller.is_busy, "for the campaign")
 
 
 def states(page: CampaignPage) -> list[str]:
-    assert page.desk.sheet is not None
-    return [row.state for row in page.desk.sheet.rows]
+    assert page.controller.summary is not None
+    return [row.status_text for row in page.controller.summary.items]
 
 
 def on_disk(folder: Path) -> dict[str, dict]:
@@ -67,13 +67,13 @@ def window(
     no_widget_left_behind: None,
 ) -> Iterator[MainWindow]:
     """A window whose last campaign was not finished."""
-    Campaign.new(tmp_path, "T7", True, QUICK)
+    Campaign.create(tmp_path, "T7", True, QUICK)
     settings.setValue("campaign/open", str(campaign_path(tmp_path, "T7")))
     with whole_window(bench, config, SineDwell(), tmp_path, settings) as window:
         yield window
         assert bench.laboratory is not None
         report = bench.laboratory.control.report()
-    volts_are_safe(report)
+    assert_safe_voltage(report)
 
 
 def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow, bench: Bench, tmp_path: Path) -> None:
@@ -81,40 +81,40 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
     page = window.campaign
     settle(page)
     board = page.board
-    assert board.pane.heading.text() == "Measure wiring: Wiring check"
-    assert "−20 … +60 V on the specimen" in board.pane.detail.text()
-    assert "0 of 3 done" in board.head.progress.text()
+    assert board.step_pane.heading.text() == "Measure wiring: Wiring check"
+    assert "−20 … +60 V on the specimen" in board.step_pane.detail.text()
+    assert "0 of 3 done" in board.header.progress_label.text()
 
     def carry_out(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> None:
         press(window, key, modifier)
-        until(lambda: window.view.busy, "for a run")
-        assert board.beside.currentWidget() is board.live
-        until(lambda: not window.view.busy, "for its end")
+        until(lambda: window.state.busy, "for a run")
+        assert board.side_stack.currentWidget() is board.live_pane
+        until(lambda: not window.state.busy, "for its end")
         settle(page)
 
     carry_out(Qt.Key.Key_F5)
     assert states(page)[0] == "done, to be accepted"
-    assert board.pane.heading.text() == "Accept what wiring found?"
-    assert "µm/V" in board.pane.detail.text()
-    assert " ± " in board.side.words
-    QTest.keyClick(board.list, Qt.Key.Key_Return)
+    assert board.step_pane.heading.text() == "Accept what wiring found?"
+    assert "µm/V" in board.step_pane.detail.text()
+    assert " ± " in board.details.plain_text
+    QTest.keyClick(board.item_list, Qt.Key.Key_Return)
     settle(page)
     (accepted,) = on_disk(tmp_path)["wiring"]["accepted"]
     assert (tmp_path / accepted).exists()
-    assert board.pane.heading.text() == "Measure dwell: Sine dwell"
+    assert board.step_pane.heading.text() == "Measure dwell: Sine dwell"
 
     bench.at_a_point = lambda _: bench.session.stop()
     carry_out(Qt.Key.Key_F5)
     assert states(page)[1] == "unfinished"
-    assert board.pane.heading.text() == "Go on with dwell: Sine dwell"
+    assert board.step_pane.heading.text() == "Go on with dwell: Sine dwell"
     bench.at_a_point = lambda _: None
     carry_out(Qt.Key.Key_F5)
-    dwell = page.desk.sheet.row("dwell").line
+    dwell = page.controller.summary.item("dwell").state
     with Run(dwell.run) as run:
-        assert run.continues is not None
+        assert run.resumed_from is not None
         assert {*map(int, run.points()["entry"])} == {0, 1, 2}
 
-    assert board.list.chosen == "dwell"
+    assert board.item_list.selected_item == "dwell"
     press(window, Qt.Key.Key_X)
     settle(page)
     assert on_disk(tmp_path)["dwell"]["rejected"] == [dwell.run.name]
@@ -129,23 +129,26 @@ def test_what_needs_no_hands_follows_by_itself(window: MainWindow, tmp_path: Pat
     page = window.campaign
     settle(page)
     press(window, Qt.Key.Key_F5, CTRL)
-    until(lambda: states(page)[1].startswith("done") and not window.view.busy and not page.desk.queue, "for two runs")
+    until(
+        lambda: states(page)[1].startswith("done") and not window.state.busy and not page.controller.queue_active,
+        "for two runs",
+    )
     settle(page)
     assert states(page) == ["done, to be accepted", "done, to be accepted", "missing"]
     assert len(list(tmp_path.glob("*.h5"))) == 2
-    assert page.desk.known is not None
-    assert page.desk.known.why_not in page.board.side.words
+    assert page.controller.estimates is not None
+    assert page.controller.estimates.problem in page.board.details.plain_text
 
 
 @pytest.fixture
 def page(open_stage: OpenStage, tmp_path: Path) -> tuple[Stage, CampaignPage]:
-    Campaign.new(tmp_path, "T7", True, (*QUICK, Item("last", "wiring-check")))
+    Campaign.create(tmp_path, "T7", True, (*QUICK, CampaignItem("last", "wiring-check")))
     stage = open_stage()
     stage.press(Qt.Key.Key_2, CTRL)
     page = stage.window.campaign
-    until(lambda: page.start.list.count() == 1, "for the campaigns of the folder")
-    page.start.list.setFocus()
-    QTest.keyClick(page.start.list, Qt.Key.Key_Return)
+    until(lambda: page.start_pane.campaign_list.count() == 1, "for the campaigns of the folder")
+    page.start_pane.campaign_list.setFocus()
+    QTest.keyClick(page.start_pane.campaign_list, Qt.Key.Key_Return)
     settle(page)
     return stage, page
 
@@ -154,22 +157,22 @@ def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
     page: tuple[Stage, CampaignPage], tmp_path: Path
 ) -> None:
     stage, shown = page
-    items = shown.board.list
-    items.choose("last")
+    items = shown.board.item_list
+    items.select_item("last")
     stage.press(Qt.Key.Key_Up, ALT)
     settle(shown)
     assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
-    assert items.chosen == "last"
-    items.choose("dwell")
+    assert items.selected_item == "last"
+    items.select_item("dwell")
     stage.press(Qt.Key.Key_Up, ALT)
     settle(shown)
     assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
-    assert "dwell needs wiring before it" in shown.board.head.said.text()
+    assert "dwell needs wiring before it" in shown.board.header.message_label.text()
     stage.press(Qt.Key.Key_S)
     settle(shown)
     assert on_disk(tmp_path)["dwell"]["skipped"]
     assert states(shown)[1] == "skipped"
-    assert not shown.board.head.said.isVisible()
+    assert not shown.board.header.message_label.isVisible()
     stage.press(Qt.Key.Key_Z, CTRL)
     stage.press(Qt.Key.Key_Z, CTRL)
     settle(shown)
@@ -182,8 +185,8 @@ def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
 
 def test_an_item_is_dragged_to_another_place(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
     _, shown = page
-    items = shown.board.list
-    items.choose("last")
+    items = shown.board.item_list
+    items.select_item("last")
     area = items.visualItemRect(items.item(0))
     top = QPointF(area.center().x(), area.top() + 1)
     drag = (QMimeData(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier)
@@ -201,17 +204,17 @@ def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
-    assert "there is no bench" in shown.board.head.said.text()
+    assert "there is no bench" in shown.board.header.message_label.text()
     stage.happen(OPENED)
     for name in ("wiring", "dwell"):
-        shown.desk.change(lambda campaign, name=name: campaign.skip(name))
+        shown.controller.modify(lambda campaign, name=name: campaign.skip(name))
     settle(shown)
     stage.press(Qt.Key.Key_F5)
     until(lambda: stage.session.runs, "for the run")
     assert stage.session.runs == [(SineDwell(frequencies_hz=(100.0,), record_s=0.2), tmp_path, "T7")]
     assert stage.session.prepared == [(FREE,)]
     stage.happen(*LIVE)
-    shown.board.list.choose("last")
+    shown.board.item_list.select_item("last")
     stage.press(Qt.Key.Key_S)
     assert not on_disk(tmp_path)["last"]["skipped"]
     stage.happen(*STOPPED)
@@ -227,27 +230,27 @@ def test_a_campaign_is_begun_by_a_name_and_comes_back_at_the_next_start(
     stage = open_stage()
     stage.press(Qt.Key.Key_2, CTRL)
     first = stage.window.campaign
-    until(first.start.specimen.hasFocus, "for the line to type in")
-    QTest.keyClick(first.start.specimen, Qt.Key.Key_Return)
+    until(first.start_pane.specimen_edit.hasFocus, "for the line to type in")
+    QTest.keyClick(first.start_pane.specimen_edit, Qt.Key.Key_Return)
     settle(first)
-    assert list(on_disk(tmp_path)) == [item.name for item in PAPER]
-    stage.window.leave(at_once=True)
+    assert list(on_disk(tmp_path)) == [item.name for item in PAPER_ITEMS]
+    stage.window.close_session(force=True)
     until(lambda: not stage.window.isVisible(), "for the window to close")
     again = open_stage().window.campaign
     settle(again)
-    assert again.desk.sheet.path == campaign_path(tmp_path, "T7")
-    assert again.desk.sheet.next.line.next is Next.RUN
-    assert again.desk.sheet.rows[1].line.standing is Standing.WAITING
+    assert again.controller.summary.path == campaign_path(tmp_path, "T7")
+    assert again.controller.summary.next_item.state.next_action is NextAction.RUN
+    assert again.controller.summary.items[1].state.status is ItemStatus.WAITING
 
 
 def test_a_simulated_run_is_never_made_for_a_real_specimen(page: tuple[Stage, CampaignPage], tmp_path: Path) -> None:
     stage, shown = page
-    Campaign.new(tmp_path, "R1", False, QUICK)
+    Campaign.create(tmp_path, "R1", False, QUICK)
     shown.open(campaign_path(tmp_path, "R1"))
-    until(lambda: shown.desk.sheet is not None and shown.desk.sheet.specimen == "R1")
+    until(lambda: shown.controller.summary is not None and shown.controller.summary.specimen == "R1")
     stage.happen(OPENED)
     settle(shown)
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
-    assert "the campaign of R1 is of a real bench" in shown.board.head.said.text()
+    assert "the campaign of R1 is of a real bench" in shown.board.header.message_label.text()

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.application import open_window
-from app.gui.bench.notices import GUARD_S
+from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.main_window import MainWindow
 from app.session.connect import connect
 from app.session.state import BenchState
@@ -22,7 +22,7 @@ from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 def running(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
 
 
@@ -40,14 +40,14 @@ def test_mid_run_it_asks_goes_to_rest_and_stays_alive_until_the_session_has_ende
     assert stage.window.isVisible()
     assert stage.window.notices.closing.isVisible()
     assert not stage.session.closed
-    assert stage.window.bar.state.words == "LIVE"
+    assert stage.window.status_bar.state_sign.text == "LIVE"
     begin = time.monotonic()
-    until(lambda: time.monotonic() - begin > GUARD_S)
+    until(lambda: time.monotonic() - begin > INPUT_GUARD_S)
     stage.press(Qt.Key.Key_Return)
     assert stage.session.closed
-    assert stage.window.bar.state.words == "GOING TO REST"
+    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
     stage.happen(*STOPPED)
-    assert stage.window.bar.state.words == "AT REST", "the window is alive while it closes"
+    assert stage.window.status_bar.state_sign.text == "AT REST", "the window is alive while it closes"
     assert stage.window.isVisible()
     stage.session.lets_go = True
     until(lambda: not stage.window.isVisible())
@@ -59,7 +59,7 @@ def test_the_run_goes_on_if_the_window_is_kept(stage: Stage) -> None:
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.notices.closing.isVisible()
     assert stage.session.stops == 0
-    assert stage.window.bar.state.words == "LIVE"
+    assert stage.window.status_bar.state_sign.text == "LIVE"
 
 
 def test_stop_works_while_the_question_stands(stage: Stage) -> None:
@@ -73,7 +73,7 @@ def test_stop_works_while_the_question_stands(stage: Stage) -> None:
 def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: Stage) -> None:
     stage.session.lets_go = False
     running(stage)
-    stage.window.leave()
+    stage.window.close_session()
     stage.happen(*LOST)
     stage.session.lets_go = True
     stage.window.tick()
@@ -81,7 +81,7 @@ def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: 
     assert stage.window.notices.unsafe.isVisible()
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     until(lambda: not stage.window.isVisible())
-    assert stage.window.view.exit_code == 3
+    assert stage.window.state.exit_code == 3
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.deep)])
@@ -94,8 +94,8 @@ def test_a_signal_takes_the_same_way_out(
 
     def interrupt() -> None:
         window = next(w for w in qt.topLevelWidgets() if isinstance(w, MainWindow))
-        seen.append(window.view.state)
-        if window.view.state is BenchState.LIVE:
+        seen.append(window.state.bench_state)
+        if window.state.bench_state is BenchState.LIVE:
             os.kill(os.getpid(), number)
         else:
             QTimer.singleShot(1, interrupt)

@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
-from app.gui.plots.copy import Copying
+from app.gui.plots.copy import PlotCopyButtons
 from tests.helpers.main_window import OpenStage, Stage, until
 from tests.helpers.session_events import LIVE, OPENED, point
 
@@ -19,20 +19,20 @@ def pasted() -> str:
 
 def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None:
     stage = open_stage(ahead=True)
-    until(lambda: len(stage.window.pages.made) == stage.window.pages.count(), "for the pages")
-    stage.window.measure.response.below.setCurrentIndex(1)
-    _ = stage.window.measure.right.curves  # these are made when they are needed
+    until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")
+    stage.window.measure_page.response.strip_box.setCurrentIndex(1)
+    _ = stage.window.measure_page.live_pane.curves  # these are made when they are needed
     canvases = stage.window.findChildren(pg.GraphicsView)
     assert len(canvases) >= 9
-    assert [c for c in canvases if c.findChild(Copying) is None] == []
+    assert [c for c in canvases if c.findChild(PlotCopyButtons) is None] == []
 
 
 def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 160.0))
-    until(stage.window.measure.response.band.source.text, "for the curve")
-    canvas = stage.window.measure.response.canvas
+    until(stage.window.measure_page.response.model_curves.source_label.text, "for the curve")
+    canvas = stage.window.measure_page.response.canvas
     canvas.setFocus()
     QTest.keyClick(canvas, Qt.Key.Key_D, CONTROL)
     first, head, *rows = pasted().splitlines()
@@ -46,9 +46,9 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
 
 
 def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
-    canvas = stage.window.measure.response.canvas
-    copying = stage.window.measure.response.copying
-    copying.offer()
+    canvas = stage.window.measure_page.response.canvas
+    copying = stage.window.measure_page.response.copy_buttons
+    copying.show_buttons()
     with_buttons = canvas.grab().toImage()
     copying.copy_picture()
     image = QGuiApplication.clipboard().image()
@@ -58,26 +58,26 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 
 
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
-    window, plot = stage.window, stage.window.measure.response
-    window.measure.panel.specimen.setFocus()
+    window, plot = stage.window, stage.window.measure_page.response
+    window.measure_page.run_panel.specimen_edit.setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()
-    assert plot.copying.isVisible()
+    assert plot.copy_buttons.isVisible()
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
     assert edge == window.theme.accent
     assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
-    window.measure.panel.specimen.setFocus()
-    assert not plot.copying.isVisible()
+    window.measure_page.run_panel.specimen_edit.setFocus()
+    assert not plot.copy_buttons.isVisible()
 
 
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
     stage.press(Qt.Key.Key_3, CONTROL)
     page = stage.window.explore
-    until(lambda: page.picture is not None and page.picture.shape is not None, "for the curve")
-    page.plot.copying[0].copy_data()
+    until(lambda: page.result is not None and page.result.motion is not None, "for the curve")
+    page.plot.copy_buttons[0].copy_data()
     linear = pasted()
-    page.bar.series[3].click()
-    page.plot.copying[0].copy_data()
+    page.toolbar.series[3].click()
+    page.plot.copy_buttons[0].copy_data()
     assert pasted() == linear
     top = max(float(row.split("\t")[2]) for row in linear.splitlines() if row.startswith("model: max"))
     assert abs(top - 1155) < 2

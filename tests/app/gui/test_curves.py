@@ -3,51 +3,51 @@
 import numpy as np
 import pytest
 
-from app.gui.plots.curves_plot import MOST_DRAWN, thinned
+from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, minmax_decimate
 from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
-from protocols.base.events import Armed, CurveReady, Playing, RunStarted
-from protocols.base.records import Column, Curve
+from protocols.base.events import BenchArmed, CurveReady, DriveStarted, RunStarted
+from protocols.base.records import CurveColumn, ResultCurve
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import OPENED
 
 FREQUENCIES = np.linspace(25.0, 525.0, 501)
 
 
-def response(scale: float, entry: int = 0, label: str = "") -> Curve:
+def response(scale: float, entry: int = 0, label: str = "") -> ResultCurve:
     """The paper's tactor, `scale` times as responsive, with errors of a twentieth."""
     modulus = scale * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
     columns = {
-        "frequency": Column(FREQUENCIES, "Hz", ""),
-        "response": Column(modulus, "m/V", ""),
-        "response_errors": Column(0.05 * modulus, "m/V", ""),
+        "frequency": CurveColumn(FREQUENCIES, "Hz", ""),
+        "response": CurveColumn(modulus, "m/V", ""),
+        "response_errors": CurveColumn(0.05 * modulus, "m/V", ""),
     }
-    return Curve("frequency response", label, "frequency", "response", columns, entry)
+    return ResultCurve("frequency response", label, "frequency", "response", columns, entry)
 
 
 def begin(stage: Stage, protocol: str) -> None:
-    panel = stage.window.measure.panel
-    panel.choice.setCurrentIndex(panel.choice.findData(protocol))
+    panel = stage.window.measure_page.run_panel
+    panel.protocol_box.setCurrentIndex(panel.protocol_box.findData(protocol))
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     drive = PeriodicSweep(25.0, 525.0, 1.0, 9, 1.0, 2.5)
-    stage.happen(RunStarted(protocol, "run.h5", 9.0, 1, True), Armed(), Playing(drive))
+    stage.happen(RunStarted(protocol, "run.h5", 9.0, 1, True), BenchArmed(), DriveStarted(drive))
 
 
 def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> None:
     begin(stage, "sweep")
-    pane = stage.window.measure.right
+    pane = stage.window.measure_page.live_pane
     assert pane.plots.currentWidget() is not pane.curves
     stage.happen(CurveReady(response(1.0)))
     assert pane.plots.currentWidget() is pane.curves
-    ((line, fill),) = pane.curves.drawn
+    ((line, fill),) = pane.curves.drawn_curves
     um_a_volt = line.getData()[1]
     truth = 1e6 * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
     np.testing.assert_allclose(um_a_volt, truth)
     assert fill.ends is not None
     np.testing.assert_allclose(fill.ends[2] - fill.ends[1], 0.2 * truth)
-    assert pane.curves.mark.visible
+    assert pane.curves.simulated_label.visible
     until(pane.curves.model.isVisible, "for the model")
     model_f, model = pane.curves.model.getData()
     np.testing.assert_allclose(np.interp(FREQUENCIES, model_f, model), truth, rtol=0.01)
@@ -56,17 +56,17 @@ def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> No
 
 def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> None:
     begin(stage, "hysteresis")
-    pane, turn = stage.window.measure.right, np.linspace(0, 2 * np.pi, 129)
+    pane, turn = stage.window.measure_page.live_pane, np.linspace(0, 2 * np.pi, 129)
     drive, moved = 2.5 + 2.5 * np.sin(turn), 2e-4 * np.sin(turn - 0.1)
     columns = {
-        "drive": Column(drive, "V", ""),
-        "displacement": Column(moved, "m", ""),
-        "displacement_errors": Column(np.full(129, 1e-6), "m", ""),
+        "drive": CurveColumn(drive, "V", ""),
+        "displacement": CurveColumn(moved, "m", ""),
+        "displacement_errors": CurveColumn(np.full(129, 1e-6), "m", ""),
     }
-    stage.happen(CurveReady(Curve("loop", "1 Hz", "drive", "displacement", columns)))
+    stage.happen(CurveReady(ResultCurve("loop", "1 Hz", "drive", "displacement", columns)))
     assert pane.plots.currentWidget() is pane.curves
     assert pane.curves.caption.text() == "Loop"
-    ((line, fill),) = pane.curves.drawn
+    ((line, fill),) = pane.curves.drawn_curves
     x, y = line.getData()
     np.testing.assert_allclose(x, drive)
     np.testing.assert_allclose(y, 1e6 * moved)
@@ -81,26 +81,26 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
 
 def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_are_a_button_away(stage: Stage) -> None:
     begin(stage, "sweep")
-    pane = stage.window.measure.right
+    pane = stage.window.measure_page.live_pane
     stage.happen(CurveReady(response(1.0, 0)), CurveReady(response(1.0, 1, "second")))
     stage.happen(CurveReady(response(2.0, 0)))
-    assert len(pane.curves.drawn) == 2
-    tops = sorted(line.getData()[1].max() for line, _ in pane.curves.drawn)
+    assert len(pane.curves.drawn_curves) == 2
+    tops = sorted(line.getData()[1].max() for line, _ in pane.curves.drawn_curves)
     assert tops[1] == pytest.approx(2 * tops[0])
-    pane.curves.to_points.click()
+    pane.curves.points_button.click()
     assert pane.plots.currentWidget() is pane.points
     stage.happen(CurveReady(response(1.5, 0)))
     assert pane.plots.currentWidget() is pane.points, "who looks at the points is not taken away from them"
-    pane.points.to_curves.click()
+    pane.points.curves_button.click()
     assert pane.plots.currentWidget() is pane.curves
-    stage.window.run()
+    stage.window.start_run()
 
 
 def test_many_lines_are_drawn_as_extremes() -> None:
     x = np.arange(100_001.0)
     y = np.zeros_like(x)
     y[77_777], y[5] = 3.0, -2.0
-    places, drawn = thinned(x, y)
-    assert drawn.size <= MOST_DRAWN + 2
+    places, drawn = minmax_decimate(x, y)
+    assert drawn.size <= MAX_DRAWN_POINTS + 2
     assert (drawn.min(), drawn.max()) == (-2.0, 3.0)
     assert abs(places[drawn.argmax()] - 77_777) < 60

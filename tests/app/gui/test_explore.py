@@ -12,12 +12,12 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
 
 from app.cli.model_options import read_settings
-from app.explore.fit import Fitted
+from app.explore.fit import ExploreFit
 from app.gui.explore.page import ExplorePage
 from app.gui.widgets.theme import DARK
 from model.identification.fit_options import FitCancelled
 from model.response.frequency_response import amplifier_response
-from model.specimen import Specimen, changed
+from model.specimen import Specimen, replace_variables
 from tests.helpers.main_window import OpenStage, Stage, until
 from tests.helpers.run_files import finished_run
 
@@ -34,9 +34,9 @@ def page(stage: Stage) -> ExplorePage:
 def settled(page: ExplorePage) -> None:
     """Everything that was asked is on the screen."""
     page.window().tick()
-    want = page._asked
+    want = page._requested
     until(
-        lambda: page.picture is not None and page.picture.shape is not None and page.shape_of == want,
+        lambda: page.result is not None and page.result.motion is not None and page.shown_request == want,
         "for the curve",
     )
     page.window().tick()
@@ -59,18 +59,18 @@ def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
     f, um = on_screen(page)
     wanted = amplifier_response(Specimen().tactor, f).peak_to_peak
     np.testing.assert_allclose(um, 1e6 * wanted, rtol=1e-4)
-    assert "151 Hz" in page.plot.words.words
+    assert "151 Hz" in page.plot.corner_label.text
 
 
 def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: ExplorePage) -> None:
     before = on_screen(page)[1]
-    bar = page.sliders.rows["m_add"].bar
+    bar = page.sliders.rows["m_add"].slider_widget
     bar.setFocus()
     for _ in range(10):
         QTest.keyClick(bar, Qt.Key.Key_Left)
     settled(page)
     assert page.setting.value("m_add") < 7.7e-3
-    assert page.plot.words.words.split(";")[0] != "peak 1155 µm at 151 Hz"
+    assert page.plot.corner_label.text.split(";")[0] != "peak 1155 µm at 151 Hz"
     assert on_screen(page)[0][on_screen(page)[1].argmax()] > 155
     QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     settled(page)
@@ -78,7 +78,7 @@ def test_arrow_keys_on_a_slider_move_the_curve_and_undo_brings_it_back(page: Exp
     QTest.keyClick(page, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
     settled(page)
     assert page.setting.value("m_add") < 7.7e-3
-    page.sliders.rows["m_add"].back.click()
+    page.sliders.rows["m_add"].reset_button.click()
     settled(page)
     assert page.setting.values == {}
     np.testing.assert_array_equal(on_screen(page)[1], before)
@@ -91,27 +91,27 @@ def test_fields_understand_units_and_refuse_in_words(page: ExplorePage) -> None:
     assert page.setting.value("delta") == pytest.approx(0.037)
     assert page.setting.on_skin
     type_into(page, "m_add", "-1")
-    assert "at least 0 kg" in page.remark.text()
+    assert "at least 0 kg" in page.status_line.text()
     assert page.setting.value("m_add") == 7.73e-3
     type_into(page, "L1", "16 mm")
-    assert "L1" in page.remark.text()
+    assert "L1" in page.status_line.text()
     assert page.setting.value("L1") == 8e-3
 
 
 def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
-    page.bar.presets.setCurrentIndex(3)
-    page.bar.presets.activated.emit(3)
+    page.toolbar.preset_box.setCurrentIndex(3)
+    page.toolbar.preset_box.activated.emit(3)
     settled(page)
-    assert [kept.label for kept in page.exploration.kept][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
+    assert [kept.label for kept in page.session.kept_curves][:2] == ["E_m = 0.001 MPa", "E_m = 1 MPa"]
     assert len(page.plot._kept_curves) == 5
     assert len(page.plot.legend.items) == 5
-    page.bar.clear.click()
+    page.toolbar.clear_button.click()
     settled(page)
     assert len(page.plot._kept_curves) == 0
 
 
 def test_the_legend_hides_no_curve(page: ExplorePage) -> None:
-    page.bar.preset_chosen.emit("fig10")
+    page.toolbar.preset_chosen.emit("fig10")
     settled(page)
     legend, box = page.plot.legend, page.plot.plot.getViewBox()
     until(lambda: len(legend.items) >= 3, "for the kept curves")
@@ -127,40 +127,40 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     page.dropEvent(
         QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
     )
-    until(lambda: page.measured, "for the run")
+    until(lambda: page.overlaid_responses, "for the run")
     x, y = page.plot._points[0][0].getData()
     np.testing.assert_allclose((x, y), ([100.0, 160.0], [1000.0, 1000.0]))
-    assert page.plot.mark.visible
+    assert page.plot.simulated_label.visible
     type_into(page, "peak_to_peak_v", "4")
-    page._show_measured()
-    assert "at 5 V; the curve is for 4 V" in page.remark.text()
-    page.bar.chips[0].click()
-    assert page.measured == ()
-    assert not page.plot.mark.visible
+    page._show_overlaid()
+    assert "at 5 V; the curve is for 4 V" in page.status_line.text()
+    page.toolbar.run_chips[0].click()
+    assert page.overlaid_responses == ()
+    assert not page.plot.simulated_label.visible
 
 
 def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
     (tmp_path / "bad.h5").write_text("nothing of the kind")
-    page.lay_over([tmp_path / "bad.h5"])
-    until(lambda: "bad.h5" in page.remark.text(), "for the sentence")
+    page.overlay_runs([tmp_path / "bad.h5"])
+    until(lambda: "bad.h5" in page.status_line.text(), "for the sentence")
 
 
 def test_the_beam_moves_and_its_envelope_is_the_curves_amplitude(page: ExplorePage) -> None:
-    page.plot.pointer.setValue(80.0)
+    page.plot.cursor_line.setValue(80.0)
     settled(page)
-    assert page.bar.frequency.text() == "80"
-    lower, upper = (line.getData()[1] for line in page.shape._envelope)
+    assert page.toolbar.frequency.text() == "80"
+    lower, upper = (line.getData()[1] for line in page.shape_plot._envelope)
     middle = len(upper) // 2
     f, um = on_screen(page)
     assert upper[middle] - lower[middle] == pytest.approx(np.interp(80.0, f, um), rel=0.01)
-    frames = page.shape.frames
-    until(lambda: page.shape.frames > frames + 2, "for the beam to move")
+    frames = page.shape_plot.frames
+    until(lambda: page.shape_plot.frames > frames + 2, "for the beam to move")
 
 
 def test_copied_parameters_are_on_the_clipboard(page: ExplorePage) -> None:
     type_into(page, "m_add", "5")
-    page.bar.copy_json.click()
-    got = changed(Specimen(), read_settings([QGuiApplication.clipboard().text()]))
+    page.toolbar.copy_json_button.click()
+    got = replace_variables(Specimen(), read_settings([QGuiApplication.clipboard().text()]))
     assert got.tactor.m_add == 5e-3
 
 
@@ -169,55 +169,57 @@ def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
 
     type_into(page, "delta", "1")
     page.save_study(tmp_path / "study.h5")
-    until(lambda: "study.h5: max" in page.remark.text(), "for the study")
+    until(lambda: "study.h5: max" in page.status_line.text(), "for the study")
     assert [axis.name for axis in read_study(tmp_path / "study.h5").axes] == ["delta", "frequency"]
 
 
 def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
-    assert not page.plot.below.isVisible()
-    page.bar.series[2].click()
-    page.bar.series[3].click()
+    assert not page.plot.phase_canvas.isVisible()
+    page.toolbar.series[2].click()
+    page.toolbar.series[3].click()
     settled(page)
-    assert page.plot.below.isVisible()
-    assert page.plot.turn.getData()[1][-1] < -90
+    assert page.plot.phase_canvas.isVisible()
+    assert page.plot.phase_curve.getData()[1][-1] < -90
     assert on_screen(page)[1].max() == pytest.approx(np.log10(1155), abs=0.01)
 
 
 def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_path: Path) -> None:
-    page.overlaid.fit_with = lambda runs, setting, _: Fitted(setting.moved("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2")
-    page.fit()
-    assert "lay a measured run" in page.remark.text()
-    page.lay_over([finished_run(tmp_path)])
-    until(lambda: page.measured, "for the run")
-    page.bar.fit.click()
+    page.overlaid.fit_with = lambda runs, setting, _: ExploreFit(
+        setting.moved("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2"
+    )
+    page.fit_runs()
+    assert "lay a measured run" in page.status_line.text()
+    page.overlay_runs([finished_run(tmp_path)])
+    until(lambda: page.overlaid_responses, "for the run")
+    page.toolbar.fit_button.click()
     until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
-    assert page.remark.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
-    assert page.bar.fit.text() == "Fit these"
+    assert page.status_line.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
+    assert page.toolbar.fit_button.text() == "Fit these"
 
 
 def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePage, tmp_path: Path) -> None:
-    def endless(_runs: Any, _setting: Any, cancelled: Callable[[], bool]) -> Fitted:
+    def endless(_runs: Any, _setting: Any, cancelled: Callable[[], bool]) -> ExploreFit:
         while not cancelled():
             time.sleep(0.001)
         raise FitCancelled
 
     page.overlaid.fit_with = endless
-    page.lay_over([finished_run(tmp_path)])
-    until(lambda: page.measured, "for the run")
+    page.overlay_runs([finished_run(tmp_path)])
+    until(lambda: page.overlaid_responses, "for the run")
     before = page.setting
-    page.bar.fit.click()
-    assert page.bar.fit.text() == "Cancel the fit"
-    page.bar.fit.click()
-    until(lambda: "cancelled" in page.remark.text(), "for the end of it")
+    page.toolbar.fit_button.click()
+    assert page.toolbar.fit_button.text() == "Cancel the fit"
+    page.toolbar.fit_button.click()
+    until(lambda: "cancelled" in page.status_line.text(), "for the end of it")
     assert page.setting == before
-    assert page.bar.fit.text() == "Fit these"
+    assert page.toolbar.fit_button.text() == "Fit these"
 
 
 def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     first = open_stage()
-    first.window.explore.turn("m_add", 5e-3)
-    first.window.explore.turn("delta", 0.01)
-    first.window.leave(at_once=True)
+    first.window.explore.set_value("m_add", 5e-3)
+    first.window.explore.set_value("delta", 0.01)
+    first.window.close_session(force=True)
     until(lambda: not first.window.isVisible(), "for the window to close")
     again = open_stage().window.explore
     assert again.setting.values == {"m_add": 5e-3, "delta": 0.01}

@@ -8,14 +8,14 @@ from PySide6.QtCore import QSettings, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from app.archive.description import broken_on_purpose, run_text
+from app.archive.description import injected_faults, run_text
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
-from app.live.session_link import Link
+from app.live.session_link import SessionAdapter
 from app.session.connect import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from sim_hardware.plant.faults import FAULTS
+from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from tests.helpers.main_window import OpenStage, Stage, end, press, until
 from tests.helpers.session_events import OPENED
 
@@ -28,11 +28,11 @@ def window(
 ) -> Iterator[MainWindow]:
     """On the virtual clock; the bench thread waits at every point until the window has drawn it."""
     protocol = SineDwell(frequencies_hz=(100.0,) * 400, record_s=0.2)
-    window = MainWindow(Link(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
+    window = MainWindow(SessionAdapter(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
     window.show()
     window.activateWindow()
     assert QTest.qWaitForWindowActive(window, 5000)
-    until(lambda: window.view.can_run, "for the bench")
+    until(lambda: window.state.can_run, "for the bench")
     yield window
     end(window)
 
@@ -43,28 +43,28 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     assert faults is not None
     assert faults.isHidden()
     press(window, Qt.Key.Key_F5)
-    until(lambda: window.view.points, "for a point")
+    until(lambda: window.state.points, "for a point")
     press(window, Qt.Key.Key_F9)
-    boxes = list(faults.boxes.values())
+    boxes = list(faults.fault_boxes.values())
     assert boxes[0].hasFocus()
-    box = faults.boxes["generator-power-off"]
+    box = faults.fault_boxes["generator-power-off"]
     for _ in range(boxes.index(box)):
         QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
     assert box.hasFocus()
     QTest.keyClick(box, Qt.Key.Key_Space)
-    until(lambda: not window.view.busy, "for the run")
-    assert window.bar.state.words == "UNSAFE"
-    until(lambda: faults.broken, "for the bench's word")
-    assert window.link.faults.broken() == ("generator-power-off",)
+    until(lambda: not window.state.busy, "for the run")
+    assert window.status_bar.state_sign.text == "UNSAFE"
+    until(lambda: faults.active_faults, "for the bench's word")
+    assert window.adapter.faults.active_faults() == ("generator-power-off",)
     assert faults.band.isVisible()
-    assert FAULTS["generator-power-off"] in faults.words.text()
-    assert any("Broken on purpose: the generator loses mains" in m.words for m in window.view.messages)
+    assert FAULT_DESCRIPTIONS["generator-power-off"] in faults.band_label.text()
+    assert any("Broken on purpose: the generator loses mains" in m.text for m in window.state.messages)
     press(window, Qt.Key.Key_F9)
     assert not faults.list.isVisible()
     assert faults.band.isVisible(), "what is broken stays in sight"
     press(window, Qt.Key.Key_F9, SHIFT)
-    until(lambda: not faults.broken, "for the repair")
-    assert window.link.faults.broken() == ()
+    until(lambda: not faults.active_faults, "for the repair")
+    assert window.adapter.faults.active_faults() == ()
     assert faults.isHidden()
 
 
@@ -72,32 +72,32 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     window: MainWindow, tmp_path: Path
 ) -> None:
     def told() -> list[str]:
-        return [m.words[:6] for m in window.view.messages if m.words.startswith(("Broken", "Mended"))]
+        return [m.text[:6] for m in window.state.messages if m.text.startswith(("Broken", "Mended"))]
 
     faults = window.faults
     assert faults is not None
-    faults.boxes["sensor-stuck"].click()
+    faults.fault_boxes["sensor-stuck"].click()
     # With no run it is told all the same.
-    until(lambda: any("Broken on purpose: the laser" in m.words for m in window.view.messages), "for the bench's word")
+    until(lambda: any("Broken on purpose: the laser" in m.text for m in window.state.messages), "for the bench's word")
     press(window, Qt.Key.Key_F5)
-    until(lambda: window.view.points, "for a point")
-    faults.mend.click()
-    until(lambda: not faults.broken, "for the repair")
-    faults.boxes["clock-drift"].click()
-    until(lambda: faults.broken, "for the second fault")
+    until(lambda: window.state.points, "for a point")
+    faults.clear_button.click()
+    until(lambda: not faults.active_faults, "for the repair")
+    faults.fault_boxes["clock-drift"].click()
+    until(lambda: faults.active_faults, "for the second fault")
     until(lambda: told() == ["Broken", "Broken", "Mended", "Broken"], "for the log")
-    assert window.view.busy, "it is told while the run goes on"
-    window.helm.stop()
-    until(lambda: not window.view.busy, "for the end")
-    faults.mend.click()
+    assert window.state.busy, "it is told while the run goes on"
+    window.controller.stop()
+    until(lambda: not window.state.busy, "for the end")
+    faults.clear_button.click()
     # The bench has done a thing before it is told: the last word is waited for.
     words = ["Broken", "Broken", "Mended", "Broken", "Mended"]
     until(lambda: told() == words, "for the repair after the run to be told")
     (path,) = tmp_path.glob("*.h5")
     with Run(path) as run:
-        stuck, drift = broken_on_purpose(run)
+        stuck, drift = injected_faults(run)
         length_s = run.trace.duration_s
-        assert stuck.sentence in run_text(run)
+        assert stuck.description in run_text(run)
     assert (stuck.fault, stuck.from_s) == ("sensor-stuck", pytest.approx(0.0, abs=0.5))
     assert stuck.until_s is not None
     assert stuck.from_s < stuck.until_s < length_s + 1
@@ -106,7 +106,7 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
 
 def test_stop_is_one_key_while_the_list_is_open(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     press(stage.window, Qt.Key.Key_F9)
     stage.press(Qt.Key.Key_Escape)
     assert stage.session.stops == 1
@@ -116,9 +116,9 @@ def test_without_a_bench_a_fault_is_refused_in_words_and_stays_unticked(stage: S
     faults = stage.window.faults
     assert faults is not None
     press(stage.window, Qt.Key.Key_F9)
-    box = faults.boxes["card-unplugged"]
+    box = faults.fault_boxes["card-unplugged"]
     QTest.mouseClick(box, Qt.MouseButton.LeftButton, pos=box.rect().center() - box.rect().bottomRight() / 2.5)
-    until(lambda: "open simulated bench" in faults.said.text(), "for the sentence")
+    until(lambda: "open simulated bench" in faults.message_label.text(), "for the sentence")
     assert not box.isChecked()
 
 
@@ -128,15 +128,15 @@ def test_a_real_bench_offers_no_faults(
     monkeypatch.setattr(BenchConfig, "simulated", property(lambda _: False))
     stage = open_stage()
     assert stage.window.faults is None
-    assert stage.window.pages.cornerWidget() is None
+    assert stage.window.tabs.cornerWidget() is None
 
 
 def test_the_list_goes_with_escape_and_gives_the_keyboard_back(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.measure.panel.specimen.setFocus()
+    stage.window.measure_page.run_panel.specimen_edit.setFocus()
     stage.press(Qt.Key.Key_F9)
     assert stage.window.faults is not None
     assert stage.window.faults.list.isVisible()
     stage.press(Qt.Key.Key_Escape)
     assert not stage.window.faults.list.isVisible()
-    assert stage.window.measure.panel.specimen.hasFocus()
+    assert stage.window.measure_page.run_panel.specimen_edit.hasFocus()

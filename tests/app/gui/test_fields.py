@@ -4,34 +4,34 @@ from typing import Any
 
 import pytest
 
-from app.gui.widgets.form import check, fields_of, form_fields, text_of
+from app.gui.widgets.form import check_form, form_fields, format_parameter, protocol_fields
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 
-TEXTS = {name: text_of(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
+TEXTS = {name: format_parameter(getattr(SineDwell(), name)) for name in SineDwell.model_fields}
 
 
 def test_fields_carry_name_unit_meaning_and_limits() -> None:
-    fields = {field.name: field for field in fields_of(SineDwell)}
+    fields = {field.name: field for field in protocol_fields(SineDwell)}
     assert next(iter(fields)) == "frequencies_hz"
     assert list(fields)[-1] == "sample_rate_hz"
-    assert fields["frequencies_hz"].many
+    assert fields["frequencies_hz"].is_list
     assert fields["frequencies_hz"].limits == "1 to 2000 Hz"
     assert fields["peak_to_peak_v"].label == "peak to peak"
     assert fields["peak_to_peak_v"].unit == "V"
     assert fields["peak_to_peak_v"].limits == "over 0 to 5 V"
     assert fields["min_cycles"].unit == ""
-    assert "settled" in fields["settle_tolerance"].words
+    assert "settled" in fields["settle_tolerance"].description
 
 
 def test_other_fields_are_called_as_the_form_calls_them() -> None:
-    words = {field.name: field.words for field in form_fields(StaticLoading)}
+    words = {field.name: field.description for field in form_fields(StaticLoading)}
     assert "counts where 'weight class' is own" in words["weight_errors_kg"]
     assert not any(name in said for name in words if "_" in name for said in words.values())
 
 
 def test_what_a_protocol_holds_reads_back_as_itself() -> None:
-    assert check(SineDwell, TEXTS).protocol == SineDwell()
+    assert check_form(SineDwell, TEXTS).protocol == SineDwell()
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def test_what_a_protocol_holds_reads_back_as_itself() -> None:
     ],
 )
 def test_numbers_are_understood_with_and_without_units(name: str, text: str, value: Any) -> None:
-    checked = check(SineDwell, {**TEXTS, name: text})
-    assert not checked.faults
+    checked = check_form(SineDwell, {**TEXTS, name: text})
+    assert not checked.errors
     assert getattr(checked.protocol, name) == value
 
 
@@ -69,12 +69,12 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
     ],
 )
 def test_a_fault_is_told_at_its_field(name: str, text: str, words: str) -> None:
-    checked = check(SineDwell, {**TEXTS, name: text})
+    checked = check_form(SineDwell, {**TEXTS, name: text})
     assert checked.protocol is None
-    assert list(checked.faults) == [name]
-    assert words in checked.faults[name]
+    assert list(checked.errors) == [name]
+    assert words in checked.errors[name]
 
 
 def test_all_faults_are_told_at_once() -> None:
-    checked = check(SineDwell, {**TEXTS, "peak_to_peak_v": "6 V", "record_s": "soon", "min_cycles": "1"})
-    assert set(checked.faults) == {"peak_to_peak_v", "record_s", "min_cycles"}
+    checked = check_form(SineDwell, {**TEXTS, "peak_to_peak_v": "6 V", "record_s": "soon", "min_cycles": "1"})
+    assert set(checked.errors) == {"peak_to_peak_v", "record_s", "min_cycles"}

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from PySide6.QtCore import Qt
 
-from app.archive.replay import read_measured
+from app.archive.replay import read_measured_response
 from app.cli.main import main
 from app.explore.fit import fit_runs
-from app.explore.state import Setting
+from app.explore.state import ExploreSetting
 from tests.helpers.main_window import OpenStage, grab, until
 from tests.helpers.run_files import finished_run
 
@@ -46,34 +46,34 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     stage = open_stage(folder=folder)
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     page = stage.window.runs
-    until(lambda: page.known.settled and page.model.rowCount() == 4, "for the list")
-    assert {e.specimen: e.state for e in page.known.entries}["T7"] == "imported"
+    until(lambda: page.folder_model.is_idle and page.model.rowCount() == 4, "for the list")
+    assert {e.specimen: e.state for e in page.folder_model.summaries}["T7"] == "imported"
     for specimen, words in (("T6", "all points"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
-        page.choose([e.path for e in page.known.entries if e.specimen == specimen])
-        until(lambda: not page._reads.waiting, "for the points")
+        page.select_paths([e.path for e in page.folder_model.summaries if e.specimen == specimen])
+        until(lambda: not page._worker.pending, "for the points")
         grab(stage.window, tmp_path / f"{specimen}_list.png")
-        page.open()
-        until(lambda: page.currentWidget() is page.opened and page.known.settled, "for the run")
-        view = page.opened
-        assert words in view.facts.text()
+        page.open_selected()
+        until(lambda: page.currentWidget() is page.viewer and page.folder_model.is_idle, "for the run")
+        view = page.viewer
+        assert words in view.facts_label.text()
         stage.window.tick()
         grab(stage.window, tmp_path / f"{specimen}.png")
-        samples = view.traces.curves[0].getData()[0]
+        samples = view.trace_plot.curves[0].getData()[0]
         assert (samples is None or not len(samples)) == (specimen != "T6")  # nothing of the run before
         assert [len(s.getData()[0]) for s in view.response.scatters] == POINTS[specimen]
         assert (view.plots.currentWidget() is view.response) == (specimen != "T8")
-        page.back()
-    page.choose([e.path for e in page.known.entries if e.specimen in ("T7", "T9")])
-    until(lambda: not page._reads.waiting, "for the points")
+        page.go_back()
+    page.select_paths([e.path for e in page.folder_model.summaries if e.specimen in ("T7", "T9")])
+    until(lambda: not page._worker.pending, "for the points")
     grab(stage.window, tmp_path / "both.png")
-    page.explore()
-    until(lambda: stage.window.explore.measured, "for the points")
+    page.explore_selected()
+    until(lambda: stage.window.explore.overlaid_responses, "for the points")
     grab(stage.window, tmp_path / "explore.png")
 
 
 @pytest.mark.parametrize("name", ["dwell", "sine"])
 def test_explore_fits_what_a_table_tells(name: str, folder: Path) -> None:
     specimen = {"dwell": "T7", "sine": "T9"}[name]
-    run = read_measured(next(folder.glob(f"*_{specimen}_*.h5")))
-    found = fit_runs([run], Setting())
+    run = read_measured_response(next(folder.glob(f"*_{specimen}_*.h5")))
+    found = fit_runs([run], ExploreSetting())
     assert found.setting.value("c0") == pytest.approx(159, rel=0.05)

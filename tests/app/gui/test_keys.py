@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.tabs import CAMPAIGN, MEASURE
-from app.gui.widgets.file_dialog import Mode, ask_for_files
-from app.gui.widgets.shortcuts import EVERYWHERE, lines_of
-from protocols.base.events import Asked, RunEnded, Status
+from app.gui.widgets.file_dialog import Mode, choose_files
+from app.gui.widgets.shortcuts import GLOBAL_GROUP, shortcuts_by_group
+from protocols.base.events import PromptShown, RunEnded, RunStatus
 from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenStage, Stage, until
@@ -24,11 +24,14 @@ ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repea
 
 def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
     stage.happen(OPENED)
-    pages = [stage.window.pages.page(at) for at in range(stage.window.pages.count())]
-    stage.window.link.mailbox.show(2, ASKED)
-    stage.happen(*LIVE, Asked(2, ASKED))
+    pages = [stage.window.tabs.page(at) for at in range(stage.window.tabs.count())]
+    stage.window.adapter.mailbox.show(2, ASKED)
+    stage.happen(*LIVE, PromptShown(2, ASKED))
     told = {
-        (line.words, key) for lines in lines_of(stage.window, pages).values() for line in lines for key in line.keys
+        (line.description, key)
+        for lines in shortcuts_by_group(stage.window, pages).values()
+        for line in lines
+        for key in line.keys
     }
     every = {(s.whatsThis(), s.key().toString()) for s in stage.window.findChildren(QShortcut)}
     assert told == every
@@ -38,31 +41,31 @@ def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
 
 
 def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_with_escape(stage: Stage) -> None:
-    room = stage.window.room
+    room = stage.window.central
     stage.press(Qt.Key.Key_2, CTRL)
     stage.press(Qt.Key.Key_F1)
-    assert room.covered
-    assert {title for title, _ in room.keys.rows} == {EVERYWHERE, "Campaign"}
-    QTest.keyClicks(room.keys.search, "?")
-    assert room.covered, "a question mark can be searched for"
-    room.keys.search.clear()
-    QTest.keyClicks(room.keys.search, "move up")
-    assert [line.keys for _, line in room.keys.rows] == [("Alt+Up",)]
+    assert room.is_covered
+    assert {title for title, _ in room.shortcut_sheet.rows} == {GLOBAL_GROUP, "Campaign"}
+    QTest.keyClicks(room.shortcut_sheet.search, "?")
+    assert room.is_covered, "a question mark can be searched for"
+    room.shortcut_sheet.search.clear()
+    QTest.keyClicks(room.shortcut_sheet.search, "move up")
+    assert [line.keys for _, line in room.shortcut_sheet.rows] == [("Alt+Up",)]
     stage.press(Qt.Key.Key_Escape)
-    assert not room.covered
-    assert stage.window.campaign.start.specimen.hasFocus(), "the keyboard is where it was"
+    assert not room.is_covered
+    assert stage.window.campaign.start_pane.specimen_edit.hasFocus(), "the keyboard is where it was"
     stage.press(Qt.Key.Key_4, CTRL)
     stage.press(Qt.Key.Key_Question)
-    assert {title for title, _ in room.keys.rows} == {EVERYWHERE, "Runs"}
+    assert {title for title, _ in room.shortcut_sheet.rows} == {GLOBAL_GROUP, "Runs"}
     stage.press(Qt.Key.Key_F1)
-    assert not room.covered
+    assert not room.is_covered
 
 
 def test_no_key_means_two_things_at_once(stage: Stage) -> None:
     """Qt would do neither."""
-    pages = [stage.window.pages.page(at) for at in range(stage.window.pages.count())]
-    groups = lines_of(stage.window, pages)
-    everywhere = [key for line in groups.pop(EVERYWHERE) for key in line.keys]
+    pages = [stage.window.tabs.page(at) for at in range(stage.window.tabs.count())]
+    groups = shortcuts_by_group(stage.window, pages)
+    everywhere = [key for line in groups.pop(GLOBAL_GROUP) for key in line.keys]
     assert len(everywhere) == len(set(everywhere))
     for title, lines in groups.items():
         keys = [key for line in lines for key in line.keys]
@@ -71,17 +74,17 @@ def test_no_key_means_two_things_at_once(stage: Stage) -> None:
 
 
 def test_a_page_s_key_takes_the_keyboard_there_also_where_the_page_is_seen(stage: Stage) -> None:
-    stage.window.measure.panel.specimen.setFocus()
+    stage.window.measure_page.run_panel.specimen_edit.setFocus()
     stage.press(Qt.Key.Key_1, CTRL)
-    assert stage.window.measure.hasFocus()
+    assert stage.window.measure_page.hasFocus()
 
 
 def test_stop_is_in_reach_while_a_file_is_asked_for(stage: Stage, tmp_path: Path) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
     taken: list[list[Path]] = []
-    dialog = ask_for_files(stage.window.pages, "A folder", taken.append, start=str(tmp_path), mode=Mode.Directory)
+    dialog = choose_files(stage.window.tabs, "A folder", taken.append, start=str(tmp_path), mode=Mode.Directory)
     until(dialog.isActiveWindow, "for the dialog")
     assert not dialog.isModal()
     QTest.keyClick(dialog, Qt.Key.Key_F12)
@@ -92,33 +95,33 @@ def test_stop_is_in_reach_while_a_file_is_asked_for(stage: Stage, tmp_path: Path
 
 def test_escape_stops_first_and_closes_nothing_while_a_run_goes_on(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
     stage.press(Qt.Key.Key_F1)
     stage.press(Qt.Key.Key_Escape)
     assert stage.session.stops == 1
-    assert stage.window.room.covered
+    assert stage.window.central.is_covered
 
 
 def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: Path) -> None:
     window = stage.window
-    window.measure.panel.choice.setCurrentIndex(1)
-    window.pages.setCurrentIndex(CAMPAIGN)
-    window.room.show_first()
-    assert str(tmp_path) in window.room.first.about.text()
-    assert window.room.first.go.hasFocus()
-    QTest.keyClick(window.room.first.go, Qt.Key.Key_Return)
-    assert not window.room.covered
-    assert window.pages.currentIndex() == MEASURE
-    assert "connecting" in window.room.hint.words.text()
+    window.measure_page.run_panel.protocol_box.setCurrentIndex(1)
+    window.tabs.setCurrentIndex(CAMPAIGN)
+    window.central.show_welcome()
+    assert str(tmp_path) in window.central.welcome.about_label.text()
+    assert window.central.welcome.demo_button.hasFocus()
+    QTest.keyClick(window.central.welcome.demo_button, Qt.Key.Key_Return)
+    assert not window.central.is_covered
+    assert window.tabs.currentIndex() == MEASURE
+    assert "connecting" in window.central.hint.label.text()
     stage.happen(OPENED)
     window.tick()
     assert stage.session.runs == [(SineDwell(), tmp_path, "T7")]
     stage.happen(*LIVE)
-    assert "Esc stops" in window.room.hint.words.text()
-    stage.happen(AT_REST, RunEnded(Status.COMPLETED, "all points measured", "run.h5"))
-    assert "Ctrl+4" in window.room.hint.words.text()
-    assert window.room.hint.isVisible()
+    assert "Esc stops" in window.central.hint.label.text()
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5"))
+    assert "Ctrl+4" in window.central.hint.label.text()
+    assert window.central.hint.isVisible()
 
 
 def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: OpenStage) -> None:
@@ -126,10 +129,10 @@ def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: 
         raise ConfigError(f"{name}: line 3: give a card")
 
     stage = open_stage(change_bench=refuse)
-    stage.window.room.show_first()
+    stage.window.central.show_welcome()
     stage.window.change_bench("mine.toml")
-    assert stage.window.room.first.said.text() == "mine.toml: line 3: give a card"
-    assert stage.window.room.first.said.isVisible()
+    assert stage.window.central.welcome.message_label.text() == "mine.toml: line 3: give a card"
+    assert stage.window.central.welcome.message_label.isVisible()
     assert not stage.session.closed
 
 
@@ -146,12 +149,12 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
 
     def look(app: QApplication) -> int:
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
-        seen.append((window.windowTitle(), window.room.covered))
-        led.extend([window.windowTitle()] * window.room.hint.isVisible())
+        seen.append((window.windowTitle(), window.central.is_covered))
+        led.extend([window.windowTitle()] * window.central.hint.isVisible())
         if len(seen) == 1:
             window.change_bench("other.toml")
         else:
-            window.leave()
+            window.close_session()
         until(lambda: not window.isVisible(), "for the window to close")
         return 0
 
@@ -169,7 +172,7 @@ def test_the_first_page_is_shown_once_and_another_bench_can_be_opened_from_it(
             tmp_path,
             settings=settings,
             make_session=lambda *_: ListeningSession(),
-            benches=bench,
+            bench_factory=bench,
         )
 
     show()
@@ -192,11 +195,11 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
 
     def look(app: QApplication) -> int:
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
-        led.append((window.windowTitle(), window.room.hint.isVisible()))
+        led.append((window.windowTitle(), window.central.hint.isVisible()))
         if len(led) == 1:
-            window.room.first.go.click()
+            window.central.welcome.demo_button.click()
         else:
-            window.leave()
+            window.close_session()
         until(lambda: not window.isVisible(), "for the window to close")
         return 0
 
@@ -208,6 +211,6 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
         tmp_path,
         settings=settings,
         make_session=lambda *_: ListeningSession(),
-        benches=lambda name: ((lambda: pytest.fail("nobody connects here")), config),
+        bench_factory=lambda name: ((lambda: pytest.fail("nobody connects here")), config),
     )
     assert led == [("Tactor Bench – the real bench", False), ("Tactor Bench – simulated bench", True)]

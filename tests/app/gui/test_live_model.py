@@ -10,24 +10,24 @@ import pytest
 from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
+from tests.known_protocols.test_rehearsal import guard
 
 from app.gui.measure import page as measure_page
-from app.identification.active_model import PAPER
-from app.identification.calibrations import Calibrations, write
-from app.live.estimates import LiveEstimates
+from app.identification.active_model import PAPER_MODEL
+from app.identification.calibrations import Calibrations, write_calibrations
+from app.live.estimates import LiveEstimator
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response
 from model.skin import skin
-from protocols.base.events import PointMeasured, RunEnded, Status
+from protocols.base.events import PointMeasured, RunEnded, RunStatus
 from protocols.base.quality import Quality
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from tests.helpers.calibrations import calibration
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
-from tests.protocols.test_rehearsal import guard
 
 TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
 FREQUENCIES = (25.0, 75.0, 125.0, 150.0, 160.0, 175.0, 200.0, 250.0)
@@ -48,7 +48,7 @@ def measured() -> list[SinePoint]:
 
 def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
     """The colour of the response plot at a place on its axes."""
-    canvas = stage.window.measure.response.canvas
+    canvas = stage.window.measure_page.response.canvas
     box = canvas.getPlotItem().getViewBox()
     at = canvas.mapFromScene(box.mapViewToScene(QPointF(hz, um)))
     return canvas.grab().toImage().pixelColor(at)
@@ -57,14 +57,14 @@ def shown_ink(stage: Stage, hz: float, um: float) -> QColor:
 def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_open(
     stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(measure_page, "LOOK_S", 0.0)
-    response = stage.window.measure.response
-    until(lambda: response.band.source.text() == "curve: the paper's values", "for the paper's curve")
-    assert not response.band.box.isEnabled()
-    write(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
-    until(response.band.box.isEnabled, "for the band")
-    assert response.band.source.text() == "curve: calibration 1 of T7, SIMULATED"
-    ends = response.band.fills[0].ends
+    monkeypatch.setattr(measure_page, "CALIBRATION_POLL_S", 0.0)
+    response = stage.window.measure_page.response
+    until(lambda: response.model_curves.source_label.text() == "curve: the paper's values", "for the paper's curve")
+    assert not response.model_curves.band_box.isEnabled()
+    write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
+    until(response.model_curves.band_box.isEnabled, "for the band")
+    assert response.model_curves.source_label.text() == "curve: calibration 1 of T7, SIMULATED"
+    ends = response.model_curves.fills[0].ends
     assert ends is not None
     x, low, high = ends
     top = int(high.argmax())
@@ -73,17 +73,19 @@ def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_o
     QApplication.processEvents()
     ground = QColor(stage.window.theme.panel)
     assert shown_ink(stage, float(x[top]), beside) != ground
-    response.band.box.click()
+    response.model_curves.band_box.click()
     assert shown_ink(stage, float(x[top]), beside) == ground
 
 
 def test_points_on_a_membrane_lie_on_the_curve_of_their_elongation_in_its_colour(stage: Stage) -> None:
-    response, rubber = stage.window.measure.response, Membrane()
-    stage.window.measure.panel.fill(MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150)))
-    until(lambda: response.band.on, "for the curves of the form")
-    assert [label.text for _, label in response.band.legend.items] == ["free", "0 mm", "5.08 mm"]
+    response, rubber = stage.window.measure_page.response, Membrane()
+    stage.window.measure_page.run_panel.set_protocol(
+        MembraneSeries(elongations_m=(0.0, 5.08e-3), frequencies_hz=(50, 150))
+    )
+    until(lambda: response.model_curves.on_membrane, "for the curves of the form")
+    assert [label.text for _, label in response.model_curves.legend.items] == ["free", "0 mm", "5.08 mm"]
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
     at = (math.nan, 0.0, 5.08e-3)
     for i, elongation in enumerate(at):
@@ -97,50 +99,52 @@ def test_points_on_a_membrane_lie_on_the_curve_of_their_elongation_in_its_colour
             elongation=elongation, part=float(i),
         ), i))  # fmt: skip
     shown = response.scatters[0].points()
-    for spot, drawn in zip(shown, response.band.every, strict=True):
+    for spot, drawn in zip(shown, response.model_curves.all_curves, strict=True):
         x, y = drawn.lines[0].getData()
         assert spot.pos().y() == pytest.approx(np.interp(150.0, x, y), rel=1e-3)
         assert spot.brush().color() == drawn.lines[0].opts["pen"].color()
     assert len({spot.brush().color().name() for spot in shown}) == 3
-    response.below.setCurrentIndex(1)
-    assert response.strip.scatter.getData()[1] == pytest.approx([0, 0, 0], abs=0.1), "per cent from its own curve"
-    stage.happen(AT_REST, RunEnded(Status.COMPLETED, "done", "run.h5"))
-    stage.window.measure.panel.fill(MembraneSeries(elongations_m=(0.0,), frequencies_hz=(50, 150)))
-    until(lambda: len(response.band.on) == 1, "for the curves of the other form")
-    assert response.hint.text() == "no curve of 5.08 mm"
-    stage.window.measure.panel.fill(SineDwell())
-    until(lambda: not response.band.on, "for the free tactor's curve alone")
-    assert response.band.legend.items == []
+    response.strip_box.setCurrentIndex(1)
+    assert response.residual_strip.scatter.getData()[1] == pytest.approx([0, 0, 0], abs=0.1), (
+        "per cent from its own curve"
+    )
+    stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
+    stage.window.measure_page.run_panel.set_protocol(MembraneSeries(elongations_m=(0.0,), frequencies_hz=(50, 150)))
+    until(lambda: len(response.model_curves.on_membrane) == 1, "for the curves of the other form")
+    assert response.hint_label.text() == "no curve of 5.08 mm"
+    stage.window.measure_page.run_panel.set_protocol(SineDwell())
+    until(lambda: not response.model_curves.on_membrane, "for the free tactor's curve alone")
+    assert response.model_curves.legend.items == []
 
 
 def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
-    panel = stage.window.measure.panel
-    assert not panel.told.isVisible()
-    assert not panel.rehearsal.isVisible()
+    panel = stage.window.measure_page.run_panel
+    assert not panel.estimates_panel.isVisible()
+    assert not panel.rehearsal_label.isVisible()
     for at, point in enumerate(measured()):
         stage.happen(PointMeasured(at, point, at))
-    until(lambda: panel.told.caption.text() == "What 8 usable points tell", "for the fit")
-    assert panel.told.isVisible()
-    (mass, value, shrinking), *_ = panel.told.rows
+    until(lambda: panel.estimates_panel.caption.text() == "What 8 usable points tell", "for the fit")
+    assert panel.estimates_panel.isVisible()
+    (mass, value, shrinking), *_ = panel.estimates_panel.rows
     assert mass.text() == "added mass"
     number, error = (float(word) for word in value.text().removesuffix(" g").split(" ± "))
     assert abs(number - 8.2) < 4 * error < 0.2
     assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
-    assert "the paper's values" in panel.told.note.text()
-    stage.happen(RunEnded(Status.COMPLETED, "done", "run.h5"))
-    assert panel.rehearsal.isVisible()
-    assert not panel.told.isVisible()
+    assert "the paper's values" in panel.estimates_panel.note.text()
+    stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
+    assert panel.rehearsal_label.isVisible()
+    assert not panel.estimates_panel.isVisible()
 
 
 def test_points_that_no_fit_may_use_or_that_were_measured_again_are_left_out() -> None:
-    live = LiveEstimates(AmplifierMap())
+    live = LiveEstimator(AmplifierMap())
     points = measured()
-    *_, all_of_them = live.tell((tuple(points), PAPER))
+    *_, all_of_them = live.fit_new_points((tuple(points), PAPER_MODEL))
     bad = replace(points[3], quality=int(Quality.CLIPPED))
-    *_, without = live.tell(((*points[:3], bad, *points[4:]), PAPER))
+    *_, without = live.fit_new_points(((*points[:3], bad, *points[4:]), PAPER_MODEL))
     assert (all_of_them.points, without.points) == (8, 7)
     assert {e.name: e.value for e in without.estimates} == pytest.approx(
         {"m_add": TRUTH.m_add, "c0": TRUTH.c0, "mu": TRUTH.mu}, rel=1e-4
@@ -151,10 +155,10 @@ def test_a_stroke_beyond_the_sensors_range_is_foreseen_beside_the_rehearsal(stag
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
     stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={})
     stage.happen(OPENED)
-    panel = stage.window.measure.panel
-    until(lambda: "leave the sensor's range" in panel.cautions.text(), "for the caution")
-    assert panel.cautions.isVisible()
-    assert "Foreseen with the paper's values" in panel.cautions.text()
-    assert panel.ready, "a caution is no refusal"
-    panel.form.rows["peak_to_peak_v"].set("0.5 V")
-    until(lambda: panel.cautions.text() and "sensor" not in panel.cautions.text(), "for another rehearsal")
+    panel = stage.window.measure_page.run_panel
+    until(lambda: "leave the sensor's range" in panel.warnings_label.text(), "for the caution")
+    assert panel.warnings_label.isVisible()
+    assert "Foreseen with the paper's values" in panel.warnings_label.text()
+    assert panel.can_start, "a caution is no refusal"
+    panel.form.rows["peak_to_peak_v"].set_value("0.5 V")
+    until(lambda: panel.warnings_label.text() and "sensor" not in panel.warnings_label.text(), "for another rehearsal")

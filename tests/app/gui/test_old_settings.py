@@ -24,22 +24,22 @@ def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_window_is_as_the_earlier_version_left_it(open_stage: OpenStage, old: Path) -> None:
     kept = QSettings(str(old / "settings.ini"), QSettings.Format.IniFormat)
-    pages = open_stage(settings=kept, folder=None, specimen=None).window.pages
+    pages = open_stage(settings=kept, folder=None, specimen=None).window.tabs
     assert pages.currentIndex() == 3
     assert (str(pages.folder), pages.specimen) == ("runs", "T1")
-    form = pages.measure.panel.protocol
+    form = pages.measure.run_panel.protocol
     assert form is not None
     assert (form.name, form.model_dump()["frequencies_hz"], form.model_dump()["peak_to_peak_v"]) == (
         "sine-dwell",
         (100.0, 165.0),
         4.0,
     )
-    assert pages.measure.traces.chosen == 2
+    assert pages.measure.time_plot.selected_span == 2
     explored = pages.explore.setting
     assert (dict(explored.values), explored.on_skin) == ({"k2": 0.0075, "delta": 0.01}, True)
     campaign = pages.campaign
-    until(lambda: campaign.desk.sheet is not None, "for the campaign")
-    assert campaign.desk.recent == [old / "runs" / "T1.campaign.json"]
+    until(lambda: campaign.controller.summary is not None, "for the campaign")
+    assert campaign.controller.recent == [old / "runs" / "T1.campaign.json"]
 
 
 def test_the_window_keeps_the_names_of_its_settings(open_stage: OpenStage, old: Path) -> None:
@@ -48,8 +48,8 @@ def test_the_window_keeps_the_names_of_its_settings(open_stage: OpenStage, old: 
     kept = QSettings(str(old / "new.ini"), QSettings.Format.IniFormat)
     stage = open_stage(settings=kept, folder=old / "runs")
     for page in range(4):
-        stage.window.pages.setCurrentIndex(page)
-        until(lambda page=page: page in stage.window.pages.made, "for the page")
-    stage.window.leave(at_once=True)
+        stage.window.tabs.setCurrentIndex(page)
+        until(lambda page=page: page in stage.window.tabs.created_pages, "for the page")
+    stage.window.close_session(force=True)
     until(lambda: not stage.window.isVisible(), "for the window to close")
     assert names - {"window/seen"} <= set(kept.allKeys())

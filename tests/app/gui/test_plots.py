@@ -6,8 +6,8 @@ import pytest
 from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication
 
-from app.gui.plots.base import calm_range, few_ticks, keep_ticks_apart, quiet
-from app.gui.plots.time_plot import TimePlot, lined_up
+from app.gui.plots.base import limit_ticks, stable_range, style_axes, tick_spacing
+from app.gui.plots.time_plot import TimePlot, trigger_time
 from app.gui.widgets.theme import LIGHT
 from app.live.feed import SPANS, LiveFeed
 from drivers.sensors.laser_sensor import LaserSensor
@@ -17,10 +17,10 @@ from tests.helpers.session_events import SCALES, sine_block
 
 def fed(rate_hz: float = 5000.0, seconds: float = 2.0) -> LiveFeed:
     feed = LiveFeed()
-    feed.begin(rate_hz, SCALES, LaserSensor("laser", 1e-4))
+    feed.start_stream(rate_hz, SCALES, LaserSensor("laser", 1e-4))
     scans = round(0.05 * rate_hz)
     for i in range(round(seconds / 0.05)):
-        feed.take(sine_block(i * scans, scans, rate_hz))
+        feed.add_block(sine_block(i * scans, scans, rate_hz))
     return feed
 
 
@@ -29,7 +29,7 @@ def test_samples_arrive_as_volts_and_micrometres(rate_hz: float) -> None:
     feed = fed(rate_hz)
     assert feed.streamed_s == pytest.approx(2.0)
     for span in SPANS:
-        drive, moved = (trace.curve()[1] for trace in feed.traces(span))
+        drive, moved = (trace.decimated_curve()[1] for trace in feed.traces(span))
         assert (drive.min(), drive.max()) == pytest.approx((0.0, 5.0), abs=0.02)
         assert (moved.min(), moved.max()) == pytest.approx((-500.0, 500.0), abs=2.0)
         assert moved.size <= 2 * span.columns
@@ -37,7 +37,7 @@ def test_samples_arrive_as_volts_and_micrometres(rate_hz: float) -> None:
 
 def test_a_block_before_the_stream_is_known_is_left_out() -> None:
     feed = LiveFeed()
-    feed.take(sine_block(0, 100, 5000.0))
+    feed.add_block(sine_block(0, 100, 5000.0))
     assert feed.streamed_s == 0.0
 
 
@@ -46,8 +46,8 @@ def test_the_shortest_span_stands_still(qt: QApplication) -> None:
     plot = TimePlot(feed, AmplifierMap(), LIGHT)
     pictures = []
     for i in range(3):
-        feed.take(sine_block(5000 + 177 * i, 177, 5000.0))
-        plot.refresh()
+        feed.add_block(sine_block(5000 + 177 * i, 177, 5000.0))
+        plot.tick()
         curve = plot.curves[0]
         time_s, drive_v = curve.getData()
         at = np.linspace(-0.09, 0.0, 300)
@@ -61,14 +61,14 @@ def test_a_picture_is_drawn_only_when_there_is_something_new(qt: QApplication) -
     feed = fed()
     plot = TimePlot(feed, AmplifierMap(), LIGHT)
     for _ in range(10):
-        plot.refresh()
+        plot.tick()
     plot.deleteLater()
     assert plot.frames == 1
 
 
 def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
     time_s = np.repeat(np.arange(100) / 1000.0, 2)
-    assert lined_up(time_s, np.full(200, 2.5), 2.5, 0.05) == time_s[-1]
+    assert trigger_time(time_s, np.full(200, 2.5), 2.5, 0.05) == time_s[-1]
 
 
 @pytest.mark.parametrize(
@@ -85,12 +85,12 @@ def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
 def test_ranges_change_only_when_they_must(
     low: float, high: float, present: tuple[float, float] | None, wanted: tuple[float, float]
 ) -> None:
-    assert calm_range(low, high, present) == pytest.approx(wanted)
+    assert stable_range(low, high, present) == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize("span", [0.013, 1.0, 7.0, 1200.0, 99_000.0])
 def test_a_low_plot_has_two_to_four_intervals(span: float) -> None:
-    assert 1.5 <= span / few_ticks(0.0, span) <= 4
+    assert 1.5 <= span / tick_spacing(0.0, span) <= 4
 
 
 @pytest.mark.parametrize("height", [30, 60, 120, 300])
@@ -98,8 +98,8 @@ def test_ticks_stay_apart_and_no_name_is_cut_off_however_low_a_plot_is(qt: QAppl
     canvas = pg.PlotWidget()
     plot, font = canvas.getPlotItem(), canvas.font()
     plot.setLabel("left", "a name of some length")
-    quiet(plot, font)
-    keep_ticks_apart(plot, font)
+    style_axes(plot, font)
+    limit_ticks(plot, font)
     canvas.resize(300, height + 60)
     canvas.show()
     plot.setYRange(280, 288, padding=0)

@@ -43,7 +43,7 @@ def page(open_stage: OpenStage, folder: Path) -> RunsPage:
 def shown(stage: Stage, count: int = 3) -> RunsPage:
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
     runs = stage.window.runs
-    until(lambda: runs.known.settled and runs.model.rowCount() == count, "for the list")
+    until(lambda: runs.folder_model.is_idle and runs.model.rowCount() == count, "for the list")
     return runs
 
 
@@ -55,34 +55,34 @@ def names(page: RunsPage) -> list[str]:
 
 
 def choose(page: RunsPage, *specimens: str) -> None:
-    page.choose([e.path for e in page.known.entries if e.specimen in specimens])
-    until(lambda: not page._reads.waiting, "for the points")
+    page.select_paths([e.path for e in page.folder_model.summaries if e.specimen in specimens])
+    until(lambda: not page._worker.pending, "for the points")
 
 
 def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> None:
     assert sorted(names(page)) == ["T3", "T7", "T8"]
     newer_run(folder, "T5")
     (folder / "20260101T000000Z_half_sine-dwell.h5").write_bytes(b"cut")
-    page.known.look()
+    page.folder_model.rescan()
     until(lambda: page.model.rowCount() == 5, "for the new ones")
-    status = {e.specimen: e.state for e in page.model.entries}
+    status = {e.specimen: e.state for e in page.model.summaries}
     assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
     choose(page, "half")
-    page.open()
-    assert "half" in page.side.said.text()
+    page.open_selected()
+    assert "half" in page.details.message_label.text()
     assert page.currentIndex() == 0
 
 
 def test_found_by_keys_alone(page: RunsPage) -> None:
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_Slash)
-    assert page.filter.search.hasFocus()
-    QTest.keyClicks(page.filter.search, "t8 resonance")
+    assert page.filter_bar.search_edit.hasFocus()
+    QTest.keyClicks(page.filter_bar.search_edit, "t8 resonance")
     assert names(page) == ["T8"]
-    QTest.keyClick(page.filter.search, Qt.Key.Key_Down)
+    QTest.keyClick(page.filter_bar.search_edit, Qt.Key.Key_Down)
     assert page.table.hasFocus()
     QTest.keyClick(page.table, Qt.Key.Key_Return)
-    until(lambda: page.currentWidget() is page.opened, "for the run")
+    until(lambda: page.currentWidget() is page.viewer, "for the run")
     window = page.window()
     QTest.keyClick(window, Qt.Key.Key_Escape)
     assert page.currentIndex() == 0
@@ -95,48 +95,48 @@ def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path
     stage = open_stage(folder=folder)
     page = shown(stage)
     choose(page, "T7")
-    page.open()
-    until(lambda: page.currentWidget() is page.opened, "for the run")
+    page.open_selected()
+    until(lambda: page.currentWidget() is page.viewer, "for the run")
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
     before = stage.session.stops
     stage.press(Qt.Key.Key_Escape)
     assert stage.session.stops == before + 1
-    assert stage.window.view.state is BenchState.GOING_TO_REST
-    assert page.currentWidget() is page.opened
+    assert stage.window.state.bench_state is BenchState.GOING_TO_REST
+    assert page.currentWidget() is page.viewer
 
 
 def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
-    page.open()
-    until(lambda: page.currentWidget() is page.opened, "for the run")
-    view = page.opened
+    page.open_selected()
+    until(lambda: page.currentWidget() is page.viewer, "for the run")
+    view = page.viewer
     x, y = view.response.scatters[0].getData()
     np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
     with Run(next(folder.glob("*_T7_*"))) as run:
         drive, length = run.trace.drive_v(), run.trace.time_s()[-1]
-    t, v = view.traces.curves[1].getData()
+    t, v = view.trace_plot.curves[1].getData()
     assert (v.min(), v.max()) == (drive.min(), drive.max())
     assert t[-1] == pytest.approx(length, abs=0.01)
-    gap = np.flatnonzero(~view.traces.curves[1].opts["connect"][:-1])
+    gap = np.flatnonzero(~view.trace_plot.curves[1].opts["connect"][:-1])
     assert t[gap] == pytest.approx([0.2], abs=0.01)  # nothing was kept from 0.2 to 0.4 s, and nothing is drawn there
-    assert "158.350 ± 0.010 Hz" in view.facts.text()
-    assert "SIMULATED" in view.facts.text()
+    assert "158.350 ± 0.010 Hz" in view.facts_label.text()
+    assert "SIMULATED" in view.facts_label.text()
     assert "Armed" in view.log.toPlainText()
-    until(lambda: page._overlay.ready() is not None, "for the curve")
-    page.refresh()
-    assert len(view.response.band.lines[0].getData()[0]) > 100
+    until(lambda: page._overlay.result() is not None, "for the curve")
+    page.tick()
+    assert len(view.response.model_curves.lines[0].getData()[0]) > 100
 
 
 def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.archive.replay.COLUMNS", 100)
+    monkeypatch.setattr("app.archive.replay.TRACE_COLUMNS", 100)
     choose(page, "T7")
-    page.open()
-    until(lambda: page.currentWidget() is page.opened, "for the run")
-    traces = page.opened.traces
+    page.open_selected()
+    until(lambda: page.currentWidget() is page.viewer, "for the run")
+    traces = page.viewer.trace_plot
     whole_s, whole_um = traces.curves[0].getData()
     assert len(whole_s) == 200
     for _ in range(4):
@@ -157,59 +157,59 @@ def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
 
 def test_several_are_compared(page: RunsPage) -> None:
     choose(page, "T7", "T8")
-    heights = sorted(float(item.getData()[1][0]) for item in page.side.plot.items)
+    heights = sorted(float(item.getData()[1][0]) for item in page.details.plot.items)
     assert heights == pytest.approx([600.0, 800.0])
-    assert page.side.plot.mark.visible
-    assert page.side.heading.text() == "2 runs chosen"
+    assert page.details.plot.simulated_label.visible
+    assert page.details.heading.text() == "2 runs chosen"
 
 
 def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
     QTest.keyClick(page.table, Qt.Key.Key_F2)
-    QTest.keyClicks(page.side.tags, "good, glued")
-    QTest.keyClick(page.side.tags, Qt.Key.Key_Return)
+    QTest.keyClicks(page.details.tags_edit, "good, glued")
+    QTest.keyClick(page.details.tags_edit, Qt.Key.Key_Return)
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: notes_path(run).exists(), "for the notes")
     assert read_notes(notes_path(run)) == Notes(("good", "glued"))
-    until(lambda: any(e.tags == "good, glued" for e in page.known.entries), "for the list")
-    page.filter.search.setText("glued")
+    until(lambda: any(e.tags == "good, glued" for e in page.folder_model.summaries), "for the list")
+    page.filter_bar.search_edit.setText("glued")
     assert names(page) == ["T7"]
 
 
 def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
-    page.side.tags.setFocus()
-    QTest.keyClicks(page.side.tags, "good")
-    QTest.keyClick(page.side.tags, Qt.Key.Key_Tab)
-    QTest.keyClicks(page.side.note, "glued ")
-    until(lambda: any(e.tags == "good" for e in page.known.entries), "for the list")
-    QTest.keyClicks(page.side.note, "twice")
+    page.details.tags_edit.setFocus()
+    QTest.keyClicks(page.details.tags_edit, "good")
+    QTest.keyClick(page.details.tags_edit, Qt.Key.Key_Tab)
+    QTest.keyClicks(page.details.note_edit, "glued ")
+    until(lambda: any(e.tags == "good" for e in page.folder_model.summaries), "for the list")
+    QTest.keyClicks(page.details.note_edit, "twice")
     page.table.setFocus()
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
 
 
 def test_a_run_without_a_response_is_told_in_words_and_a_long_reason_is_shortened(page: RunsPage) -> None:
-    page.side.show_runs((), 1)
-    assert page.side.none.isVisible()
-    assert not page.side.plot.isVisible()
-    page.side.show_entries([page.known.entries[0]._replace(reason="word " * 400)])
-    assert len(page.side.facts.text()) < 500
+    page.details.show_runs((), 1)
+    assert page.details.empty_label.isVisible()
+    assert not page.details.plot.isVisible()
+    page.details.show_selection([page.folder_model.summaries[0]._replace(reason="word " * 400)])
+    assert len(page.details.facts_label.text()) < 500
 
 
 def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     choose(page, "T7", "T8")
-    page.export(tmp_path / "sheets", "csv")
-    until(lambda: "10 files written" in page.side.said.text(), "for the files")
+    page.export_selected(tmp_path / "sheets", "csv")
+    until(lambda: "10 files written" in page.details.message_label.text(), "for the files")
     assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
 
 
 def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: RunsPage, tmp_path: Path) -> None:
-    page.filter.stop_pressed.emit()
+    page.filter_bar.stop_pressed.emit()
     choose(page, "T7", "T8")
-    page.export(tmp_path / "sheets", "csv")
-    until(lambda: "files written" in page.side.said.text(), "for the files")
-    assert page.side.said.text().startswith("10 files")
+    page.export_selected(tmp_path / "sheets", "csv")
+    until(lambda: "files written" in page.details.message_label.text(), "for the files")
+    assert page.details.message_label.text().startswith("10 files")
 
 
 def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
@@ -228,17 +228,17 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
     kept = (folder / new.name).read_bytes()
     new.write_bytes(b"another")
     drop(new)
-    until(lambda: "already there" in page.side.said.text(), "for the sentence")
+    until(lambda: "already there" in page.details.message_label.text(), "for the sentence")
     assert (folder / new.name).read_bytes() == kept
 
 
 def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_stopped(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.archive.transfer.PIECE", 4096)
+    monkeypatch.setattr("app.archive.transfer.COPY_CHUNK_BYTES", 4096)
     whole, half = (finished_run(tmp_path / "stick", name) for name in ("T8a", "T9a"))
-    going, go_on, begun = page.side.going, threading.Event(), threading.Event()
-    tell = going.tell
+    going, go_on, begun = page.details.progress_row, threading.Event(), threading.Event()
+    tell = going.update_progress
 
     def slowly(share: float) -> None:
         tell(share)
@@ -246,27 +246,27 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
             begun.set()
             assert go_on.wait(20)
 
-    monkeypatch.setattr(going, "tell", slowly)
-    page.transfers.take_in([whole, half])
+    monkeypatch.setattr(going, "update_progress", slowly)
+    page.transfers.copy_in([whole, half])
     until(begun.is_set, "for the second file")
     until(going.isVisible, "for the bar")
-    assert going.words.text() == "taking in 2 runs …"
+    assert going.label.text() == "taking in 2 runs …"
     until(lambda: going.bar.value() > 600, "for the share")
-    page.export(tmp_path / "sheets", "csv")
-    assert "Wait for its end" in page.side.said.text()
+    page.export_selected(tmp_path / "sheets", "csv")
+    assert "Wait for its end" in page.details.message_label.text()
     choose(page, "T7")
-    page.open()
-    until(lambda: page.currentWidget() is page.opened, "for a run that is opened meanwhile")
-    page.back()
-    QTest.mouseClick(going.stop, Qt.MouseButton.LeftButton)
+    page.open_selected()
+    until(lambda: page.currentWidget() is page.viewer, "for a run that is opened meanwhile")
+    page.go_back()
+    QTest.mouseClick(going.cancel_button, Qt.MouseButton.LeftButton)
     go_on.set()
-    until(lambda: "stopped" in page.side.said.text(), "for its end")
-    assert page.side.said.text() == "stopped; 1 run taken in"
+    until(lambda: "stopped" in page.details.message_label.text(), "for its end")
+    assert page.details.message_label.text() == "stopped; 1 run taken in"
     assert going.isHidden()
     assert (folder / whole.name).read_bytes() == whole.read_bytes()
     assert not list(folder.glob(f"*{half.name}*")), "nothing half done"
-    page.transfers.take_in([half, tmp_path / "gone.h5"])
-    until(lambda: "there is no file" in page.side.said.text(), "for the sentence")
+    page.transfers.copy_in([half, tmp_path / "gone.h5"])
+    until(lambda: "there is no file" in page.details.message_label.text(), "for the sentence")
     assert going.isHidden()
 
 
@@ -283,22 +283,24 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert entering.isAccepted()
     before = set(folder.glob("*.h5"))
     page.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none))
-    until(lambda: "imported" in page.side.said.text(), "for the import")
+    until(lambda: "imported" in page.details.message_label.text(), "for the import")
     (made,) = set(folder.glob("*.h5")) - before
     with Run(made) as run:
         assert (run.specimen, run.state, run.simulated) == ("T7", "imported", False)
         np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
-    assert page.side.said.text().startswith("fig4.csv: 1 run of T7 imported\n")
-    assert "nothing tells how certain the values are" in page.side.said.text()
-    until(lambda: len(page.model.entries) == len(before) + 1, "for the list")
+    assert page.details.message_label.text().startswith("fig4.csv: 1 run of T7 imported\n")
+    assert "nothing tells how certain the values are" in page.details.message_label.text()
+    until(lambda: len(page.model.summaries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
-    page.transfers.bring_in([table])
-    until(lambda: "--as raw or --as voltage-steps" in page.side.said.text(), "for the sentence")
-    assert "tactor-bench import --help" in page.side.said.text()
+    page.transfers.import_tables([table])
+    until(lambda: "--as raw or --as voltage-steps" in page.details.message_label.text(), "for the sentence")
+    assert "tactor-bench import --help" in page.details.message_label.text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
-    monkeypatch.setattr(page.side.going, "tell", lambda _share: page.side.going._stop.set())  # as the button does
-    page.transfers.bring_in([table])
-    until(lambda: page.side.said.text() == "stopped; nothing was written", "for the end")
+    monkeypatch.setattr(
+        page.details.progress_row, "tell", lambda _share: page.details.progress_row._cancel_event.set()
+    )  # as the button does
+    page.transfers.import_tables([table])
+    until(lambda: page.details.message_label.text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
 
 
@@ -315,8 +317,8 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     choose(page, "T7")
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_E)
-    assert stage.window.pages.present is stage.window.explore
-    until(lambda: stage.window.explore.measured, "for the points")
+    assert stage.window.tabs.current_page is stage.window.explore
+    until(lambda: stage.window.explore.overlaid_responses, "for the points")
 
 
 def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:
@@ -326,34 +328,34 @@ def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, fold
     made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
     stage = open_stage(folder=folder)
     page = shown(stage)
-    page.known._listed(made)
+    page.folder_model._on_listed(made)
     assert page.model.rowCount() == 10_000
-    assert "10 000 runs" in page.filter.told.text()
-    page.filter.search.setText("t33")
+    assert "10 000 runs" in page.filter_bar.count_label.text()
+    page.filter_bar.search_edit.setText("t33")
     assert set(names(page)) == {"T33"}
     assert len(names(page)) == 200
 
 
 def test_an_empty_folder_says_what_to_do(open_stage: OpenStage, tmp_path: Path) -> None:
     page = shown(open_stage(folder=tmp_path / "none"), 0)
-    assert "dropped here" in page.side.none.text()
-    assert page.filter.told.text() == "0 runs"
-    assert not page.side.open.isEnabled()
+    assert "dropped here" in page.details.empty_label.text()
+    assert page.filter_bar.count_label.text() == "0 runs"
+    assert not page.details.open_button.isEnabled()
 
 
 def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(open_stage: OpenStage, tmp_path: Path) -> None:
     with laboratory() as lab:
         run(Sweep(sweep_s=0.1, periods=2), tmp_path / "runs", lab)
     page = shown(open_stage(folder=tmp_path / "runs"), 1)
-    page.open()
-    until(lambda: page.currentWidget() is page.opened, "for the run")
-    view = page.opened
+    page.open_selected()
+    until(lambda: page.currentWidget() is page.viewer, "for the run")
+    view = page.viewer
     with Run(next((tmp_path / "runs").glob("*.h5"))) as file:
         (kept,) = file.curves()
     assert view.plots.currentWidget() is view.plots.curves
-    ((line, _),) = view.plots.curves.drawn
+    ((line, _),) = view.plots.curves.drawn_curves
     np.testing.assert_allclose(line.getData()[1], 1e6 * kept.columns["response"].values)
-    view.plots.curves.to_points.click()
+    view.plots.curves.points_button.click()
     assert view.plots.currentWidget() is view.plots.points
     assert len(view.plots.points.scatter.getData()[0]) == 1
     assert "Asked: " in view.log.toPlainText()

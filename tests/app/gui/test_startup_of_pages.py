@@ -25,8 +25,8 @@ class Windows(QObject):
 def left_on(open_stage: OpenStage, at: int) -> None:
     """A window that was closed while this page was seen."""
     window = open_stage().window
-    window.pages.setCurrentIndex(at)
-    for splitter in window.pages.present.findChildren(QSplitter):
+    window.tabs.setCurrentIndex(at)
+    for splitter in window.tabs.current_page.findChildren(QSplitter):
         if splitter.isVisible():
             splitter.setSizes([520, 520])
     window.close()
@@ -36,45 +36,45 @@ def left_on(open_stage: OpenStage, at: int) -> None:
 def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_keyboard(open_stage: OpenStage) -> None:
     left_on(open_stage, RUNS)
     stage = open_stage(ahead=True)
-    pages = stage.window.pages
+    pages = stage.window.tabs
     assert pages.currentIndex() == RUNS
-    assert list(pages.made) == [MEASURE], "nobody waits for it"
+    assert list(pages.created_pages) == [MEASURE], "nobody waits for it"
     (comes,) = (label for label in pages.currentWidget().findChildren(QLabel))
     assert comes.text() == "Runs …"
-    until(lambda: RUNS in pages.made, "for the page")
-    assert list(pages.made)[1] == RUNS, "it is made before the others"
+    until(lambda: RUNS in pages.created_pages, "for the page")
+    assert list(pages.created_pages)[1] == RUNS, "it is made before the others"
     until(stage.window.runs.table.hasFocus, "for the keyboard")
     until(lambda: not pages.currentWidget().findChildren(QLabel, "", Qt.FindChildOption.FindDirectChildrenOnly))
     columns = stage.window.runs.findChild(QSplitter, "runs/columns")
     assert abs(columns.sizes()[0] - columns.sizes()[1]) < 20, "divided as it was left"
-    until(lambda: len(pages.made) == pages.count(), "for the other pages")
+    until(lambda: len(pages.created_pages) == pages.count(), "for the other pages")
     assert pages.currentIndex() == RUNS
 
 
 def test_who_starts_a_run_or_asks_for_a_protocol_sees_it(open_stage: OpenStage) -> None:
     left_on(open_stage, EXPLORE)
-    assert open_stage(autostart=True).window.pages.currentIndex() == MEASURE
-    assert open_stage(protocol=SineDwell(peak_to_peak_v=4.0)).window.pages.currentIndex() == MEASURE
-    assert open_stage(protocol=FreeDecay()).window.pages.currentIndex() == MEASURE
+    assert open_stage(autostart=True).window.tabs.currentIndex() == MEASURE
+    assert open_stage(protocol=SineDwell(peak_to_peak_v=4.0)).window.tabs.currentIndex() == MEASURE
+    assert open_stage(protocol=FreeDecay()).window.tabs.currentIndex() == MEASURE
     stage = open_stage()
-    assert stage.window.pages.currentIndex() == EXPLORE
-    stage.window.try_it()
-    assert stage.window.pages.currentIndex() == MEASURE
+    assert stage.window.tabs.currentIndex() == EXPLORE
+    stage.window.start_demo()
+    assert stage.window.tabs.currentIndex() == MEASURE
 
 
 def test_settings_that_make_no_sense_open_the_first_page(open_stage: OpenStage, settings: QSettings) -> None:
     for nonsense in ("17", "-1", "runs", ""):
         settings.setValue("window/page", nonsense)
-        assert open_stage().window.pages.currentIndex() == MEASURE
+        assert open_stage().window.tabs.currentIndex() == MEASURE
 
 
 def test_the_other_pages_are_made_behind_the_first_one(open_stage: OpenStage, qt: QApplication) -> None:
     windows = Windows()
     qt.installEventFilter(windows)
     try:
-        pages = open_stage(ahead=True).window.pages
-        assert list(pages.made) == [0]
-        until(lambda: len(pages.made) == pages.count(), "for the other pages")
+        pages = open_stage(ahead=True).window.tabs
+        assert list(pages.created_pages) == [0]
+        until(lambda: len(pages.created_pages) == pages.count(), "for the other pages")
     finally:
         qt.removeEventFilter(windows)
     assert windows.shown == ["MainWindow"]

@@ -10,11 +10,11 @@ from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
-from drivers.bench.bench import BY_HAND
-from protocols.base.events import Status
+from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
+from protocols.base.events import RunStatus
 from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SineDwell
-from protocols.resume import Earlier, earlier
+from protocols.resume import ResumableRun, load_resumable
 from protocols.runfile.reader import Run
 from tests.helpers.main_window import Bench, press, until, whole_window
 
@@ -40,21 +40,23 @@ def window(
 
 
 def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Path) -> None:
-    rehearsal = window.measure.panel.rehearsal.text()
+    rehearsal = window.measure_page.run_panel.rehearsal_label.text()
     assert "3 points" in rehearsal
     assert "−500 … +1500 V" in rehearsal
     press(window, Qt.Key.Key_F5)
-    assert window.view.busy
-    until(lambda: not window.view.busy, "for the run")
-    assert window.view.outcome is not None
-    assert window.view.outcome.status is Status.COMPLETED
-    assert window.bar.state.words == "AT REST"
+    assert window.state.busy
+    until(lambda: not window.state.busy, "for the run")
+    assert window.state.outcome is not None
+    assert window.state.outcome.status is RunStatus.COMPLETED
+    assert window.status_bar.state_sign.text == "AT REST"
     (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
-    shown = window.measure.response.scatters[0].points()
+    shown = window.measure_page.response.scatters[0].points()
     assert [spot.pos().y() for spot in shown] == pytest.approx(list(measured))
-    drive, moved = (trace.curve()[1] for trace in window.link.feed.traces(window.measure.traces.span))
+    drive, moved = (
+        trace.decimated_curve()[1] for trace in window.adapter.feed.traces(window.measure_page.time_plot.span)
+    )
     assert drive[-1] == pytest.approx(2.5, abs=0.01)
     assert abs(moved[-1]) < 5.0
 
@@ -63,51 +65,51 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     press(window, Qt.Key.Key_F5)
-    until(lambda: not window.view.busy, "for the run")
+    until(lambda: not window.state.busy, "for the run")
     (first,) = tmp_path.glob("*.h5")
     asked, may_read, readers = threading.Event(), threading.Event(), []
 
-    def slowly(path: Path, entries: tuple[int, ...]) -> Earlier:
+    def slowly(path: Path, entries: tuple[int, ...]) -> ResumableRun:
         readers.append(threading.current_thread())
         asked.set()
         assert may_read.wait(20)
-        return earlier(path, entries)
+        return load_resumable(path, entries)
 
-    monkeypatch.setattr("protocols.resume.earlier", slowly)
-    window.helm.measure_again((1,), tmp_path)
+    monkeypatch.setattr("protocols.resume.load_resumable", slowly)
+    window.controller.repeat_entries((1,), tmp_path)
     until(asked.is_set, "for the session to read")
     press(window, Qt.Key.Key_F5)
-    window.helm.measure_again((2,), tmp_path)
-    assert window.bar.task.words.endswith(f"reading {first.name}")
-    assert len(window.measure.response.scatters[0].points()) == 3
+    window.controller.repeat_entries((2,), tmp_path)
+    assert window.status_bar.task_sign.text.endswith(f"reading {first.name}")
+    assert len(window.measure_page.response.scatters[0].points()) == 3
     may_read.set()
-    until(lambda: not window.view.busy, "for the second run")
+    until(lambda: not window.state.busy, "for the second run")
     assert readers
     assert threading.main_thread() not in readers
     _, second = sorted(tmp_path.glob("*.h5"))
     with Run(second) as run:
-        assert run.continues == first
+        assert run.resumed_from == first
         assert [bool(int(flag) & Quality.SUPERSEDED) for flag in run.points()["quality"]] == [False, True, False, False]
 
 
 def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda _: bench.session.stop()
     press(window, Qt.Key.Key_F5)
-    assert window.view.busy
-    until(lambda: not window.view.busy, "for the run")
-    assert window.view.outcome is not None
-    assert window.view.outcome.status is Status.STOPPED
-    assert window.bar.state.words == "AT REST"
-    assert window.bar.volts.words == "0 V"
+    assert window.state.busy
+    until(lambda: not window.state.busy, "for the run")
+    assert window.state.outcome is not None
+    assert window.state.outcome.status is RunStatus.STOPPED
+    assert window.status_bar.state_sign.text == "AT REST"
+    assert window.status_bar.voltage_sign.text == "0 V"
 
 
 @pytest.mark.breaks_the_drive
 def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda laboratory: laboratory.control.inject("generator-power-off")
     press(window, Qt.Key.Key_F5)
-    assert window.view.busy
-    until(lambda: not window.view.busy, "for the run")
-    assert window.bar.state.words == "UNSAFE"
-    assert window.notices.unsafe.words.text() == BY_HAND
-    assert "What was measured" in window.notices.unsafe.detail.text()
-    assert window.view.exit_code == 3
+    assert window.state.busy
+    until(lambda: not window.state.busy, "for the run")
+    assert window.status_bar.state_sign.text == "UNSAFE"
+    assert window.notices.unsafe.message_label.text() == MANUAL_SHUTDOWN_INSTRUCTIONS
+    assert "What was measured" in window.notices.unsafe.detail_label.text()
+    assert window.state.exit_code == 3

@@ -9,50 +9,58 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
+from tests.known_protocols.test_rehearsal import guard
 
-from app.gui.bench.notices import GUARD_S
+from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
-from app.session.session import BenchFailed, Refused
+from app.session.session import BenchFailed, RunRejected
 from app.session.state import BenchState
-from protocols.base.events import Answered, Asked, BlockTaken, Progressed, RunEnded, Status, StreamStarted
+from protocols.base.events import (
+    BlockStored,
+    ProgressUpdated,
+    PromptAnswered,
+    PromptShown,
+    RunEnded,
+    RunStatus,
+    StreamStarted,
+)
 from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 from protocols.base.quality import Quality
-from protocols.base.records import Estimate
+from protocols.base.records import EstimatedQuantity
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import OpenStage, Stage, grab, until
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
-from tests.protocols.test_rehearsal import guard
 
 
 def prompted(stage: Stage) -> None:
     """The runner asks this window."""
     stage.happen(OPENED)
-    stage.window.run()
-    stage.window.link.mailbox.show(2, ENABLE_HIGH_VOLTAGE)
-    stage.happen(STARTED, Asked(2, ENABLE_HIGH_VOLTAGE))
+    stage.window.start_run()
+    stage.window.adapter.mailbox.show(2, ENABLE_HIGH_VOLTAGE)
+    stage.happen(STARTED, PromptShown(2, ENABLE_HIGH_VOLTAGE))
 
 
 def wait_past_the_guard() -> None:
     begin = time.monotonic()
-    until(lambda: time.monotonic() - begin > GUARD_S)
+    until(lambda: time.monotonic() - begin > INPUT_GUARD_S)
 
 
 def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage: Stage) -> None:
-    bar = stage.window.bar
-    assert bar.state.words == "CONNECTING"
-    assert not stage.window.measure.panel.run.isEnabled()
+    bar = stage.window.status_bar
+    assert bar.state_sign.text == "CONNECTING"
+    assert not stage.window.measure_page.run_panel.run_button.isEnabled()
     stage.happen(OPENED)
-    assert bar.state.words == "NOT ARMED"
+    assert bar.state_sign.text == "NOT ARMED"
     assert next(lamp.instrument.identity for lamp in bar.lamps) == "Keysight 33511B #1"
-    assert bar.simulated.isVisible()
-    assert stage.window.measure.panel.run.isEnabled()
+    assert bar.simulated_label.isVisible()
+    assert stage.window.measure_page.run_panel.run_button.isEnabled()
 
 
 def test_simulated_stands_on_every_plot(stage: Stage) -> None:
     stage.happen(OPENED)
-    measure = stage.window.measure
-    assert all(mark.visible for mark in (measure.response.mark, *measure.traces.marks))
+    measure = stage.window.measure_page
+    assert all(mark.visible for mark in (measure.response.simulated_label, *measure.time_plot.simulated_labels))
 
 
 @pytest.mark.parametrize(
@@ -63,144 +71,144 @@ def test_one_key_runs_what_the_form_says(
     stage: Stage, tmp_path: Path, key: Qt.Key, modifier: Qt.KeyboardModifier
 ) -> None:
     stage.happen(OPENED)
-    stage.window.measure.panel.form.rows["peak_to_peak_v"].set("4000 mV")
+    stage.window.measure_page.run_panel.form.rows["peak_to_peak_v"].set_value("4000 mV")
     stage.press(key, modifier)
     assert stage.session.runs == [(SineDwell(peak_to_peak_v=4.0), tmp_path, "T7")]
-    assert stage.window.view.busy
+    assert stage.window.state.busy
     stage.press(key, modifier)
     assert len(stage.session.runs) == 1
 
 
 def test_a_fault_in_the_form_is_told_beside_the_field_and_keeps_run_away(stage: Stage) -> None:
     stage.happen(OPENED)
-    panel = stage.window.measure.panel
+    panel = stage.window.measure_page.run_panel
     editor = panel.form.rows["peak_to_peak_v"].editor
     editor.selectAll()
     QTest.keyClicks(editor, "6 V")
-    assert "6 V is outside the range" in panel.form.rows["peak_to_peak_v"].note.text()
-    assert not panel.run.isEnabled()
+    assert "6 V is outside the range" in panel.form.rows["peak_to_peak_v"].note_label.text()
+    assert not panel.run_button.isEnabled()
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == []
-    panel.presets.menu().aboutToShow.emit()
-    panel.presets.menu().actions()[0].trigger()
-    assert panel.run.isEnabled()
+    panel.preset_button.menu().aboutToShow.emit()
+    panel.preset_button.menu().actions()[0].trigger()
+    assert panel.run_button.isEnabled()
 
 
 def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
-    stage.happen(*LIVE, Progressed(7, 18, 15.0, "160 Hz"))
-    bar = stage.window.bar
-    assert bar.state.words == "LIVE"
-    assert bar.volts.words == "−500 … +1500 V"
-    assert "160 Hz" in bar.task.words
-    assert "7 of 18 points" in bar.task.note
-    assert "15 s left" in bar.task.note
+    stage.window.start_run()
+    stage.happen(*LIVE, ProgressUpdated(7, 18, 15.0, "160 Hz"))
+    bar = stage.window.status_bar
+    assert bar.state_sign.text == "LIVE"
+    assert bar.voltage_sign.text == "−500 … +1500 V"
+    assert "160 Hz" in bar.task_sign.text
+    assert "7 of 18 points" in bar.task_sign.note
+    assert "15 s left" in bar.task_sign.note
 
 
 @pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
 def test_stop_is_one_key_and_is_shown_at_once(stage: Stage, key: Qt.Key) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE)
     stage.press(key)
     assert stage.session.stops == 1
-    assert stage.window.bar.state.words == "GOING TO REST"
+    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
 
 
 def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.session.bench = _Sensing(stage)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, StreamStarted(500_000.0, stage.session.bench.scales))
-    blocks = [BlockTaken(sine_block(25_000 * i, 25_000, 500_000.0), 25_000 * i) for i in range(4)]
+    blocks = [BlockStored(sine_block(25_000 * i, 25_000, 500_000.0), 25_000 * i) for i in range(4)]
     for i in range(40):
-        stage.window.link.observe(blocks[i % 4])
+        stage.window.adapter.observe(blocks[i % 4])
         stage.window.tick()
-    drawn = stage.window.measure.traces.frames
+    drawn = stage.window.measure_page.time_plot.frames
     assert drawn > 0
     for i in range(40):
-        stage.window.link.observe(blocks[i % 4])
-    QTest.mouseClick(stage.window.bar.stop, Qt.MouseButton.LeftButton)
-    stage.window.bar.repaint()
+        stage.window.adapter.observe(blocks[i % 4])
+    QTest.mouseClick(stage.window.status_bar.stop_button, Qt.MouseButton.LeftButton)
+    stage.window.status_bar.repaint()
     assert stage.session.stops == 1
-    assert stage.window.bar.state.words == "GOING TO REST"
-    assert stage.window.measure.traces.frames == drawn
+    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
+    assert stage.window.measure_page.time_plot.frames == drawn
     stage.window.tick()
-    assert stage.window.measure.traces.frames == drawn + 1  # they were waiting
+    assert stage.window.measure_page.time_plot.frames == drawn + 1  # they were waiting
 
 
 def test_points_arrive_and_unusable_ones_are_hollow_with_their_reason(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), point(1, 150.0, Quality.UNSETTLED))
-    spots = stage.window.measure.response.scatters[0].points()
+    spots = stage.window.measure_page.response.scatters[0].points()
     assert [spot.pos().x() for spot in spots] == [100.0, 150.0]
     assert spots[0].pos().y() == pytest.approx(900.0)
     paper = stage.window.theme.panel
     assert spots[0].brush().color().name() != paper
     assert spots[1].brush().color().name() == paper
     assert "unsettled" in spots[1].data()
-    twice = stage.window.measure.response.scatters[1].points()
+    twice = stage.window.measure_page.response.scatters[1].points()
     assert twice[0].pos().y() == pytest.approx(864.0)
 
 
 def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
-    found = Estimate("resonance frequency", 158.35, 0.0072, "Hz", "this run")
-    stage.happen(*LIVE, AT_REST, RunEnded(Status.COMPLETED, "all points measured", "run.h5", (found,)))
-    assert stage.window.measure.response.found.words == "resonance frequency 158.3500 ± 0.0072 Hz"
+    stage.window.start_run()
+    found = EstimatedQuantity("resonance frequency", 158.35, 0.0072, "Hz", "this run")
+    stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (found,)))
+    assert stage.window.measure_page.response.estimates_label.text == "resonance frequency 158.3500 ± 0.0072 Hz"
 
 
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
-    response = stage.window.measure.response
-    response.shown[1].click()
+    response = stage.window.measure_page.response
+    response.series_boxes[1].click()
     assert not response.scatters[1].isVisible()
     assert response.scatters[0].isVisible()
 
 
 def test_curve_and_points_of_different_drives_are_told_apart(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
-    until(lambda: stage.window.overlay.ready() is not None)
+    until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
-    assert stage.window.measure.response.hint.text() == ""
-    stage.window.measure.panel.form.rows["peak_to_peak_v"].set(2.0)
-    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure.response.hint.text())
+    assert stage.window.measure_page.response.hint_label.text() == ""
+    stage.window.measure_page.run_panel.form.rows["peak_to_peak_v"].set_value(2.0)
+    until(lambda: "points at 5 V, curve at 2 V" in stage.window.measure_page.response.hint_label.text())
 
 
 def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
-    until(lambda: stage.window.overlay.ready() is not None)
+    until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
-    curve = stage.window.overlay.ready()
+    curve = stage.window.overlay.result()
     assert curve is not None
-    assert curve.question.amplitude_v == 2.5
+    assert curve.request.amplitude_v == 2.5
 
 
 def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> None:
     prompted(stage)
     assert stage.window.notices.prompt.isVisible()
-    assert stage.window.notices.prompt.words.text() == ENABLE_HIGH_VOLTAGE.text
-    assert stage.window.bar.state.words == "LIVE"
+    assert stage.window.notices.prompt.message_label.text() == ENABLE_HIGH_VOLTAGE.text
+    assert stage.window.status_bar.state_sign.text == "LIVE"
     stage.press(Qt.Key.Key_Return)
-    assert stage.window.link.mailbox.answer(2) is None, "an Enter meant for something else"
+    assert stage.window.adapter.mailbox.answer(2) is None, "an Enter meant for something else"
     wait_past_the_guard()
     stage.press(Qt.Key.Key_Return)
-    assert stage.window.link.mailbox.answer(2) == "done"
-    stage.happen(Answered(2, "done"))
+    assert stage.window.adapter.mailbox.answer(2) == "done"
+    stage.happen(PromptAnswered(2, "done"))
     assert not stage.window.notices.isVisible()
 
 
 def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) -> None:
     prompted(stage)
-    stage.window.link.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
-    stage.happen(Answered(2, "done"), Asked(3, DISABLE_HIGH_VOLTAGE))
-    assert stage.window.notices.prompt.words.text() == DISABLE_HIGH_VOLTAGE.text
+    stage.window.adapter.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
+    stage.happen(PromptAnswered(2, "done"), PromptShown(3, DISABLE_HIGH_VOLTAGE))
+    assert stage.window.notices.prompt.message_label.text() == DISABLE_HIGH_VOLTAGE.text
     wait_past_the_guard()
     stage.press(Qt.Key.Key_Return)
-    assert stage.window.link.mailbox.answer(3) == "done"
+    assert stage.window.adapter.mailbox.answer(3) == "done"
 
 
 def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
@@ -213,51 +221,51 @@ def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
 
 
 def test_a_prompt_for_the_simulated_operator_is_not_put_to_the_person(stage: Stage) -> None:
-    stage.happen(OPENED, STARTED, Asked(2, ENABLE_HIGH_VOLTAGE))
+    stage.happen(OPENED, STARTED, PromptShown(2, ENABLE_HIGH_VOLTAGE))
     assert not stage.window.notices.prompt.isVisible()
 
 
 def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, *LOST)
-    assert stage.window.bar.state.words == "UNSAFE"
-    assert "high voltage OFF by hand" in stage.window.notices.unsafe.words.text()
+    assert stage.window.status_bar.state_sign.text == "UNSAFE"
+    assert "high voltage OFF by hand" in stage.window.notices.unsafe.message_label.text()
     assert stage.window.notices.unsafe.isVisible()
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.notices.unsafe.isVisible()
-    assert stage.window.bar.state.words == "UNSAFE", "acknowledging measures nothing"
+    assert stage.window.status_bar.state_sign.text == "UNSAFE", "acknowledging measures nothing"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 2
 
 
 def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
-    stage.happen(*LIVE, AT_REST, RunEnded(Status.FAILED, "the generator was silent for 2 s", "run.h5"))
-    assert "silent for 2 s" in stage.window.notices.trouble.words.text()
+    stage.window.start_run()
+    stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.FAILED, "the generator was silent for 2 s", "run.h5"))
+    assert "silent for 2 s" in stage.window.notices.problem.message_label.text()
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.notices.isVisible()
 
 
 def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
-    stage.happen(Refused("the folder cannot be written; choose another"))
-    assert "cannot be written" in stage.window.notices.trouble.words.text()
-    assert stage.window.measure.panel.run.isEnabled()
+    stage.window.start_run()
+    stage.happen(RunRejected("the folder cannot be written; choose another"))
+    assert "cannot be written" in stage.window.notices.problem.message_label.text()
+    assert stage.window.measure_page.run_panel.run_button.isEnabled()
 
 
 def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
     stage.happen(BenchFailed("no generator answers; switch it on"))
-    assert stage.window.bar.state.words == "NO BENCH"
-    assert "switch it on" in stage.window.notices.trouble.words.text()
+    assert stage.window.status_bar.state_sign.text == "NO BENCH"
+    assert "switch it on" in stage.window.notices.problem.message_label.text()
     stage.press(Qt.Key.Key_F6)
-    assert stage.window.bar.state.words == "CONNECTING"
+    assert stage.window.status_bar.state_sign.text == "CONNECTING"
     stage.happen(OPENED)
-    assert stage.window.view.state is BenchState.IDLE
+    assert stage.window.state.bench_state is BenchState.IDLE
 
 
 def test_autostart_begins_as_soon_as_the_bench_is_there(open_stage: OpenStage) -> None:
@@ -270,9 +278,9 @@ def test_autostart_begins_as_soon_as_the_bench_is_there(open_stage: OpenStage) -
 
 def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, point(0, 100.0), *STOPPED)
-    log = stage.window.measure.log.toPlainText()
+    log = stage.window.measure_page.log.toPlainText()
     assert "simulated bench is open" in log
     assert "100 Hz: max − min 900.0" in log
     assert "Stopped by the operator" in log
@@ -282,28 +290,33 @@ def test_what_happens_is_written_with_its_time(stage: Stage) -> None:
 def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings) -> None:
     first = open_stage()
     first.window.resize(1100, 640)
-    first.window.measure.right.setSizes([150, 150, 120])
-    first.window.measure.panel.specimen.setText("T12 left")
-    first.window.measure.traces.choose(2)
-    rows = first.window.measure.right.sizes()
+    first.window.measure_page.live_pane.setSizes([150, 150, 120])
+    first.window.measure_page.run_panel.specimen_edit.setText("T12 left")
+    first.window.measure_page.time_plot.select_span(2)
+    rows = first.window.measure_page.live_pane.sizes()
     first.window.close()
     until(lambda: not first.window.isVisible())
     second = open_stage(folder=None, specimen=None)
     assert second.window.size().height() == 640
-    assert second.window.measure.right.sizes() == rows
-    assert second.window.measure.panel.specimen.text() == "T12 left"
-    assert second.window.measure.traces.chosen == 2
-    assert second.window.measure.panel.folder.text() == first.window.measure.panel.folder.text()
+    assert second.window.measure_page.live_pane.sizes() == rows
+    assert second.window.measure_page.run_panel.specimen_edit.text() == "T12 left"
+    assert second.window.measure_page.time_plot.selected_span == 2
+    assert (
+        second.window.measure_page.run_panel.folder_edit.text()
+        == first.window.measure_page.run_panel.folder_edit.text()
+    )
 
 
 def test_the_form_says_what_it_said_unless_a_protocol_is_asked_for(open_stage: OpenStage, settings: QSettings) -> None:
     left = FreeDecay(step_v=0.25)
     first = open_stage()
-    first.window.measure.panel.fill(left)
+    first.window.measure_page.run_panel.set_protocol(left)
     first.window.close()
     until(lambda: not first.window.isVisible())
-    assert open_stage().window.measure.panel.protocol == left
-    assert open_stage(protocol=SineDwell(record_s=0.7)).window.measure.panel.protocol == SineDwell(record_s=0.7)
+    assert open_stage().window.measure_page.run_panel.protocol == left
+    assert open_stage(protocol=SineDwell(record_s=0.7)).window.measure_page.run_panel.protocol == SineDwell(
+        record_s=0.7
+    )
 
 
 @pytest.mark.parametrize(
@@ -314,7 +327,7 @@ def test_a_form_that_was_kept_by_another_version_is_the_papers(
     open_stage: OpenStage, settings: QSettings, kept: str
 ) -> None:
     settings.setValue("measure/form", kept)
-    assert open_stage().window.measure.panel.protocol == SineDwell()
+    assert open_stage().window.measure_page.run_panel.protocol == SineDwell()
 
 
 @pytest.mark.parametrize("size", [(1280, 720), pytest.param((2560, 1440), marks=pytest.mark.deep)])
@@ -334,10 +347,10 @@ def test_light_and_dark_can_be_told_in_the_picture(stage: Stage, tmp_path: Path,
 
 def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.run()
+    stage.window.start_run()
     stage.happen(*LIVE, point(0, 150.0, Quality.UNSETTLED))
-    canvas, scatter = stage.window.measure.response.canvas, stage.window.measure.response.scatters[0]
-    until(lambda: stage.window.overlay.ready() is not None)
+    canvas, scatter = stage.window.measure_page.response.canvas, stage.window.measure_page.response.scatters[0]
+    until(lambda: stage.window.overlay.result() is not None)
     stage.window.tick()
     QCoreApplication.processEvents()
     at = canvas.mapFromScene(scatter.mapToScene(scatter.points()[0].pos()))
@@ -369,6 +382,6 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         stage.window.resize(size)
         QCoreApplication.processEvents()
         assert stage.window.size() == size
-        bar = stage.window.bar
-        assert bar.stop.width() >= bar.stop.sizeHint().width()
-        assert bar.lamps[0].y() > bar.state.geometry().bottom()
+        bar = stage.window.status_bar
+        assert bar.stop_button.width() >= bar.stop_button.sizeHint().width()
+        assert bar.lamps[0].y() > bar.state_sign.geometry().bottom()

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from app.report.content import gather
+from app.report.content import build_report
 from app.report.document import Report
-from app.report.runs import Taken
-from app.report.specimen import Specimen
+from app.report.runs import ReportRun
+from app.report.specimen import SpecimenModel
 from tests.helpers.report_specimen import DWELL, STEPS, TRUTH
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
@@ -23,5 +23,5 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="package")
-def gathered(folder: Path) -> tuple[Report, Specimen, tuple[Taken, ...]]:
-    return gather(folder, "T1")
+def gathered(folder: Path) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
+    return build_report(folder, "T1")

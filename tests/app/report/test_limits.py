@@ -7,10 +7,10 @@ import pytest
 
 from app.cli import report as command
 from app.cli.main import main
-from app.report.document import Words
-from app.report.figures_of_merit import MERITS, Merit
-from app.report.limits import Limit, Limits, LimitsError, judge, read_limits
-from app.report.rounding import plain, probability, stated
+from app.report.document import Paragraph
+from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit
+from app.report.limits import Limit, Limits, LimitsError, judge_limits, read_limits
+from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
 from tests.helpers.report_specimen import blocks_of
 
 
@@ -55,7 +55,7 @@ def test_what_is_no_file_of_limits_is_a_sentence(tmp_path: Path, text: str, says
         read_limits(tmp_path / "none.toml")
 
 
-RESONANCE = {"resonance": Merit("resonance", 150.5, 0.5)}
+RESONANCE = {"resonance": FigureOfMerit("resonance", 150.5, 0.5)}
 
 
 @pytest.mark.parametrize(
@@ -74,14 +74,14 @@ RESONANCE = {"resonance": Merit("resonance", 150.5, 0.5)}
     ],
 )
 def test_a_verdict_minds_the_uncertainty(limit: Limit, rule: str, verdict: str) -> None:
-    golden = {"resonance": Merit("resonance", 153.0, 0.5)}
-    (outcome,) = judge(Limits({"resonance": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
+    golden = {"resonance": FigureOfMerit("resonance", 153.0, 0.5)}
+    (outcome,) = judge_limits(Limits({"resonance": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
     assert outcome.verdict == verdict, outcome
 
 
 def test_what_was_not_measured_does_not_pass() -> None:
     asked = Limits({"k2": Limit(low=1e-3), "resonance": Limit(within_golden=0.5)}, golden="T0")
-    k2, resonance = judge(asked, RESONANCE, {})
+    k2, resonance = judge_limits(asked, RESONANCE, {})
     assert (k2.verdict, resonance.verdict) == ("cannot tell", "cannot tell")
     assert "T0" in resonance.why
 
@@ -89,14 +89,14 @@ def test_what_was_not_measured_does_not_pass() -> None:
 @pytest.mark.parametrize(
     ("text", "is_"),
     [
-        (stated(-1.33e-5, 2.5e-8, "N m^2"), "(−13.300 ± 0.025) × 10⁻⁶ N m²"),
-        (stated(-1.33e-5, 2.5e-8, "N m/V"), "−13.300 ± 0.025 N mm/kV"),
-        (stated(54812.0, 312.0, "kg/(m s)"), "54812 ± 312 kg/(m s)"),
-        (stated(7.73e-3, 1e-5, "kg"), "7.730 ± 0.010 g"),
-        (stated(3.0, 0.0, "1"), "3"),
-        (plain(1.4e-3, 3), "1.4 × 10⁻³"),
-        (probability(3.2e-8), "3 × 10⁻⁸"),
-        (probability(0.0), "< 10⁻¹⁰"),
+        (typeset_measurement(-1.33e-5, 2.5e-8, "N m^2"), "(−13.300 ± 0.025) × 10⁻⁶ N m²"),
+        (typeset_measurement(-1.33e-5, 2.5e-8, "N m/V"), "−13.300 ± 0.025 N mm/kV"),
+        (typeset_measurement(54812.0, 312.0, "kg/(m s)"), "54812 ± 312 kg/(m s)"),
+        (typeset_measurement(7.73e-3, 1e-5, "kg"), "7.730 ± 0.010 g"),
+        (typeset_measurement(3.0, 0.0, "1"), "3"),
+        (typeset_number(1.4e-3, 3), "1.4 × 10⁻³"),
+        (typeset_probability(3.2e-8), "3 × 10⁻⁸"),
+        (typeset_probability(0.0), "< 10⁻¹⁰"),
     ],
 )
 def test_numbers_are_printed_to_what_their_errors_allow(text: str, is_: str) -> None:
@@ -110,7 +110,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     assert main(["report", "--new-limits", "limits.toml"]) == 0
     assert main(["report", "--new-limits", "limits.toml"]) == 2
     example = Path("limits.toml").read_text("utf-8")
-    for name in MERITS:
+    for name in FIGURES_OF_MERIT:
         assert name in example
     report = ["report", "T1", "--folder", str(folder), "--out", "out", "--json", "--limits"]
     assert set(read_limits(Path("limits.toml")).limits) == {"resonance", "amplitude_at_resonance", "smallest_margin"}
@@ -120,7 +120,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     capsys.readouterr()
     said: list[str] = []
     monkeypatch.setattr(
-        command, "write", lambda content, *_: said.extend(b.text for b in blocks_of(content, Words)) or ()
+        command, "write", lambda content, *_: said.extend(b.text for b in blocks_of(content, Paragraph)) or ()
     )
     assert main([*report, "strict.toml"]) == 1
     told = capsys.readouterr()

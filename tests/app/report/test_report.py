@@ -15,11 +15,11 @@ from matplotlib.backends.backend_pdf import PdfPages
 
 from app.cli import report as command
 from app.cli.main import main
-from app.report.content import ReportError, gather, marks
-from app.report.document import Grid, Plot, Report, Words
-from app.report.figures_of_merit import felt, quick
-from app.report.runs import Taken, take
-from app.report.specimen import Specimen
+from app.report.content import ReportError, build_report, page_marks
+from app.report.document import Paragraph, Report, ReportPlot, ReportTable
+from app.report.figures_of_merit import perception_margin_of, step_latency_of
+from app.report.runs import ReportRun, read_report_runs
+from app.report.specimen import SpecimenModel
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
@@ -36,8 +36,8 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 def texts(report: Report) -> str:
     """All words and all cells of a report."""
-    words = [block.text for block in blocks_of(report, Words)]
-    cells = [cell for grid in blocks_of(report, Grid) for row in grid.rows for cell in row]
+    words = [block.text for block in blocks_of(report, Paragraph)]
+    cells = [cell for grid in blocks_of(report, ReportTable) for row in grid.rows for cell in row]
     return "\n".join([*words, *cells])
 
 
@@ -98,9 +98,11 @@ def test_two_reports_of_the_same_files_are_the_same_bytes(written: Written, tmp_
         assert (tmp_path / name).read_bytes() == (written.out / name).read_bytes()
 
 
-def test_what_the_first_page_says_is_what_the_plant_is(gathered: tuple[Report, Specimen, tuple[Taken, ...]]) -> None:
+def test_what_the_first_page_says_is_what_the_plant_is(
+    gathered: tuple[Report, SpecimenModel, tuple[ReportRun, ...]],
+) -> None:
     report, known, _ = gathered
-    assert report.marks == ("SIMULATED",)
+    assert report.page_marks == ("SIMULATED",)
     merits = {m["name"]: m for m in report.record["merits"]}  # type: ignore[attr-defined]
     for name in ("mu", "c0"):
         assert merits[name]["value"] == pytest.approx(getattr(TRUTH, name), rel=2e-3)
@@ -113,36 +115,38 @@ def test_what_the_first_page_says_is_what_the_plant_is(gathered: tuple[Report, S
     assert merits["amplitude_at_resonance"]["standard_error"] > 0.0019 * exact.max()  # 0.2 % of the sensor's gain
     at_top = 2 * 1000.0 * float(np.abs(exact_response(TRUTH, np.array([250.0])))[0]) / 50e-6
     assert merits["smallest_margin"]["value"] == pytest.approx(at_top, rel=0.01)
-    assert known.tells_free
+    assert known.identifies_free_response
 
 
 def test_margin_and_latency_of_the_papers_tactor_are_the_settled_numbers() -> None:
-    table = Specimen(Tactor(), Membrane(), AmplifierMap(), None)
-    soon = quick(table)
+    table = SpecimenModel(Tactor(), Membrane(), AmplifierMap(), None)
+    soon = step_latency_of(table)
     assert soon is not None
     assert soon.latency is not None
     assert soon.latency.value == pytest.approx(0.56e-3, abs=0.01e-3)
     assert soon.overshoot == pytest.approx(0.51, abs=0.005)
-    free, pressed = felt(table, None), felt(table, 6.35e-3)
+    free, pressed = perception_margin_of(table, None), perception_margin_of(table, 6.35e-3)
     assert free is not None
     assert pressed is not None
     assert free.margin == pytest.approx(291.8 / 50, rel=2e-3)
-    assert free.usable == ((5.0, 250.0),)
+    assert free.felt_bands == ((5.0, 250.0),)
     assert np.interp(
         200.0, np.concatenate((np.linspace(5, 37.5, 14), np.linspace(40, 250, 85))), pressed.band.centre
     ) == (pytest.approx(91.9e-6, rel=5e-3))
 
 
-def test_r_and_residuals_are_those_of_the_drawn_points(gathered: tuple[Report, Specimen, tuple[Taken, ...]]) -> None:
+def test_r_and_residuals_are_those_of_the_drawn_points(
+    gathered: tuple[Report, SpecimenModel, tuple[ReportRun, ...]],
+) -> None:
     report, _, _ = gathered
-    plots = {plot.title: plot for plot in blocks_of(report, Plot)}
-    (dots,) = plots["Fig. 9: frequency response"].panels[0].dots
+    plots = {plot.title: plot for plot in blocks_of(report, ReportPlot)}
+    (dots,) = plots["Fig. 9: frequency response"].panels[0].points
     assert dots.model is not None
-    (table,) = [g for g in blocks_of(report, Grid) if g.title == "Validation curves"]
+    (table,) = [g for g in blocks_of(report, ReportTable) if g.title == "Validation curves"]
     row = next(row for row in table.rows if row[0].startswith("Fig. 9"))
     assert float(row[2]) == pytest.approx(np.corrcoef(dots.y, dots.model)[0, 1], abs=1e-4)
     assert float(row[5].split()[0]) == pytest.approx(float(np.sqrt(np.mean((dots.y - dots.model) ** 2))), rel=5e-3)
-    assert (np.abs(dots.y - dots.model) < dots.half).all()
+    assert (np.abs(dots.y - dots.model) < dots.half_interval).all()
 
 
 def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> None:
@@ -154,9 +158,9 @@ def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> Non
         entry["points/fundamental"][4] *= 3
 
     change(path, flag)
-    report, _, _ = gather(copy, "T1")
+    report, _, _ = build_report(copy, "T1")
     assert "1 clipped" in texts(report)
-    (dots,) = next(p for p in blocks_of(report, Plot) if "Fig. 9" in p.title).panels[0].dots
+    (dots,) = next(p for p in blocks_of(report, ReportPlot) if "Fig. 9" in p.title).panels[0].points
     assert dots.good.tolist() == [True, True, True, True, False]
     mu = next(m for m in report.record["merits"] if m["name"] == "mu")  # type: ignore[attr-defined]
     assert mu["value"] == pytest.approx(TRUTH.mu, rel=3e-3)
@@ -168,45 +172,45 @@ def test_a_damaged_run_is_named_and_a_run_that_was_gone_on_with_counts_once(copy
     shutil.copy(first, later)
     change(later, lambda entry: replaced(entry, "continues", first.name))
     (copy / "20991231T000001Z_T1_sweep.h5").write_bytes(first.read_bytes()[:20_000])
-    runs = take(copy, "T1")
+    runs = read_report_runs(copy, "T1")
     by_name = {run.name: run for run in runs}
-    assert by_name[first.name].left_out == f"its points are carried on in {later.name}"
-    assert "cut off" in by_name["20991231T000001Z_T1_sweep.h5"].trouble
-    assert sum(bool(r.observations) and not r.left_out for r in runs) == 2
+    assert by_name[first.name].exclusion_reason == f"its points are carried on in {later.name}"
+    assert "cut off" in by_name["20991231T000001Z_T1_sweep.h5"].problem
+    assert sum(bool(r.observations) and not r.exclusion_reason for r in runs) == 2
 
 
 def test_a_copy_in_a_folder_below_counts_once(copy: Path) -> None:
     first = next(copy.glob("*sine-dwell.h5"))
     (copy / "backup").mkdir()
     shutil.copy(first, copy / "backup")
-    report, known, _ = gather(copy, "T1")
+    report, known, _ = build_report(copy, "T1")
     assert f"backup/{first.name} is left out of the identification: it is a copy of {first.name}" in texts(report)
-    assert known.found is not None
-    assert len(known.found.campaign.runs) == 2
+    assert known.identification is not None
+    assert len(known.identification.observations.runs) == 2
 
 
 def test_real_runs_are_not_marked_and_simulated_ones_beside_them_take_no_part(copy: Path) -> None:
     real = next(copy.glob("*sine-dwell.h5"))
     change(real, lambda entry: replaced(entry, "simulated", False))
-    runs = take(copy, "T1")
-    assert marks(runs) == ()
-    assert [run.left_out for run in runs] == ["", "it is simulated, and there are real runs"]
+    runs = read_report_runs(copy, "T1")
+    assert page_marks(runs) == ()
+    assert [run.exclusion_reason for run in runs] == ["", "it is simulated, and there are real runs"]
     change(real, lambda entry: entry.create_dataset("imported", data=json.dumps({"files": []})))
     change(real, lambda entry: entry["points/quality"].__setitem__(slice(None), int(Quality.IMPORTED)))
-    runs = take(copy, "T1")
-    assert marks(runs) == ("IMPORTED",)
-    assert not runs[0].flags  # where it comes from is no fault of a point
+    runs = read_report_runs(copy, "T1")
+    assert page_marks(runs) == ("IMPORTED",)
+    assert not runs[0].flag_counts  # where it comes from is no fault of a point
     change(real, lambda entry: replaced(entry, "simulated", True))
-    assert marks(take(copy, "T1")) == ("SIMULATED", "IMPORTED IN PART")
+    assert page_marks(read_report_runs(copy, "T1")) == ("SIMULATED", "IMPORTED IN PART")
 
 
 def test_a_table_with_fundamentals_only_is_drawn_against_the_models_fundamental(copy: Path) -> None:
     for path in copy.glob("*sine-dwell.h5"):
         change(path, lambda entry: entry["points/peak_to_peak"].__setitem__(slice(None), np.nan))
-    report, _, _ = gather(copy, "T1")
-    panel = next(p for p in blocks_of(report, Plot) if "Fig. 9" in p.title).panels[0]
+    report, _, _ = build_report(copy, "T1")
+    panel = next(p for p in blocks_of(report, ReportPlot) if "Fig. 9" in p.title).panels[0]
     assert panel.y_label == "2 x fundamental (µm)"
-    (dots,) = panel.dots
+    (dots,) = panel.points
     exact = 2e6 * 1000.0 * np.abs(exact_response(TRUTH, dots.x))
     assert dots.y == pytest.approx(exact, rel=0.01)
     assert dots.model == pytest.approx(exact, rel=0.01)
@@ -215,11 +219,11 @@ def test_a_table_with_fundamentals_only_is_drawn_against_the_models_fundamental(
 def test_what_cannot_be_identified_is_said_and_nothing_is_claimed_of_it(copy: Path) -> None:
     next(copy.glob("*voltage-steps.h5")).unlink()
     change(next(copy.glob("*sine-dwell.h5")), lambda entry: entry["points/quality"].__setitem__(slice(1, 5), 1))
-    report, known, _ = gather(copy, "T1")
+    report, known, _ = build_report(copy, "T1")
     said = texts(report)
     assert "Not identifiable from these runs: mu and m_add and c0: relative changes of" in said
     assert "No statement on threshold and latency" in said
-    assert not known.tells_free
+    assert not known.identifies_free_response
     assert report.record["merits"] == []
 
 
@@ -233,8 +237,8 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
             replaced(entry, "instrument/displacement_sensor/calibrated", "2019-05-04")
 
         change(path, expire)
-    report, _, _ = gather(copy, "T1")
-    (grid,) = [g for g in blocks_of(report, Grid) if g.title == "Instruments"]
+    report, _, _ = build_report(copy, "T1")
+    (grid,) = [g for g in blocks_of(report, ReportTable) if g.title == "Instruments"]
     (bad,) = [grid.rows[i] for i in grid.bad]
     assert bad[0] == "sensor"
     assert bad[3:5] == ("2019-05-04", "2020-05-04, before 2 runs")
@@ -244,17 +248,17 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
 def test_a_specimen_whose_runs_tell_nothing_of_the_model_still_has_its_report(tmp_path: Path) -> None:
     with laboratory() as lab:
         run(WiringCheck(record_s=0.5, wait_s=0.2), tmp_path, lab)
-    report, known, _ = gather(tmp_path, "T1")
+    report, known, _ = build_report(tmp_path, "T1")
     assert "Nothing is identified: no run tells anything about the model" in texts(report)
-    assert not blocks_of(report, Plot)
-    assert not known.told
+    assert not blocks_of(report, ReportPlot)
+    assert not known.identified_names
 
 
 def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "T9", "--folder", str(tmp_path)]) == 2
     assert "there is no run of specimen 'T9'" in capsys.readouterr().err
     with pytest.raises(ReportError, match="there is no run of specimen 'T9'"):
-        gather(tmp_path, "T9")
+        build_report(tmp_path, "T9")
 
 
 def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -273,7 +277,7 @@ def test_interrupted_it_leaves_what_was_there(
 ) -> None:  # fmt: skip
     (tmp_path / "T1_report.pdf").write_text("before")
     report, known, runs = gathered
-    monkeypatch.setattr(command, "gather", lambda *_: (replace(report, first=(), appendix=()), known, runs))
+    monkeypatch.setattr(command, "build_report", lambda *_: (replace(report, first=(), appendix=()), known, runs))
 
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt

@@ -7,19 +7,25 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.adequacy import Adequacy, adequacy
-from model.identification.fit_options import Setting
+from model.identification.adequacy import Adequacy, assess_adequacy
+from model.identification.fit_options import FitOptions
 from model.identification.joint_fit import joint_fit
-from model.identification.model_discrepancy import departures
-from model.identification.observations import Campaign, FrequencyResponse, MassResonance, StaticLoading, redrawn
+from model.identification.model_discrepancy import possible_discrepancies
+from model.identification.observations import (
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    ObservationSet,
+    StaticLoadingObservation,
+    resample,
+)
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import frequency_response
 
 
 def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) -> Adequacy:
-    measured, _ = redrawn(perfect(world, Noise(), SHARED, drives_v), np.random.default_rng(seed))
-    return adequacy(joint_fit(measured, Setting(n=20)))
+    measured, _ = resample(perfect(world, Noise(), SHARED, drives_v), np.random.default_rng(seed))
+    return assess_adequacy(joint_fit(measured, FitOptions(n=20)))
 
 
 def test_noise_is_called_noise() -> None:
@@ -27,11 +33,11 @@ def test_noise_is_called_noise() -> None:
     campaign = perfect(World(), Noise(), SHARED)
     verdicts = []
     for seed in range(3):
-        measured, _ = redrawn(campaign, np.random.default_rng(seed))
-        verdicts.append(adequacy(joint_fit(measured, Setting(n=20))))
+        measured, _ = resample(campaign, np.random.default_rng(seed))
+        verdicts.append(assess_adequacy(joint_fit(measured, FitOptions(n=20))))
     assert sum(not v.adequate for v in verdicts) == 0
     assert "the misfit is noise: none of" in verdicts[0].words
-    assert verdicts[0].tests > 60
+    assert verdicts[0].test_count > 60
 
 
 @pytest.mark.deep
@@ -51,7 +57,7 @@ def test_what_is_outside_the_model_is_noticed(
 ) -> None:
     verdict = judged(world, drives_v=drives_v)
     assert verdict.adequate is False
-    assert verdict.words.startswith("the model is wrong for these runs")
+    assert verdict.message.startswith("the model is wrong for these runs")
     named = [f for f in verdict.findings if f.kind == kind and words in f.words]
     assert named, [f.words for f in verdict.findings]
     if truth is not None:
@@ -66,29 +72,29 @@ def test_a_clamp_that_gives_comes_first_among_what_it_causes() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_errors_that_are_too_small_are_not_called_a_wrong_model(seed: int) -> None:
     """All noise is twice what the runs state."""
-    campaign, _ = redrawn(perfect(World(), Noise(), ()), np.random.default_rng(seed))
+    campaign, _ = resample(perfect(World(), Noise(), ()), np.random.default_rng(seed))
     hopeful = []
     for run in campaign.runs:
-        name = "errors_hz" if isinstance(run, MassResonance) else "errors_m"
+        name = "errors_hz" if isinstance(run, MassResonanceObservation) else "errors_m"
         hopeful.append(replace(run, **{name: getattr(run, name) / 2}))
-    verdict = adequacy(joint_fit(Campaign(tuple(hopeful)), Setting(n=20)))
+    verdict = assess_adequacy(joint_fit(ObservationSet(tuple(hopeful)), FitOptions(n=20)))
     assert verdict.adequate is False
-    assert re.match(r"the misfit is (1\.9|2(\.\d)?) times the errors given but follows no pattern", verdict.words), (
-        verdict.words
+    assert re.match(r"the misfit is (1\.9|2(\.\d)?) times the errors given but follows no pattern", verdict.message), (
+        verdict.message
     )
 
 
 def test_nothing_left_over_is_no_verdict() -> None:
-    run = StaticLoading("one", np.array([1.0]), np.array([1.4e-4]), np.array([1e-6]))
-    assert adequacy(joint_fit(Campaign((run,)))).adequate is None
+    run = StaticLoadingObservation("one", np.array([1.0]), np.array([1.4e-4]), np.array([1e-6]))
+    assert assess_adequacy(joint_fit(ObservationSet((run,)))).adequate is None
 
 
 def test_a_departure_of_the_predictions_is_what_its_direction_says() -> None:
     """The tuning direction against a response computed at stretched frequencies."""
     f = np.arange(100.0, 251, 10)
-    run = FrequencyResponse("free", f, 1000 * frequency_response(Tactor(), f), 1e-6 * np.ones(f.size))
-    fit = joint_fit(Campaign((run,)), Setting(free=("mu",)))
-    tuning = next(d for d in departures(fit) if d.kind == "tuning")
+    run = FrequencyResponseObservation("free", f, 1000 * frequency_response(Tactor(), f), 1e-6 * np.ones(f.size))
+    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("mu",)))
+    tuning = next(d for d in possible_discrepancies(fit) if d.kind == "tuning")
     slow = 1000 * frequency_response(Tactor(), f / 1.001)
     rows = (slow - 1000 * frequency_response(Tactor(), f)) / 1e-6 / 0.001
     assert tuning.direction == pytest.approx(np.concatenate((rows.real, rows.imag)), rel=0.02, abs=6.0)
@@ -98,5 +104,5 @@ def test_a_soft_clamp_in_the_closed_form_is_the_one_of_finite_elements() -> None
     world = World(clamp=10.0)
     f = np.array([0.0, 50, 150, 300])
     spring = 10 * Tactor().k1 / Tactor().L1
-    assert exact_response(Tactor(), f, clamp=spring) == pytest.approx(world.response(Tactor(), f), rel=1e-5)
-    assert abs(exact_response(Tactor(), f, clamp=spring)[0] / exact_response(Tactor(), f)[0]) > 1.03
+    assert exact_response(Tactor(), f, clamp_stiffness=spring) == pytest.approx(world.response(Tactor(), f), rel=1e-5)
+    assert abs(exact_response(Tactor(), f, clamp_stiffness=spring)[0] / exact_response(Tactor(), f)[0]) > 1.03

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.campaigns import SHARED, Noise, World, perfect
-from model.identification.calibration import Calibration, changes
+from model.identification.calibration import Calibration, compare_calibrations
 from model.identification.fit_result import JointFit
 from model.identification.joint_fit import joint_fit
 from model.parameter_spec import ParameterError
@@ -32,12 +32,12 @@ def calibration(version: int = 1) -> Calibration:
         estimates=estimates,
         covariance=tuple(map(tuple, fit().covariance_of(estimates).tolist())),
         method="joint",
-        runs=tuple(r.label for r in fit().campaign.runs),
+        runs=tuple(r.label for r in fit().observations.runs),
         code="0.1.0",
         accepted_at="2026-11-21T12:00:00+00:00",
         accepted_by="somebody",
-        simulated=fit().campaign.simulated,
-        fixed=fit().setting.base(),
+        simulated=fit().observations.simulated,
+        fixed=fit().options.base_values(),
     )
 
 
@@ -53,7 +53,7 @@ def test_it_makes_the_curve_and_its_band() -> None:
     assert c.tactor().L == Tactor().L
     assert c.membrane().h_m == Membrane().h_m
     study = Study({}, (100.0, 150.0, 200.0), Specimen(c.tactor(), c.membrane(), 0.01))
-    band = linear_band(model_curve(study), c.for_bands())
+    band = linear_band(model_curve(study), c.estimate_set())
     assert (band.standard_error > 0).all()
     assert (band.standard_error < 0.02 * band.centre).all()
 
@@ -63,12 +63,12 @@ def test_changes_are_counted_in_their_own_errors() -> None:
     first = a.estimates[0]
     moved = replace(first, value=first.value + 3 * first.standard_error)
     b = replace(a, version=2, estimates=(moved, *a.estimates[1:]))
-    (change, *others) = changes(a, b)
+    (change, *others) = compare_calibrations(a, b)
     assert change.name == "k2"
-    assert change.standard_errors == pytest.approx(3 / np.sqrt(2))
-    assert all(o.standard_errors == 0 for o in others)
+    assert change.sigmas == pytest.approx(3 / np.sqrt(2))
+    assert all(o.sigmas == 0 for o in others)
     gone = replace(b, estimates=b.estimates[:-1], covariance=tuple(r[:-1] for r in b.covariance[:-1]))
-    assert changes(a, gone)[-1].after is None
+    assert compare_calibrations(a, gone)[-1].after is None
 
 
 @pytest.mark.parametrize(

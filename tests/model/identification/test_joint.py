@@ -8,21 +8,21 @@ import pytest
 
 from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
 from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import FitCancelled, IdentificationError, Setting
-from model.identification.forward_model import with_values
+from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
+from model.identification.forward_model import with_predictions
 from model.identification.joint_fit import joint_fit
 from model.identification.observations import (
-    Campaign,
-    CommonError,
-    FrequencyResponse,
-    MassResonance,
-    MembraneSag,
+    FrequencyResponseObservation,
+    MassResonanceObservation,
+    MembraneSagObservation,
     Observation,
-    StaticLoading,
-    VoltageSteps,
-    redrawn,
+    ObservationSet,
+    SharedError,
+    StaticLoadingObservation,
+    VoltageStepsObservation,
+    resample,
 )
-from model.identification.residuals import Problem
+from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response
@@ -34,32 +34,36 @@ PERFECT = perfect(World(), Noise(), SHARED)
 ELEMENTS = perfect(World(by_elements=True), Noise(), ())
 
 
-def without(*kinds: type) -> Campaign:
-    return Campaign(tuple(r for r in PERFECT.runs if not isinstance(r, kinds)))
+def without(*kinds: type) -> ObservationSet:
+    return ObservationSet(tuple(r for r in PERFECT.runs if not isinstance(r, kinds)))
 
 
-def free_only(tactor: Tactor | None = None, f: np.ndarray | None = None, **more: object) -> FrequencyResponse:
+def free_only(
+    tactor: Tactor | None = None, f: np.ndarray | None = None, **more: object
+) -> FrequencyResponseObservation:
     f = np.arange(60.0, 251, 10) if f is None else f
     F = amplifier_response(tactor or Tactor(), f).fundamental
-    return FrequencyResponse("free", f, F, 0.003 * abs(F), **more)  # type: ignore[arg-type]
+    return FrequencyResponseObservation("free", f, F, 0.003 * abs(F), **more)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("data", [PERFECT, ELEMENTS], ids=["closed form", "finite elements"])
-def test_the_truth_of_an_independent_solution_comes_back(data: Campaign) -> None:
+def test_the_truth_of_an_independent_solution_comes_back(data: ObservationSet) -> None:
     """Within 2e-4, the error of 20 shapes; and from a start that is 30 % off everywhere."""
     start = {n: 1.3 * v for n, v in TRUE.items()}
-    fit = joint_fit(data, Setting(n=20, start=start))
+    fit = joint_fit(data, FitOptions(n=20, start=start))
     assert {e.name: e.value for e in fit.estimates()} == pytest.approx(TRUE, rel=2e-4)
     assert fit.converged
     assert fit.chi_square < 0.1
 
 
 def test_geometry_can_be_identified_where_a_caliper_helps() -> None:
-    data = with_values(
-        PERFECT, Problem(PERFECT, Setting(tactor=Tactor(L1=8.1e-3))).forward, Problem(PERFECT, Setting()).start
+    data = with_predictions(
+        PERFECT,
+        LeastSquaresProblem(PERFECT, FitOptions(tactor=Tactor(L1=8.1e-3))).forward_model,
+        LeastSquaresProblem(PERFECT, FitOptions()).start,
     )
     free = (*TRUE, "L1")
-    fit = joint_fit(data, Setting(free=free, known={"L1": (8e-3, 2e-4)}))
+    fit = joint_fit(data, FitOptions(free=free, priors={"L1": (8e-3, 2e-4)}))
     got = {e.name: e for e in fit.estimates()}
     assert got["L1"].value == pytest.approx(8.1e-3, rel=3e-3)
     assert got["L1"].standard_error < 2e-4
@@ -67,11 +71,11 @@ def test_geometry_can_be_identified_where_a_caliper_helps() -> None:
 
 F3 = np.array([60.0, 80, 150])
 DRIVEN = amplifier_response(Tactor(), F3, skin=skin(Membrane(), 0.01))
-WIDTH = FrequencyResponse(
-    "width", F3, peak_to_peak_m=DRIVEN.peak_to_peak, peak_to_peak_errors_m=1e-6 * np.ones(3), common=(SENSOR,)
+WIDTH = FrequencyResponseObservation(
+    "width", F3, peak_to_peak_m=DRIVEN.peak_to_peak, peak_to_peak_errors_m=1e-6 * np.ones(3), shared_errors=(SENSOR,)
 )
-MODULUS = FrequencyResponse("modulus", F3, abs(DRIVEN.fundamental), 1e-6 * np.ones(3), elongation_m=1.7e-3)
-UNDAMPED = MassResonance("undamped", np.array([2e-3, 5e-3]), np.array([280.0, 190]), np.ones(2), "undamped")
+MODULUS = FrequencyResponseObservation("modulus", F3, abs(DRIVEN.fundamental), 1e-6 * np.ones(3), elongation_m=1.7e-3)
+UNDAMPED = MassResonanceObservation("undamped", np.array([2e-3, 5e-3]), np.array([280.0, 190]), np.ones(2), "undamped")
 EVERY = ("k2", "mu", "c0", "m_add", "E_m", "c_s_0", "c_s_delta", "L", "L1", "L2", "E_Al", "h_Al", "rho1", "rho2", "h_m", "L_m",
          "contact_length", "asymmetry", "c_s(1.27 mm)", "k_s(2.54 mm)")  # fmt: skip
 
@@ -86,7 +90,7 @@ EVERY = ("k2", "mu", "c0", "m_add", "E_m", "c_s_0", "c_s_delta", "L", "L1", "L2"
     ids=["every kind of run and parameter", "max - min"],
 )
 def test_the_slopes_are_those_of_the_predictions(runs: tuple[Observation, ...], free: tuple[str, ...]) -> None:
-    problem = Problem(Campaign(runs), Setting(free=free))
+    problem = LeastSquaresProblem(ObservationSet(runs), FitOptions(free=free))
     theta = problem.start * 1.01 + 1e-3 * (problem.start == 0)
     _, J = problem.evaluate(theta)
     for i, name in enumerate(problem.names):
@@ -99,7 +103,7 @@ def test_the_slopes_are_those_of_the_predictions(runs: tuple[Observation, ...], 
 def test_shared_errors_widen_what_they_act_on_and_nothing_else() -> None:
     """mu goes with the product of two gains of 0.2 % and 0.5 %; more points do not help it below that."""
     fit = joint_fit(PERFECT)
-    alone = joint_fit(Campaign(tuple(replace(r, common=()) for r in PERFECT.runs)))
+    alone = joint_fit(ObservationSet(tuple(replace(r, common=()) for r in PERFECT.runs)))
     error = {e.name: abs(e.standard_error / e.value) for e in fit.estimates()}
     ideal = {e.name: abs(e.standard_error / e.value) for e in alone.estimates()}
     assert error["mu"] > 0.005 > 3 * ideal["mu"]
@@ -109,8 +113,8 @@ def test_shared_errors_widen_what_they_act_on_and_nothing_else() -> None:
 def test_dwells_on_one_voltage_cannot_tell_the_gain_from_the_coupling() -> None:
     """Free everything that only enters as a product with mu: told as a combination, never as a number."""
     run = free_only()
-    fit = joint_fit(Campaign((run,)), Setting(free=("k2", "mu", "c0", "m_add", "rho1", "rho2", "E_Al")))
-    lost = max(fit.unidentified, key=lambda c: c.standard_error)
+    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2", "mu", "c0", "m_add", "rho1", "rho2", "E_Al")))
+    lost = max(fit.unidentified_combinations, key=lambda c: c.standard_error)
     assert lost.standard_error == np.inf
     assert set(lost.shares) == set(fit.names)
     assert np.ptp([abs(s) for s in lost.shares.values()]) < 1e-4, "all move by the same share"
@@ -120,10 +124,10 @@ def test_dwells_on_one_voltage_cannot_tell_the_gain_from_the_coupling() -> None:
 
 def test_what_is_not_lost_is_still_told() -> None:
     """Two parameters nobody looked at do not hide k2."""
-    data = Campaign(tuple(r for r in PERFECT.runs if isinstance(r, StaticLoading)))
-    fit = joint_fit(data, Setting(free=("k2", "c0", "mu")))
-    assert {n for c in fit.unidentified for n in c.shares} == {"c0", "mu"}
-    assert [c.standard_error for c in fit.unidentified] == [np.inf, np.inf]
+    data = ObservationSet(tuple(r for r in PERFECT.runs if isinstance(r, StaticLoadingObservation)))
+    fit = joint_fit(data, FitOptions(free=("k2", "c0", "mu")))
+    assert {n for c in fit.unidentified_combinations for n in c.shares} == {"c0", "mu"}
+    assert [c.standard_error for c in fit.unidentified_combinations] == [np.inf, np.inf]
     (k2,) = fit.estimates()
     assert k2.value == pytest.approx(7e-3, rel=1e-3)
     assert k2.source == ("mfc", "aluminium")
@@ -131,9 +135,9 @@ def test_what_is_not_lost_is_still_told() -> None:
 
 @pytest.mark.parametrize("factor", [0.1, 0.3, 3.0, 10.0])
 def test_bad_starts_find_the_truth(factor: float) -> None:
-    noisy, _ = redrawn(PERFECT, np.random.default_rng(2))
+    noisy, _ = resample(PERFECT, np.random.default_rng(2))
     start = {n: factor * v for n, v in TRUE.items()}
-    fit = joint_fit(noisy, Setting(start=start))
+    fit = joint_fit(noisy, FitOptions(start=start))
     good = joint_fit(noisy)
     assert fit.chi_square == pytest.approx(good.chi_square, rel=1e-3)
     assert fit.theta == pytest.approx(good.theta, rel=1e-3, abs=1e-5)
@@ -141,10 +145,10 @@ def test_bad_starts_find_the_truth(factor: float) -> None:
 
 def test_contradictory_runs_get_an_answer_and_the_verdict_says_so() -> None:
     F = np.array([1.0, 2.0, 5.0])
-    a, b = (StaticLoading(s, F, w * F, 1e-6 * np.ones(3)) for s, w in (("a", 1.2e-4), ("b", 1.6e-4)))
-    fit = joint_fit(Campaign((a, b)))
+    a, b = (StaticLoadingObservation(s, F, w * F, 1e-6 * np.ones(3)) for s, w in (("a", 1.2e-4), ("b", 1.6e-4)))
+    fit = joint_fit(ObservationSet((a, b)))
     (k2,) = fit.estimates()
-    apart = [joint_fit(Campaign((r,))).estimates()[0].value for r in (a, b)]
+    apart = [joint_fit(ObservationSet((r,))).estimates()[0].value for r in (a, b)]
     assert min(apart) < k2.value < max(apart)
     assert "times what the errors explain" in fit.verdict
     assert k2.standard_error > 10 * np.sqrt(fit.covariance[0, 0]) / 1.001
@@ -153,30 +157,32 @@ def test_contradictory_runs_get_an_answer_and_the_verdict_says_so() -> None:
 
 def test_one_point_is_an_answer_without_a_test() -> None:
     w = load_compliance(Tactor()) * 2.0
-    fit = joint_fit(Campaign((StaticLoading("one", np.array([2.0]), np.array([w]), np.array([1e-6])),)))
+    fit = joint_fit(
+        ObservationSet((StaticLoadingObservation("one", np.array([2.0]), np.array([w]), np.array([1e-6])),))
+    )
     assert fit.estimates()[0].value == pytest.approx(7e-3)
     assert "no residual is left" in fit.verdict
 
 
 def test_fewer_points_than_parameters_is_told() -> None:
     run = free_only(f=np.array([150.0]))
-    fit = joint_fit(Campaign((run,)), Setting(free=("k2", "mu", "c0", "m_add")))
-    assert len(fit.unidentified) == 2
+    fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2", "mu", "c0", "m_add")))
+    assert len(fit.unidentified_combinations) == 2
     assert not fit.estimates()
 
 
 VOLTS = AmplifierMap().specimen_v(np.array([0.5, 1.5, 3.5, 4.5]))
-LEVELS = VoltageSteps(
+LEVELS = VoltageStepsObservation(
     "levels", np.array([0.5, 1.5, 3.5, 4.5]), voltage_gain(Tactor()) * VOLTS, np.array([1e-6, 2e-6, 1e-6, 3e-6])
 )
 
 
 def test_a_linear_fit_has_the_standard_error_of_the_textbook() -> None:
     per = voltage_gain(Tactor(mu=1.0)) * VOLTS / LEVELS.errors_m
-    plain = joint_fit(Campaign((LEVELS,))).estimates()[0].standard_error
+    plain = joint_fit(ObservationSet((LEVELS,))).estimates()[0].standard_error
     assert plain == pytest.approx((per @ per) ** -0.5, rel=1e-6)
-    gain = CommonError("gain", "displacement", 0.01)
-    shared = joint_fit(Campaign((replace(LEVELS, common=(gain,)),))).estimates()[0].standard_error
+    gain = SharedError("gain", "displacement", 0.01)
+    shared = joint_fit(ObservationSet((replace(LEVELS, common=(gain,)),))).estimates()[0].standard_error
     assert shared == pytest.approx(np.hypot(plain, 0.01 * 1.33e-5), rel=1e-4)
 
 
@@ -184,8 +190,8 @@ def test_a_robust_fit_does_not_count_what_it_let_go() -> None:
     w = np.array(LEVELS.deflection_m)
     w[0] += 1e-3
     without = replace(LEVELS, good=np.array([False, True, True, True]))
-    robust = joint_fit(Campaign((replace(LEVELS, deflection_m=w),)), Setting(loss="cauchy"))
-    honest = joint_fit(Campaign((without,)))
+    robust = joint_fit(ObservationSet((replace(LEVELS, deflection_m=w),)), FitOptions(loss="cauchy"))
+    honest = joint_fit(ObservationSet((without,)))
     assert np.sqrt(robust.covariance[0, 0]) == pytest.approx(np.sqrt(honest.covariance[0, 0]), rel=1e-3)
 
 
@@ -195,7 +201,9 @@ def test_a_robust_loss_lets_go_of_an_outlier_and_names_it() -> None:
     w = np.array(runs[0].deflection_m)
     w[-1] *= 1.3
     runs[0] = replace(runs[0], deflection_m=w)
-    plain, robust = (joint_fit(Campaign(tuple(runs)), Setting(n=20, loss=loss)) for loss in ("linear", "cauchy"))
+    plain, robust = (
+        joint_fit(ObservationSet(tuple(runs)), FitOptions(n=20, loss=loss)) for loss in ("linear", "cauchy")
+    )
     off = [abs(next(e.value for e in fit.estimates() if e.name == "k2") / 7e-3 - 1) for fit in (plain, robust)]
     assert off[1] < off[0] / 3
     assert robust.residuals[0].outliers == (4,)
@@ -207,13 +215,13 @@ def test_flagged_points_are_out() -> None:
     w[-1] = np.nan
     good = np.array([True, True, True, True, False])
     runs[0] = replace(runs[0], deflection_m=w, good=good)
-    fit = joint_fit(Campaign(tuple(runs)), Setting(n=20))
+    fit = joint_fit(ObservationSet(tuple(runs)), FitOptions(n=20))
     assert fit.residuals[0].values.size == 4
     assert {e.name: e.value for e in fit.estimates()} == pytest.approx(TRUE, rel=2e-4)
 
 
 def test_tied_and_fixed() -> None:
-    fit = joint_fit(PERFECT, Setting(n=20, tied={"c_s_delta": ("c_s_0", 5.48e4 / 165)}, fixed={"E_m": 6.95e6}))
+    fit = joint_fit(PERFECT, FitOptions(n=20, tied={"c_s_delta": ("c_s_0", 5.48e4 / 165)}, fixed={"E_m": 6.95e6}))
     got = {e.name: e.value for e in fit.estimates()}
     assert set(got) == {"k2", "mu", "m_add", "c0", "c_s_0"}
     assert got["c_s_0"] == pytest.approx(165, rel=2e-4)
@@ -221,7 +229,7 @@ def test_tied_and_fixed() -> None:
 
 
 def test_damping_at_each_elongation() -> None:
-    fit = joint_fit(PERFECT, Setting(n=20, each=True))
+    fit = joint_fit(PERFECT, FitOptions(n=20, per_elongation=True))
     got = {e.name: e.value for e in fit.estimates()}
     for mm in (0, 1.27, 2.54, 3.81, 5.08, 6.35):
         assert got[f"c_s({mm:g} mm)"] == pytest.approx(165 + 5.48e4 * mm * 1e-3 / 0.17, rel=3e-4)
@@ -231,9 +239,10 @@ def test_a_side_that_is_softer() -> None:
     F = np.array([1.0, 2.0, 5.0])
     C = load_compliance(Tactor())
     sides = tuple(
-        StaticLoading(s, F, C * (1 + a) * F, 1e-6 * np.ones(3), s) for s, a in (("mfc", 0.04), ("aluminium", -0.04))
+        StaticLoadingObservation(s, F, C * (1 + a) * F, 1e-6 * np.ones(3), s)
+        for s, a in (("mfc", 0.04), ("aluminium", -0.04))
     )
-    fit = joint_fit(Campaign(sides), Setting(free=("k2", "asymmetry")))
+    fit = joint_fit(ObservationSet(sides), FitOptions(free=("k2", "asymmetry")))
     assert {e.name: e.value for e in fit.estimates()} == pytest.approx({"k2": 7e-3, "asymmetry": 0.04})
 
 
@@ -246,9 +255,9 @@ def test_cancel_progress_and_time() -> None:
             stop.set()
 
     with pytest.raises(FitCancelled):
-        joint_fit(PERFECT, Setting(start={"k2": 2e-2}), progress, stop.is_set)
+        joint_fit(PERFECT, FitOptions(start={"k2": 2e-2}), progress, stop.is_set)
     assert [n for n, _ in seen] == [1, 2]
-    late = joint_fit(PERFECT, Setting(start={"k2": 2e-2}), seconds=0.0)
+    late = joint_fit(PERFECT, FitOptions(start={"k2": 2e-2}), time_limit_s=0.0)
     assert not late.converged
     assert "time was over" in late.message
 
@@ -256,25 +265,31 @@ def test_cancel_progress_and_time() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: Campaign(()), "no run to identify"),
-        (lambda: Campaign((free_only(), free_only())), "two runs are called 'free'"),
-        (lambda: Campaign((free_only(good=np.zeros(20, bool)),)), "no usable point"),
-        (lambda: free_only(common=(CommonError("x", "colour", 1.0),)), "acts on 'colour'"),  # type: ignore[arg-type]
-        (lambda: CommonError("x", "volts", 0.0), "must be positive"),
-        (lambda: MassResonance("m", np.array([1e-3]), np.array([np.nan]), np.array([1.0])), "not finite at a point"),
-        (lambda: MassResonance("m", np.array([1e-3, 2e-3]), np.array([100.0]), np.array([1.0])), "give one each"),
+        (lambda: ObservationSet(()), "no run to identify"),
+        (lambda: ObservationSet((free_only(), free_only())), "two runs are called 'free'"),
+        (lambda: ObservationSet((free_only(good=np.zeros(20, bool)),)), "no usable point"),
+        (lambda: free_only(common=(SharedError("x", "colour", 1.0),)), "acts on 'colour'"),  # type: ignore[arg-type]
+        (lambda: SharedError("x", "volts", 0.0), "must be positive"),
         (
-            lambda: VoltageSteps("v", np.array([1.0]), np.array([1e-5]), np.array([0.0])),
+            lambda: MassResonanceObservation("m", np.array([1e-3]), np.array([np.nan]), np.array([1.0])),
+            "not finite at a point",
+        ),
+        (
+            lambda: MassResonanceObservation("m", np.array([1e-3, 2e-3]), np.array([100.0]), np.array([1.0])),
+            "give one each",
+        ),
+        (
+            lambda: VoltageStepsObservation("v", np.array([1.0]), np.array([1e-5]), np.array([0.0])),
             "standard error must be positive",
         ),
-        (lambda: MembraneSag("s", np.array([]), np.array([])), "at least one value"),
-        (lambda: joint_fit(PERFECT, Setting(free=("k3",))), "k3 is no parameter"),
-        (lambda: joint_fit(PERFECT, Setting(free=("k2", "k2"))), "named twice"),
-        (lambda: joint_fit(PERFECT, Setting(free=("k2",), fixed={"k2": 7e-3})), "free and fixed at once"),
-        (lambda: joint_fit(PERFECT, Setting(free=("k2",), known={"mu": (1.0, 1.0)})), "not free"),
-        (lambda: joint_fit(PERFECT, Setting(start={"k2": -1.0})), "k2"),
-        (lambda: Setting(fixed={"k2": -1.0}), "greater than 0"),
-        (lambda: Setting(loss="huber"), "choose linear"),  # type: ignore[arg-type]
+        (lambda: MembraneSagObservation("s", np.array([]), np.array([])), "at least one value"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k3",))), "k3 is no parameter"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k2", "k2"))), "named twice"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), fixed={"k2": 7e-3})), "free and fixed at once"),
+        (lambda: joint_fit(PERFECT, FitOptions(free=("k2",), priors={"mu": (1.0, 1.0)})), "not free"),
+        (lambda: joint_fit(PERFECT, FitOptions(start={"k2": -1.0})), "k2"),
+        (lambda: FitOptions(fixed={"k2": -1.0}), "greater than 0"),
+        (lambda: FitOptions(loss="huber"), "choose linear"),  # type: ignore[arg-type]
     ],
 )
 def test_bad_input_is_a_sentence(call: object, words: str) -> None:
@@ -284,4 +299,4 @@ def test_bad_input_is_a_sentence(call: object, words: str) -> None:
 
 def test_nothing_free_is_a_sentence() -> None:
     with pytest.raises(IdentificationError, match="no parameter is free"):
-        joint_fit(PERFECT, Setting(free=()))
+        joint_fit(PERFECT, FitOptions(free=()))

@@ -5,7 +5,7 @@ import pytest
 
 from protocols.signals.checks import coverage_factor
 from protocols.signals.creep import fit_creep
-from protocols.signals.levels import level, step_value
+from protocols.signals.levels import estimate_level, estimate_step
 
 RATE = 5000.0
 
@@ -29,7 +29,7 @@ def test_a_level_is_covered_whether_its_noise_is_white_or_slow(memory: float) ->
     n, seeds = 2000, 400
     t = np.arange(n) / RATE
     mains = 3.0 * np.sin(2 * np.pi * 50 * t + 0.4) + 0.5 * np.sin(2 * np.pi * 150 * t)
-    found = [level(2.0 + mains + slow_noise(rng, n, memory), RATE) for _ in range(seeds)]
+    found = [estimate_level(2.0 + mains + slow_noise(rng, n, memory), RATE) for _ in range(seeds)]
     values = np.array([f.value for f in found])
     bound = np.sqrt((1 + memory) / (1 - memory) / n)  # of the mean of first-order noise, long record
     assert abs(values.mean() - 2.0) < 4 * bound / np.sqrt(seeds)
@@ -42,7 +42,7 @@ def test_a_level_is_covered_whether_its_noise_is_white_or_slow(memory: float) ->
 
 def test_a_variance_alone_would_have_promised_four_times_too_much() -> None:
     rng = np.random.default_rng(12)
-    found = level(slow_noise(rng, 5000, 0.95), RATE)
+    found = estimate_level(slow_noise(rng, 5000, 0.95), RATE)
     assert found.standard_error > 4 * found.noise / np.sqrt(5000)
 
 
@@ -52,7 +52,7 @@ def test_a_step_is_read_where_it_is_asked_for() -> None:
     t = np.arange(n) / RATE - 0.2
     size = np.where(t > 0, 1 + 0.02 * np.log10(np.maximum(t, 1e-4)), 0.0)
     truth = 1 + 0.02 * np.log10(0.5)
-    found = [step_value(7 + size + 0.01 * rng.standard_normal(n), RATE, 0.2, 0.5) for _ in range(seeds)]
+    found = [estimate_step(7 + size + 0.01 * rng.standard_normal(n), RATE, 0.2, 0.5) for _ in range(seeds)]
     values = np.array([f.value for f in found])
     bound = 0.01 * np.sqrt(2 / 500)
     assert abs(values.mean() - truth) < 4 * bound / np.sqrt(seeds) + 3e-5  # the log bends by 2e-5 over the window
@@ -74,7 +74,7 @@ def test_a_step_is_read_where_it_is_asked_for() -> None:
 )
 def test_a_window_that_is_not_there_is_named(step_s: float, read_s: float, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        step_value(np.zeros(5000), RATE, step_s, read_s)
+        estimate_step(np.zeros(5000), RATE, step_s, read_s)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_window_that_is_not_there_is_named(step_s: float, read_s: float, words
 )
 def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | None, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        level(samples, RATE, mains_hz)
+        estimate_level(samples, RATE, mains_hz)
 
 
 @pytest.mark.parametrize("with_drift", [False, True])

@@ -24,11 +24,11 @@ def ellipse(rng: np.random.Generator, cycles: int, lag: float, sigma: float) -> 
 def test_an_ellipse_has_the_width_and_the_area_of_an_ellipse() -> None:
     loop = measure_loops(*ellipse(np.random.default_rng(1), 3, 0.1, 0.0))
     assert loop.width == pytest.approx(2 * 3 * np.sin(0.1), rel=1e-3)
-    assert loop.largest == pytest.approx(loop.width, rel=1e-3)
+    assert loop.max_width == pytest.approx(loop.width, rel=1e-3)
     assert loop.stroke == pytest.approx(2 * 3 * np.cos(0.1), rel=1e-3)
     assert loop.area == pytest.approx(np.pi * 2 * 3 * np.sin(0.1), rel=2e-3)
     assert loop.asymmetry == pytest.approx(0, abs=1e-9)
-    assert loop.share == pytest.approx(np.tan(0.1), rel=1e-3)
+    assert loop.relative_width == pytest.approx(np.tan(0.1), rel=1e-3)
 
 
 def test_a_loop_that_leads_has_a_negative_area_and_a_fat_top_is_told() -> None:

@@ -7,17 +7,17 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from drivers.drive import LinearSweep
-from model.beam.poles import Modal
+from model.beam.poles import ModalForm
 from model.parameters import Tactor
 from model.response.frequency_response import frequency_response, poles
 from model.response.sweep_response import sweep_response as exact_sweep
 from protocols.signals.checks import coverage_factor
-from protocols.signals.modal_fit import fit_mode
+from protocols.signals.modal_fit import fit_sdof
 from protocols.signals.multisine import Multisine
-from protocols.signals.peak import Peak, low_pass, response_peak, spectrum_peak
-from protocols.signals.periodic_response import periodic_response
+from protocols.signals.peak import SpectralPeak, low_pass, response_peak, spectrum_peak
+from protocols.signals.periodic_response import estimate_periodic_response
 from protocols.signals.response import FrequencyResponse
-from protocols.signals.swept_response import SHARP_VARIANCE, sweep_response
+from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
 from tests.helpers.sampled import march
 
 RATE = 5000.0
@@ -57,7 +57,9 @@ def true_peak_hz(tactor: Tactor = Tactor()) -> float:  # noqa: B008 - frozen
 def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float) -> None:
     drive, moved = bench(start_hz, stop_hz)
     rng = np.random.default_rng(1)
-    found = sweep_response(drive, moved + 5e-7 * rng.standard_normal(moved.size), RATE, (25, 525)).within(60, 480)
+    found = estimate_swept_response(drive, moved + 5e-7 * rng.standard_normal(moved.size), RATE, (25, 525)).within(
+        60, 480
+    )
     exact = FUNDAMENTAL * frequency_response(Tactor(), found.frequency_hz, n=N)
     gap = np.abs(found.response / exact - 1)
     assert np.median(gap) < 1e-3
@@ -70,14 +72,14 @@ def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float
 
 def test_the_harmonics_of_the_amplifier_are_not_taken_for_noise() -> None:
     drive, moved = bench()
-    found = sweep_response(drive, moved, RATE, (25, 525)).within(110, 450)
+    found = estimate_swept_response(drive, moved, RATE, (25, 525)).within(110, 450)
     assert np.median(found.standard_error / found.modulus) < 5e-4  # the second harmonic alone is 15 % of the spectrum
 
 
-def two_modes() -> Modal:
+def two_modes() -> ModalForm:
     s = np.array([-0.211 + 0.977j, -0.211 - 0.977j]) * 2 * np.pi * 158.3
     r = np.array([-0.5j, 0.5j]) * 1e-3
-    return Modal(s, r)
+    return ModalForm(s, r)
 
 
 def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
@@ -86,8 +88,10 @@ def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     t = np.arange(n) / RATE
     drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
     clean = march(two_modes(), drive, RATE)
-    without = sweep_response(drive, clean, RATE, (50, 500))
-    noisy = [sweep_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)) for _ in range(seeds)]
+    without = estimate_swept_response(drive, clean, RATE, (50, 500))
+    noisy = [
+        estimate_swept_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)) for _ in range(seeds)
+    ]
     scatter = np.stack([r.modulus for r in noisy]).std(0, ddof=1)
     stated = np.stack([r.standard_error for r in noisy])
     assert np.sqrt(np.mean(scatter**2 / np.mean(stated**2, 0))) == pytest.approx(1, abs=0.05)
@@ -99,7 +103,7 @@ def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     in_line = round(without.resolution_hz * n / RATE)
     k = round(250 * n / RATE)
     bound = np.sqrt(
-        1.5 * SHARP_VARIANCE * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2)
+        1.5 * CORRECTED_VARIANCE * n * sigma**2 / 2 / np.sum(np.abs(X[k - in_line // 2 : k + in_line // 2]) ** 2)
     )
     here = scatter[np.abs(without.frequency_hz - 250) < 100].mean()
     assert here == pytest.approx(bound, rel=0.05)
@@ -109,7 +113,7 @@ def test_lines_as_wide_as_a_quarter_of_the_resonance_do_not_blunt_it() -> None:
     t = np.arange(1 << 15) / RATE
     drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
     moved = march(two_modes(), drive, RATE)
-    fine, coarse = (sweep_response(drive, moved, RATE, (50, 500), width) for width in (5.0, 16.0))
+    fine, coarse = (estimate_swept_response(drive, moved, RATE, (50, 500), width) for width in (5.0, 16.0))
     there = coarse.within(100, 250)
     exact = np.interp(there.frequency_hz, fine.frequency_hz, fine.modulus)
     assert np.abs(there.modulus / exact - 1).max() < 1e-3  # a Hann line alone blunts the peak by 6e-3
@@ -123,7 +127,7 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
     clean = march(two_modes(), drive, RATE, "linear")
     sigma, seeds = 2e-8, 40
     found = [
-        periodic_response(drive, clean + sigma * rng.standard_normal(clean.size), RATE, 1.0, (25, 525))
+        estimate_periodic_response(drive, clean + sigma * rng.standard_normal(clean.size), RATE, 1.0, (25, 525))
         for _ in range(seeds)
     ]
     form, f = two_modes(), found[0].frequency_hz
@@ -156,7 +160,9 @@ def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> 
             X[f.astype(int)], Y[f.astype(int)] = U, U * H * (1 + wrong)
             period = np.fft.irfft(X), np.fft.irfft(Y)
             noise = 1e-6 * rng.standard_normal(7 * n) / n
-            found = periodic_response(np.tile(period[0], 7), np.tile(period[1], 7) + noise, 5000.0, 1.0, (20, 530))
+            found = estimate_periodic_response(
+                np.tile(period[0], 7), np.tile(period[1], 7) + noise, 5000.0, 1.0, (20, 530)
+            )
             inside.append(np.abs(found.modulus - np.abs(H)) <= half_width(found))
             stated.append(found.standard_error / np.abs(H))
         assert 0.925 < np.mean(inside[-20:]) < 0.975
@@ -169,15 +175,15 @@ def test_a_clock_that_runs_away_drops_out_of_a_periodic_response() -> None:
     waves = np.exp(2j * np.pi * np.outer(t, design.frequency_hz))
     H = 1 / (1 - (design.frequency_hz / 158) ** 2 + 0.42j * design.frequency_hz / 158)
     drive, moved = (waves @ np.exp(1j * design.phases)).real, (waves @ (H * np.exp(1j * design.phases))).real
-    found = periodic_response(drive, moved, RATE, 0.5, (50, 500))
+    found = estimate_periodic_response(drive, moved, RATE, 0.5, (50, 500))
     assert np.abs(found.response / H - 1).max() < 2e-3
 
 
 def test_a_given_delay_is_taken_out() -> None:
     drive, moved = bench()
     late = 5
-    plain = sweep_response(drive, moved, RATE, (25, 525)).within(60, 480)
-    removed = sweep_response(drive[late:], moved[:-late], RATE, (25, 525), delay_s=late / RATE).within(60, 480)
+    plain = estimate_swept_response(drive, moved, RATE, (25, 525)).within(60, 480)
+    removed = estimate_swept_response(drive[late:], moved[:-late], RATE, (25, 525), delay_s=late / RATE).within(60, 480)
     assert np.abs(removed.response / plain.response - 1).max() < 0.02
     assert np.median(np.abs(removed.response / plain.response - 1)) < 1e-3
 
@@ -190,14 +196,14 @@ def test_the_peak_is_where_the_model_has_it(grams: float) -> None:
     rng = np.random.default_rng(4)
     noisy = moved + 5e-7 * rng.standard_normal(moved.size)
     truth = true_peak_hz(tactor)
-    peak, paper = response_peak(sweep_response(drive, noisy, RATE, (25, 525))), spectrum_peak(noisy, RATE)
+    peak, paper = response_peak(estimate_swept_response(drive, noisy, RATE, (25, 525))), spectrum_peak(noisy, RATE)
     assert (
         abs(peak.frequency_hz - truth) < coverage_factor(peak.degrees_of_freedom, 0.999) * peak.standard_error_hz + 2e-3
     )
     assert abs(paper.frequency_hz - truth) < 0.05
-    response = sweep_response(drive, noisy, RATE, (25, 525))
+    response = estimate_swept_response(drive, noisy, RATE, (25, 525))
     assert peak.height == pytest.approx(FUNDAMENTAL * abs(frequency_response(tactor, [truth], n=N)[0]), rel=1e-3)
-    mode = fit_mode(*lines(response.within(0.7 * truth, 1.4 * truth)))
+    mode = fit_sdof(*lines(response.within(0.7 * truth, 1.4 * truth)))
     pole = poles(tactor, n=N)[0]
     assert mode.natural_hz == pytest.approx(abs(pole) / 2 / np.pi, rel=1e-3)
     assert mode.damping_ratio == pytest.approx(-pole.real / abs(pole), rel=5e-3)
@@ -236,9 +242,11 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
     t = np.arange(n) / RATE
     drive = LinearSweep(25.0, 525.0, t[-1], 1.0, 0.0).volts(t)
     clean = march(two_modes(), drive, RATE)
-    without = response_peak(sweep_response(drive, clean, RATE, (50, 500)), (100, 300)).frequency_hz
-    found: list[Peak] = [
-        response_peak(sweep_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)), (100, 300))
+    without = response_peak(estimate_swept_response(drive, clean, RATE, (50, 500)), (100, 300)).frequency_hz
+    found: list[SpectralPeak] = [
+        response_peak(
+            estimate_swept_response(drive, clean + sigma * rng.standard_normal(n), RATE, (50, 500)), (100, 300)
+        )
         for _ in range(seeds)
     ]
     values = np.array([p.frequency_hz for p in found])
@@ -281,7 +289,9 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
 def test_a_sweep_that_cannot_be_used_is_refused(change: dict, words: str) -> None:
     drive, moved = bench()
     with pytest.raises(ValueError, match=words):
-        sweep_response(**({"drive": drive, "displacement": moved, "rate_hz": RATE, "band_hz": (25, 525)} | change))
+        estimate_swept_response(
+            **({"drive": drive, "displacement": moved, "rate_hz": RATE, "band_hz": (25, 525)} | change)
+        )
 
 
 @pytest.mark.parametrize(
@@ -294,7 +304,7 @@ def test_a_sweep_that_cannot_be_used_is_refused(change: dict, words: str) -> Non
 )
 def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        periodic_response(np.ones(30_000), np.ones(30_000), RATE, period_s, (25, 525), dropped)
+        estimate_periodic_response(np.ones(30_000), np.ones(30_000), RATE, period_s, (25, 525), dropped)
 
 
 @pytest.mark.parametrize(
