@@ -119,7 +119,7 @@ def step(options: argparse.Namespace) -> CommandResult:
         ),
     )
     longest = max(stepped.settling_s or 0.02, begun.settling_s or 0.02)
-    duration = 1.5 * longest if options.format_duration is None else read_number(options.format_duration, DURATION)
+    duration = 1.5 * longest if options.duration is None else read_number(options.duration, DURATION)
     time = np.linspace(0, duration, POINTS)
     V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
     w = step_response(t, time, volts, skin, n)

@@ -44,7 +44,7 @@ def to_number(text: str, unit: str) -> float:
 
     registry = _registry()
     try:
-        return float(registry.ParameterSpec(text).to("dimensionless" if unit == "1" else unit).magnitude)
+        return float(registry.Quantity(text).to("dimensionless" if unit == "1" else unit).magnitude)
     except pint.DimensionalityError as error:
         raise UnitError(f"'{text}' is no quantity in {unit}: {error}") from None
     except Exception:  # noqa: BLE001 - pint raises whatever its tokenizer trips over
