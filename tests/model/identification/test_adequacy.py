@@ -36,7 +36,7 @@ def test_noise_is_called_noise() -> None:
         measured, _ = resample(campaign, np.random.default_rng(seed))
         verdicts.append(assess_adequacy(joint_fit(measured, FitOptions(n=20))))
     assert sum(not v.adequate for v in verdicts) == 0
-    assert "the misfit is noise: none of" in verdicts[0].words
+    assert "the misfit is noise: none of" in verdicts[0].message
     assert verdicts[0].test_count > 60
 
 

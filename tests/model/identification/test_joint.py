@@ -103,7 +103,7 @@ def test_the_slopes_are_those_of_the_predictions(runs: tuple[Observation, ...], 
 def test_shared_errors_widen_what_they_act_on_and_nothing_else() -> None:
     """mu goes with the product of two gains of 0.2 % and 0.5 %; more points do not help it below that."""
     fit = joint_fit(PERFECT)
-    alone = joint_fit(ObservationSet(tuple(replace(r, common=()) for r in PERFECT.runs)))
+    alone = joint_fit(ObservationSet(tuple(replace(r, shared_errors=()) for r in PERFECT.runs)))
     error = {e.name: abs(e.standard_error / e.value) for e in fit.estimates()}
     ideal = {e.name: abs(e.standard_error / e.value) for e in alone.estimates()}
     assert error["mu"] > 0.005 > 3 * ideal["mu"]
@@ -182,7 +182,7 @@ def test_a_linear_fit_has_the_standard_error_of_the_textbook() -> None:
     plain = joint_fit(ObservationSet((LEVELS,))).estimates()[0].standard_error
     assert plain == pytest.approx((per @ per) ** -0.5, rel=1e-6)
     gain = SharedError("gain", "displacement", 0.01)
-    shared = joint_fit(ObservationSet((replace(LEVELS, common=(gain,)),))).estimates()[0].standard_error
+    shared = joint_fit(ObservationSet((replace(LEVELS, shared_errors=(gain,)),))).estimates()[0].standard_error
     assert shared == pytest.approx(np.hypot(plain, 0.01 * 1.33e-5), rel=1e-4)
 
 
@@ -268,7 +268,7 @@ def test_cancel_progress_and_time() -> None:
         (lambda: ObservationSet(()), "no run to identify"),
         (lambda: ObservationSet((free_only(), free_only())), "two runs are called 'free'"),
         (lambda: ObservationSet((free_only(good=np.zeros(20, bool)),)), "no usable point"),
-        (lambda: free_only(common=(SharedError("x", "colour", 1.0),)), "acts on 'colour'"),  # type: ignore[arg-type]
+        (lambda: free_only(shared_errors=(SharedError("x", "colour", 1.0),)), "acts on 'colour'"),  # type: ignore[arg-type]
         (lambda: SharedError("x", "volts", 0.0), "must be positive"),
         (
             lambda: MassResonanceObservation("m", np.array([1e-3]), np.array([np.nan]), np.array([1.0])),
