@@ -87,7 +87,7 @@ def format_curve(curve: ResultCurve) -> str:
 def format_point(point: Any) -> str:
     """One point in a line: in its own words where it has some, else as one of a sine dwell."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
-    if words := getattr(point, "words", ""):
+    if words := getattr(point, "summary", ""):
         return words + (f"  {flags.description}" if flags else "")
     return (
         f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "

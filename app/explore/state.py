@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -157,8 +157,8 @@ def make_study(
         values = [slider.value_at(place) for place in np.linspace(0, 1, 9)]
         admitted = variable_specs()[variable].is_valid(values)
         values = [v for v, good in zip(values, admitted, strict=True) if good]
-    base: Any = setting if setting.on_skin or variable in TACTOR_PARAMETERS else replace(setting, on_skin=True)
-    specimen = base.reset(variable).specimen
+    base = setting if setting.on_skin or variable in TACTOR_PARAMETERS else replace(setting, on_skin=True)
+    specimen = base.with_default(variable).specimen
     return Study(
         {variable: tuple(values)},
         tuple(float(f) for f in frequency_hz),

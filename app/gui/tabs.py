@@ -246,16 +246,16 @@ class MainTabs(PageTabs):
         self.measure.save_state(self._settings)
         for made in self.created_pages.values():
             splitters.save_splitters(cast("QWidget", made), self._settings)
-        for page in self._pages_with("save"):
-            page.save(self._settings)
+        for page in self._pages_with("save_state"):
+            page.save_state(self._settings)
 
     def shutdown(self) -> None:
         """End what works beside the window."""
         self._worker.close()
         self.overlay.close()
         self.measure.shutdown()
-        for page in self._pages_with("end"):
-            page.end()
+        for page in self._pages_with("shutdown"):
+            page.shutdown()
 
     # -- inside --------------------------------------------------------------------------------------------------------
 

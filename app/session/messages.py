@@ -98,7 +98,7 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
 def describe_point(point: Any) -> str:
     """One point with its value, its uncertainty and what is wrong with it."""
     quality = Quality(point.quality)
-    flags, said = quality & ~Quality.SIMULATED, getattr(point, "words", "")
+    flags, said = quality & ~Quality.SIMULATED, getattr(point, "summary", "")
     if not said:
         said = _describe_dwell_point(point)
     return f"{said}; {'' if quality.usable else 'not usable: '}{flags.description}" if flags else said

@@ -185,7 +185,7 @@ def test_phase_and_logarithm_on_request(page: ExplorePage) -> None:
 
 def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_path: Path) -> None:
     page.overlaid.fit_with = lambda runs, setting, _: ExploreFit(
-        setting.moved("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2"
+        setting.with_value("k2", 8e-3), "stiffness 8.00 ± 0.05 N mm^2"
     )
     page.fit_runs()
     assert "lay a measured run" in page.status_line.text()

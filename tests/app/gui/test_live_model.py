@@ -10,7 +10,6 @@ import pytest
 from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QApplication
-from tests.known_protocols.test_rehearsal import guard
 
 from app.gui.measure import page as measure_page
 from app.identification.active_model import PAPER_MODEL
@@ -28,6 +27,7 @@ from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from tests.helpers.calibrations import calibration
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
+from tests.protocols.test_rehearsal import guard
 
 TRUTH = Tactor(m_add=8.2e-3, c0=140.0, mu=-1.2e-5)
 FREQUENCIES = (25.0, 75.0, 125.0, 150.0, 160.0, 175.0, 200.0, 250.0)

@@ -15,12 +15,12 @@ POINT = WiringPoint(
 
 def test_points_of_the_wiring_check_are_told_and_break_nothing(open_stage: Any) -> None:
     stage = open_stage()
-    stage.window.link.observe(RunStarted("wiring-check", "run.h5", 6.0, 4, True))
-    stage.window.link.observe(PointMeasured(0, POINT))
-    until(lambda: any("drive reads back 2.6000 V" in m.words for m in stage.window.state.messages))
+    stage.window.adapter.observe(RunStarted("wiring-check", "run.h5", 6.0, 4, True))
+    stage.window.adapter.observe(PointMeasured(0, POINT))
+    until(lambda: any("drive reads back 2.6000 V" in m.text for m in stage.window.state.messages))
 
 
 def test_what_a_watchdog_wrote_is_told_when_the_window_opens(open_stage: Any, tmp_path: Path) -> None:
     (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
     stage = open_stage()
-    until(lambda: any("the watchdog wrote: 2026-11-21" in m.words for m in stage.window.state.messages))
+    until(lambda: any("the watchdog wrote: 2026-11-21" in m.text for m in stage.window.state.messages))
