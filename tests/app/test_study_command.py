@@ -55,7 +55,7 @@ def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: 
 def test_chunks_land_where_they_belong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Any) -> None:
     path = tmp_path / "study.h5"
     whole = ask(*SMALL)["fundamental"]["values"]
-    monkeypatch.setattr(Study, "chunk", 4)
+    monkeypatch.setattr(Study, "chunk_size", 4)
     assert ask(*SMALL, "--out", str(path))["fundamental"]["values"] == whole
     assert read_study(path).values.tolist() == whole
 
@@ -142,7 +142,7 @@ def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
         finally:
             closed.append(True)
 
-    monkeypatch.setattr(Study, "blocks", blocks)
+    monkeypatch.setattr(Study, "chunks", blocks)
     assert main([*SMALL, "--out", str(tmp_path / "x.h5"), "--csv", str(tmp_path / "x.csv")]) == FAILED
     told = capsys.readouterr()
     assert told.err == "tactor-bench: stopped; nothing was written\n"
