@@ -1,4 +1,4 @@
-"""How far something long is, as a share from 0 to 1 that is told as it goes on; a bar where somebody reads it."""
+"""Progress and cancellation of long operations, and the progress bar of a terminal."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -7,15 +7,108 @@ from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
-ProgressCallback = Callable[[float], None]
-"""Told how far it is. It may raise `OperationCancelled`, and then it is over."""
 
 ITEMS_PER_UPDATE = 1 << 14
-"""Items between two tellings: some milliseconds."""
+"""Items between two updates: some milliseconds."""
 
 
 class OperationCancelled(Exception):
-    """Whoever was told how far it is wants no more of it."""
+    """The caller cancelled the operation; nothing was written."""
+
+
+class Progress:
+    """Progress of a long operation: the operation reports how far it is and checks whether it is cancelled.
+
+    This class itself ignores updates and is never cancelled; front ends override `update` and `cancelled`. Both may be
+    used from any thread.
+    """
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the caller wants the operation to end."""
+        return False
+
+    def update(self, fraction: float, text: str = "") -> None:
+        """Report the fraction that is done, 0 to 1, and optionally what is being done now."""
+
+    def raise_if_cancelled(self) -> None:
+        """Raise OperationCancelled if the operation is cancelled."""
+        if self.cancelled:
+            raise OperationCancelled
+
+    def part(self, begin: float, end: float) -> "Progress":
+        """Return the progress of a part, whose 0 to 1 is `begin` to `end` of the whole."""
+        return _PartialProgress(self, begin, end)
+
+    def split(self, sizes: Sequence[float]) -> list["Progress"]:
+        """Return the progress of consecutive parts of these sizes."""
+        whole = sum(sizes) or 1.0
+        return [self.part(begin / whole, end / whole) for begin, end in pairwise(accumulate(sizes, initial=0.0))]
+
+    def split_by_files(self, paths: Sequence[Path]) -> list["Progress"]:
+        """Return the progress of one file after the other, weighted by their bytes; a missing file has none."""
+        return self.split([path.stat().st_size if path.is_file() else 0 for path in paths])
+
+    def iterate(self, items: Sequence[T]) -> Iterator[T]:
+        """Yield the items and update as they are taken.
+
+        Raises:
+            OperationCancelled: the operation was cancelled between two items.
+        """
+        for start in range(0, len(items), ITEMS_PER_UPDATE):
+            self.raise_if_cancelled()
+            self.update(start / len(items))
+            yield from items[start : start + ITEMS_PER_UPDATE]
+        self.update(1.0)
+
+    def __call__(self, fraction: float) -> None:
+        self.update(fraction)
+
+
+class _PartialProgress(Progress):
+    def __init__(self, whole: Progress, begin: float, end: float) -> None:
+        self._whole, self._begin, self._end = whole, begin, end
+
+    @property
+    def cancelled(self) -> bool:
+        return self._whole.cancelled
+
+    def update(self, fraction: float, text: str = "") -> None:
+        self._whole.update(self._begin + (self._end - self._begin) * fraction, text)
+
+
+NO_PROGRESS = Progress()
+"""Default of a parameter `progress`."""
+
+
+@contextmanager
+def terminal_progress(description: str, quiet: bool = False) -> Iterator[Progress]:
+    """Show a bar with the remaining time on a terminal; nothing elsewhere, or if `quiet`."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as ProgressBar
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(None),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    disabled = quiet or not console.is_terminal
+    with ProgressBar(*columns, console=console, disable=disabled, transient=True) as bar:
+        task = bar.add_task(description, total=1.0)
+
+        class TerminalProgress(Progress):
+            def update(self, fraction: float, text: str = "") -> None:
+                bar.update(task, completed=fraction, description=text or description)
+
+        yield TerminalProgress()
+
+
+# Callback form, until every caller passes a Progress.
+
+ProgressCallback = Callable[[float], None]
 
 
 def ignore_progress(_share: float) -> None:
@@ -47,22 +140,3 @@ def iterate_with_progress(items: Sequence[T], progress: ProgressCallback) -> Ite
         progress(start / len(items))
         yield from items[start : start + ITEMS_PER_UPDATE]
     progress(1.0)
-
-
-@contextmanager
-def terminal_progress(description: str, quiet: bool = False) -> Iterator[ProgressCallback]:
-    """A bar on a terminal, with the time that is left; nothing elsewhere, or where a machine listens (`quiet`)."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(None),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-    )
-    disabled = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disabled, transient=True) as progress:
-        task = progress.add_task(description, total=1.0)
-        yield lambda share: progress.update(task, completed=share)

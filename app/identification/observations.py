@@ -110,7 +110,7 @@ def _gain_error(run: Run) -> tuple[SharedError, ...]:
 
 
 def _common_arguments(run: Run) -> dict[str, Any]:
-    return {"common": _gain_error(run), "simulated": run.simulated}
+    return {"shared_errors": _gain_error(run), "simulated": run.simulated}
 
 
 def _response(
