@@ -73,7 +73,7 @@ def run_text(run: Run) -> str:
                 strict=True,
             ))
         ]  # fmt: skip
-    elif not run.imported and (kind := PROTOCOLS.get(run.protocol)) and hasattr(kind.point_type, "words"):
+    elif not run.imported and (kind := PROTOCOLS.get(run.protocol)) and hasattr(kind.point_type, "summary"):
         lines += [format_point(point) for _, point in measured_points(run, kind.point_type)]
     else:
         units = run.units()

@@ -62,12 +62,12 @@ class ListeningSession:
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Protocol, folder: Path, specimen: str, earlier: Any = None, prepare: Any = ()) -> None:
+    def run(self, protocol: Protocol, folder: Path, specimen: str, resume: Any = None, prepare: Any = ()) -> None:
         self.runs.append((protocol, folder, specimen))
         if prepare:
             self.prepared.append(prepare)
-        if earlier is not None:
-            self.continued.append(earlier)
+        if resume is not None:
+            self.continued.append(resume)
 
     def repeat_entries(self, path: Path, entries: Any, folder: Path) -> None:
         self.again.append((path, tuple(entries), folder))

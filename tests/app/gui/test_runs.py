@@ -297,7 +297,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert "tactor-bench import --help" in page.details.message_label.text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     monkeypatch.setattr(
-        page.details.progress_row, "tell", lambda _share: page.details.progress_row._cancel_event.set()
+        page.details.progress_row, "update_progress", lambda _share: page.details.progress_row._cancel_event.set()
     )  # as the button does
     page.transfers.import_tables([table])
     until(lambda: page.details.message_label.text() == "stopped; nothing was written", "for the end")

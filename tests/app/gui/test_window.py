@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
-from tests.known_protocols.test_rehearsal import guard
+from tests.protocols.test_rehearsal import guard
 
 from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
