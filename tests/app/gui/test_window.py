@@ -9,7 +9,6 @@ import pytest
 from PySide6.QtCore import QCoreApplication, QPoint, QSettings, QSize, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
-from tests.protocols.test_rehearsal import guard
 
 from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
@@ -31,6 +30,7 @@ from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import OpenStage, Stage, grab, until
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
+from tests.protocols.test_rehearsal import guard
 
 
 def prompted(stage: Stage) -> None:
