@@ -90,7 +90,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         pytest.param(
             asked,
             id=" ".join(asked["command"][:2]),
-            marks=[pytest.mark.slow] if asked["command"][0] == "report" else [],
+            marks=[pytest.mark.deep] if asked["command"][0] == "report" else [],
         )
         for asked in ANSWERS
     ],
