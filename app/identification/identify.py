@@ -116,34 +116,42 @@ def identify_observations(
         )
         found = identify_by_paper_chain(observations, chosen)
         estimates, covariance = linearized_errors(observations, chosen, found)
-        words = (
-            "the paper's chain: every step takes the results of those before it; errors are carried through all steps"
+        return IdentificationResult(
+            specimen,
+            method,
+            observations,
+            estimates,
+            covariance,
+            _fixed_parameters(default_values(options.tactor, options.membrane, None), estimates),
+            "the paper's chain: every step takes the results of those before it; errors are carried through all steps",
+            validation=found.validation,
+            notes=(*exclusions, *(step.summary for step in found.steps)),
+            shapes=options.n,
         )
-        return _result(
-            specimen, method, observations, estimates, covariance, default_values(options.tactor, options.membrane, None), words,
-            shapes=options.n, validation=found.validation, notes=(*exclusions, *(step.summary for step in found.steps)),
-        )  # fmt: skip
     fit = joint_fit(observations, options, progress)
     estimates = fit.estimates()
-    misfits = tuple(RunMisfit(r.label, len(r.values), r.chi_square, r.p_value, len(r.outliers)) for r in fit.residuals)
-    return _result(
-        specimen, method, observations, estimates, fit.covariance_of(estimates), options.base_values(), fit.verdict,
-        misfits=misfits, unidentified=tuple(c.description for c in fit.unidentified_combinations), seconds=fit.duration_s, fit=fit,
-        adequacy=assess_adequacy(fit), shapes=options.n,
+    return IdentificationResult(
+        specimen,
+        method,
+        observations,
+        estimates,
+        fit.covariance_of(estimates),
+        _fixed_parameters(options.base_values(), estimates),
+        fit.verdict,
+        misfits=tuple(
+            RunMisfit(r.label, len(r.values), r.chi_square, r.p_value, len(r.outliers)) for r in fit.residuals
+        ),
+        unidentified=tuple(c.description for c in fit.unidentified_combinations),
         notes=(*exclusions, *([] if fit.converged else [fit.message])),
-    )  # fmt: skip
+        duration_s=fit.duration_s,
+        joint_fit=fit,
+        adequacy=assess_adequacy(fit),
+        shapes=options.n,
+    )
 
 
-def _result(
-    specimen: str,
-    method: Method,
-    observations: ObservationSet,
-    estimates: tuple[EstimatedQuantity, ...],
-    covariance: NDArray[np.float64],
-    base: Mapping[str, float | None],
-    verdict: str,
-    **extra: Any,
-) -> IdentificationResult:
+def _fixed_parameters(
+    base: Mapping[str, float | None], estimates: Sequence[EstimatedQuantity]
+) -> dict[str, float | None]:
     found = {e.name for e in estimates}
-    fixed = {name: value for name, value in base.items() if name not in found}
-    return IdentificationResult(specimen, method, observations, estimates, covariance, fixed, verdict, **extra)
+    return {name: value for name, value in base.items() if name not in found}
