@@ -70,9 +70,9 @@ def carry_out(campaign: Campaign, events: list[Event], most: int = 9) -> None:
 
 def test_from_nothing_to_the_end(measured) -> None:
     campaign, events = measured
-    lines = campaign.listed()
-    assert [line.standing for line in lines] == [ItemStatus.DONE] * 3
-    assert campaign.next() is None
+    lines = campaign.item_states()
+    assert [line.status for line in lines] == [ItemStatus.DONE] * 3
+    assert campaign.next_item() is None
     asked = [event.prompt.action for event in events if isinstance(event, PromptShown)]
     at = asked.index("remove-membrane")
     assert asked[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
@@ -82,7 +82,7 @@ def test_from_nothing_to_the_end(measured) -> None:
     # Another program reads the same from the disk.
     again = Campaign.open(campaign.path.parent, "T1")
     assert [(line.status, line.run, line.estimates) for line in again.item_states()] == [
-        (line.standing, line.run, line.estimates) for line in lines
+        (line.status, line.run, line.estimates) for line in lines
     ]
 
 
@@ -91,10 +91,10 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
     monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"settle_limit_s": "latency"})
     dwell = campaign.items[2]
     with pytest.raises(CampaignError, match=r"dwell: settle_limit_s: .* greater than or equal to 0.5"):
-        campaign.protocol(dwell)  # the wiring check's 0.4 ms did arrive
+        campaign.protocol_for(dwell)  # the wiring check's 0.4 ms did arrive
     monkeypatch.setattr("app.campaign.campaign.CARRIED_PARAMETERS", {"decay_s": "latency"})
-    found = {e.name: e.value for e in campaign.line("wiring").estimates}
-    assert campaign.protocol(dwell).decay_s == found["latency"]
+    found = {e.name: e.value for e in campaign.item_state("wiring").estimates}
+    assert campaign.protocol_for(dwell).decay_s == found["latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
     # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels tell it to a percent.
     assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
@@ -106,24 +106,24 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
 def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
     campaign, events = measured
     campaign.repeat("wiring")
-    assert [line.standing for line in campaign.listed()] == [ItemStatus.MISSING, ItemStatus.STALE, ItemStatus.STALE]
-    assert campaign.next().item.name == "wiring"
+    assert [line.status for line in campaign.item_states()] == [ItemStatus.MISSING, ItemStatus.STALE, ItemStatus.STALE]
+    assert campaign.next_item().item.name == "wiring"
     carry_out(campaign, events, most=1)
-    lines = campaign.listed()
-    assert [line.standing for line in lines] == [ItemStatus.DONE, ItemStatus.STALE, ItemStatus.STALE]
+    lines = campaign.item_states()
+    assert [line.status for line in lines] == [ItemStatus.DONE, ItemStatus.STALE, ItemStatus.STALE]
     assert lines[1].reason == "wiring was measured again"
-    assert campaign.next(hands_free=True) is None  # the steps want hands, and the dwell waits for them
+    assert campaign.next_item(hands_free=True) is None  # the steps want hands, and the dwell waits for them
 
 
 def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(measured) -> None:
     campaign, _ = measured
     campaign.reject("steps")
-    assert campaign.line("steps").standing is ItemStatus.MISSING
-    assert campaign.line("dwell").standing is ItemStatus.STALE
+    assert campaign.item_state("steps").status is ItemStatus.MISSING
+    assert campaign.item_state("dwell").status is ItemStatus.STALE
     campaign.skip("steps", "no time")
-    assert campaign.line("dwell").standing is ItemStatus.DONE
+    assert campaign.item_state("dwell").status is ItemStatus.DONE
     campaign.skip("steps", "")
-    assert campaign.line("steps").standing is ItemStatus.MISSING
+    assert campaign.item_state("steps").status is ItemStatus.MISSING
 
 
 def test_a_run_that_somebody_made_by_hand_counts(tmp_path: Path) -> None:
@@ -217,11 +217,11 @@ def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
 
 def test_what_was_found_can_be_accepted_and_that_is_kept(measured) -> None:
     campaign, _ = measured
-    assert not campaign.line("steps").accepted
+    assert not campaign.item_state("steps").accepted
     campaign.accept("steps")
     assert Campaign.open_file(campaign.path).item_state("steps").accepted
     campaign.reject("steps")
-    assert not campaign.line("steps").accepted
+    assert not campaign.item_state("steps").accepted
     with pytest.raises(CampaignError, match="steps has no run that could be accepted: it is missing"):
         campaign.accept("steps")
 

@@ -56,7 +56,7 @@ def test_a_run_that_was_broken_off_later_does_not_undo_a_good_one() -> None:
 
 
 def test_what_its_own_verdicts_fail_is_not_done() -> None:
-    (line, *_) = evaluate_items((A,), {}, {"a": [replace(made("a", 1), failing=("polarity",))]}, {})
+    (line, *_) = evaluate_items((A,), {}, {"a": [replace(made("a", 1), failed_checks=("polarity",))]}, {})
     assert (line.status, line.next_action, line.reason) == (
         ItemStatus.FAILED,
         NextAction.REPEAT,

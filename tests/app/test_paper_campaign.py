@@ -57,9 +57,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
 @pytest.mark.deep
 def test_all_seven_are_done_in_the_papers_order(measured) -> None:
     campaign, asked = measured
-    assert [line.standing for line in campaign.listed()] == [ItemStatus.DONE] * 7
-    begun = [line.begun for line in campaign.listed()]
-    by_name = {line.item.name: line.begun for line in campaign.listed()}
+    assert [line.status for line in campaign.item_states()] == [ItemStatus.DONE] * 7
+    begun = [line.started_at for line in campaign.item_states()]
+    by_name = {line.item.name: line.started_at for line in campaign.item_states()}
     assert by_name["loading"] < by_name["steps"] < by_name["dwell"] < by_name["membrane"]
     assert len(set(begun)) == 7
     # The mass resonance leaves another mass on, the loading another side up: both are put right before the dwell.
@@ -82,4 +82,4 @@ def test_what_is_identified_is_what_is_there(measured) -> None:
 def test_the_runs_are_read_from_the_disk_alone(measured, tmp_path: Path) -> None:
     campaign, _ = measured
     again = Campaign.open(campaign.path.parent, "T1")
-    assert [line.run for line in again.item_states()] == [line.run for line in campaign.listed()]
+    assert [line.run for line in again.item_states()] == [line.run for line in campaign.item_states()]

@@ -270,7 +270,7 @@ def _has_dimension(unit: str, expected: str) -> bool:
 
 def _column_by_heading(table: ImportTable, heading: str, option: str) -> TableColumn:
     for same in (
-        lambda c: c.head == heading,
+        lambda c: c.heading == heading,
         lambda c: c.name == heading,
         lambda c: normalize_name(c.name) == normalize_name(heading),
     ):

@@ -120,7 +120,7 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
     capsys.readouterr()
     said: list[str] = []
     monkeypatch.setattr(
-        command, "write", lambda content, *_: said.extend(b.text for b in blocks_of(content, Paragraph)) or ()
+        command, "write_report", lambda content, *_: said.extend(b.text for b in blocks_of(content, Paragraph)) or ()
     )
     assert main([*report, "strict.toml"]) == 1
     told = capsys.readouterr()

@@ -141,12 +141,12 @@ def test_r_and_residuals_are_those_of_the_drawn_points(
     report, _, _ = gathered
     plots = {plot.title: plot for plot in blocks_of(report, ReportPlot)}
     (dots,) = plots["Fig. 9: frequency response"].panels[0].points
-    assert dots.model is not None
+    assert dots.model_y is not None
     (table,) = [g for g in blocks_of(report, ReportTable) if g.title == "Validation curves"]
     row = next(row for row in table.rows if row[0].startswith("Fig. 9"))
-    assert float(row[2]) == pytest.approx(np.corrcoef(dots.y, dots.model)[0, 1], abs=1e-4)
-    assert float(row[5].split()[0]) == pytest.approx(float(np.sqrt(np.mean((dots.y - dots.model) ** 2))), rel=5e-3)
-    assert (np.abs(dots.y - dots.model) < dots.half_interval).all()
+    assert float(row[2]) == pytest.approx(np.corrcoef(dots.y, dots.model_y)[0, 1], abs=1e-4)
+    assert float(row[5].split()[0]) == pytest.approx(float(np.sqrt(np.mean((dots.y - dots.model_y) ** 2))), rel=5e-3)
+    assert (np.abs(dots.y - dots.model_y) < dots.half_interval).all()
 
 
 def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> None:
@@ -161,7 +161,7 @@ def test_a_flagged_point_is_hollow_out_of_the_fit_and_counted(copy: Path) -> Non
     report, _, _ = build_report(copy, "T1")
     assert "1 clipped" in texts(report)
     (dots,) = next(p for p in blocks_of(report, ReportPlot) if "Fig. 9" in p.title).panels[0].points
-    assert dots.good.tolist() == [True, True, True, True, False]
+    assert dots.usable.tolist() == [True, True, True, True, False]
     mu = next(m for m in report.record["merits"] if m["name"] == "mu")  # type: ignore[attr-defined]
     assert mu["value"] == pytest.approx(TRUTH.mu, rel=3e-3)
 
@@ -213,7 +213,7 @@ def test_a_table_with_fundamentals_only_is_drawn_against_the_models_fundamental(
     (dots,) = panel.points
     exact = 2e6 * 1000.0 * np.abs(exact_response(TRUTH, dots.x))
     assert dots.y == pytest.approx(exact, rel=0.01)
-    assert dots.model == pytest.approx(exact, rel=0.01)
+    assert dots.model_y == pytest.approx(exact, rel=0.01)
 
 
 def test_what_cannot_be_identified_is_said_and_nothing_is_claimed_of_it(copy: Path) -> None:
@@ -239,7 +239,7 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
         change(path, expire)
     report, _, _ = build_report(copy, "T1")
     (grid,) = [g for g in blocks_of(report, ReportTable) if g.title == "Instruments"]
-    (bad,) = [grid.rows[i] for i in grid.bad]
+    (bad,) = [grid.rows[i] for i in grid.highlighted_rows]
     assert bad[0] == "sensor"
     assert bad[3:5] == ("2019-05-04", "2020-05-04, before 2 runs")
     assert "In 2 runs the calibration of an instrument had expired" in texts(report)
@@ -270,14 +270,14 @@ def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: 
     assert r"<h1>Specimen a$\frac$&lt;b&gt;&amp;</h1>" in next(tmp_path.glob("*.html")).read_text("utf-8")
 
 
-@pytest.mark.parametrize("where", [(command, "figure_of"), (PdfPages, "savefig")], ids=["a run", "a page"])
+@pytest.mark.parametrize("where", [(command, "run_figure"), (PdfPages, "savefig")], ids=["a run", "a page"])
 def test_interrupted_it_leaves_what_was_there(
     folder: Path, gathered: Any, where: tuple[Any, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "T1_report.pdf").write_text("before")
     report, known, runs = gathered
-    monkeypatch.setattr(command, "build_report", lambda *_: (replace(report, first=(), appendix=()), known, runs))
+    monkeypatch.setattr(command, "build_report", lambda *_: (replace(report, first_page=(), appendix=()), known, runs))
 
     def interrupted(*_: Any) -> None:
         raise KeyboardInterrupt
