@@ -34,7 +34,7 @@ def main() -> int:
         from sim_hardware.service.served_bench import ServedBench
 
         with ServedBench(SimulatedBench(truth)) as served:
-            _write_response(answers, study_result={"scpi_port": served.scpi.port, "card_port": served.card.port})
+            _write_response(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
             for line in sys.stdin:
                 try:
                     request = json.loads(line)
@@ -42,7 +42,7 @@ def main() -> int:
                 except (ValueError, KeyError) as error:
                     _write_response(answers, error=str(error))
                 else:
-                    _write_response(answers, study_result=result)
+                    _write_response(answers, result=result)
             # Whoever still holds the generator's wire may have to bring it to rest: a watchdog outlives its program.
             for _ in range(round(LINGER_S / POLL_S)):
                 if not served.scpi.connections:

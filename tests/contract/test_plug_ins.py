@@ -31,7 +31,7 @@ class Novel(Keysight33200):
 """
 LACKING = """
 class Lacking:
-    def play(self, drive): ...
+    def some_other(self, drive): ...
 """
 
 
@@ -85,7 +85,7 @@ def contract(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_guides_own_example_passes_by_the_guides_own_command(tmp_path: Path) -> None:
     guide_files(tmp_path)
-    command = re.search(r"^python -m sim_hardware\.contract (.*)$", GUIDE.read_text(), re.M)
+    command = re.search(r"^python -m sim_hardware\.testing (.*)$", GUIDE.read_text(), re.M)
     assert command is not None
     done = contract(tmp_path, *command[1].split())
     assert done.returncode == 0, done.stdout + done.stderr
@@ -96,7 +96,7 @@ def test_a_driver_that_jumps_fails_the_contract(tmp_path: Path) -> None:
     guide_files(tmp_path)
     file = tmp_path / "acme_generator.py"
     file.write_text(
-        file.read_text() + "\n    def move(self, level_v, duration_s):\n        self._set_offset(level_v)\n"
+        file.read_text() + "\n    def ramp_to(self, level_v, duration_s):\n        self._set_offset(level_v)\n"
     )
     done = contract(tmp_path, "--source", "acme_simulated:simulated", "-k", "levels_are_reached")
     assert done.returncode == 1
@@ -122,11 +122,11 @@ def test_a_factory_that_is_not_there_is_a_sentence(
 def test_the_digitizer_contract_runs_by_the_same_command(tmp_path: Path) -> None:
     (tmp_path / "card.py").write_text(
         "from contextlib import contextmanager\n"
-        "from sim_hardware.bench import VirtualBench\n"
+        "from sim_hardware.bench import SimulatedBench\n"
         "from sim_hardware.clock import VirtualClock\n"
         "@contextmanager\n"
         "def simulated():\n"
-        "    bench = VirtualBench(clock=VirtualClock())\n"
+        "    bench = SimulatedBench(clock=VirtualClock())\n"
         "    yield bench.digitizer(), bench\n"
     )
     done = contract(tmp_path, "--digitizer", "card:simulated")
@@ -149,7 +149,7 @@ def test_a_plug_in_is_chosen_by_name_in_a_bench_file(lab: Path) -> None:
         ("exits", "cannot be loaded: SystemExit: 3"),
         ("nothing", "cannot be loaded: AttributeError"),
         ("number", "is no driver: lab_novel:__name__ cannot be called"),
-        ("lacking", r"is no Source: it lacks at_rest\(\), prepare\(\), stop\(\)"),
+        ("lacking", r"is no Source: it lacks is_at_rest\(\), initialize_at_rest\(\), start_drive\(\), stop\(\)"),
     ],
 )
 def test_a_broken_plug_in_is_a_sentence_where_it_was_chosen(name: str, says: str, lab: Path) -> None:

@@ -62,7 +62,7 @@ def test_it_stops_although_others_have_left_errors_in_its_queue(make, model: str
         source.stop()
         bench.clock.sleep(0.1)
         assert_safe_voltage(bench.report())
-        assert source.at_rest(2.5, 0.0, 5.0)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 @pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])
@@ -78,7 +78,7 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
         bench.clear(fault)
         bench.clock.sleep(0.1)
         source.reconnect()
-        assert source.at_rest(2.5, 0.0, 5.0)
+        assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
 @pytest.mark.parametrize("fault", ["scpi-garbled", "scpi-late", "scpi-half"])

@@ -29,7 +29,7 @@ def source(bench):
 def test_broken_wires_are_link_errors_and_mend(bench, source, fault):
     bench.inject(fault)
     with pytest.raises(LinkError):
-        source.idle_v()
+        source.idle_level_v()
     bench.clear(fault)
     source.reconnect()
     assert source.identity.model == "33511B"
@@ -38,7 +38,7 @@ def test_broken_wires_are_link_errors_and_mend(bench, source, fault):
 def test_a_garbled_answer_is_no_number(bench, source):
     bench.inject("scpi-garbled")
     with pytest.raises(InstrumentError, match="not a number"):
-        source.idle_v()
+        source.idle_level_v()
 
 
 def test_a_silent_generator_does_not_obey_and_plays_on(bench, source):
@@ -84,7 +84,7 @@ def test_power_loss_and_a_pulled_cable_drop_the_amplifiers_input(bench, source):
     bench.clock.sleep(1.0)
     bench.inject("drive-cable-off")
     bench.clock.sleep(0.5)
-    source.move(3.0, 0.1)  # the generator does not notice
+    source.ramp_to(3.0, 0.1)  # the generator does not notice
     assert bench.report().end_v == 0.0
     bench.clear("drive-cable-off")
     bench.clock.sleep(0.1)
@@ -109,7 +109,7 @@ def test_the_input_is_pulled_to_where_the_truth_says():
 
 def test_high_voltage_off_leaves_the_tactor_still(bench, source):
     bench.disable_hv()
-    source.move(5.0, 0.5)
+    source.ramp_to(5.0, 0.5)
     bench.clock.sleep(0.5)
     assert abs(bench.plant.displacement(np.array([bench.clock.now() - 0.1]))[0]) < 1e-12
     assert bench.report().outside_rest_s == 0.0
@@ -147,14 +147,14 @@ def test_every_fault_has_words_and_can_be_broken_and_mended(bench):
 def test_a_tripped_output_stays_open_until_it_is_switched_on(bench, source):
     bench.inject("output-tripped")
     assert bench.report().end_v == 0.0
-    assert not source.at_rest(2.5, 0.0, 5.0)
+    assert not source.is_at_rest(2.5, 0.0, 5.0)
     bench.clear()
     assert bench.report().end_v == 0.0
 
 
 def test_a_drifting_clock_is_heard_from_the_next_trigger_on(bench, source):
     bench.inject("clock-drift")
-    source.play(Sine(100.0, 1.0, 2.5, 1000))
+    source.start_drive(Sine(100.0, 1.0, 2.5, 1000))
     bench.clock.sleep(1.0)
     burst = bench.history.entries()[-1].segment
     assert burst.constant_from_s - bench.clock.now() == pytest.approx(9.0 - 10 * 50e-6, abs=2e-3)
@@ -162,7 +162,7 @@ def test_a_drifting_clock_is_heard_from_the_next_trigger_on(bench, source):
 
 
 def test_an_amplifier_at_its_limit_moves_the_tactor_less(bench, source):
-    source.play(Sine(100.0, 2.5, 2.5, 1000))
+    source.start_drive(Sine(100.0, 2.5, 2.5, 1000))
     bench.clock.sleep(1.0)
     bench.inject("amplifier-limited")
     bench.clock.sleep(1.0)
@@ -171,12 +171,12 @@ def test_an_amplifier_at_its_limit_moves_the_tactor_less(bench, source):
 
 
 def test_a_stuck_sensor_shows_where_it_was_however_it_is_read(bench, source):
-    source.play(Sine(100.0, 2.5, 2.5, 1000))
+    source.start_drive(Sine(100.0, 2.5, 2.5, 1000))
     bench.clock.sleep(0.503)
     bench.inject("sensor-stuck")
     bench.clock.sleep(0.5)
     t = np.arange(0.0, 0.9, 1e-3)
-    volts = np.concatenate([bench.card.terminal(1, part)[0] for part in np.array_split(t, 7)])
+    volts = np.concatenate([bench.card.channel_voltage(1, part)[0] for part in np.array_split(t, 7)])
     stuck = volts[t > 0.8]
     assert np.ptp(stuck) == 0
     assert np.ptp(volts[t < 0.4]) > 0.1

@@ -102,7 +102,7 @@ def test_fifty_ohm_declared_gives_twice_the_volts(bench, link):
     send(link, "VOLT 2", "VOLT:OFFS 2.5", "BURS:NCYC 10", "TRIG:SOUR BUS", "BURS:STAT ON", "OUTP ON")
     bench.clock.sleep(0.1)
     assert volts(bench, 0.0) == [5.0]
-    assert bench.card.terminal(0, np.array([bench.clock.now()]))[0][0] == 5.0
+    assert bench.card.channel_voltage(0, np.array([bench.clock.now()]))[0][0] == 5.0
     # Telling it the truth afterwards changes the display, not the output.
     send(link, "OUTP:LOAD INF")
     assert float(ask(link, "VOLT:OFFS?")) == 5.0

@@ -23,7 +23,7 @@ def bench():
 
 @pytest.fixture
 def server(bench):
-    with ScpiTcpServer(bench.port, bench.truth.speed) as server:
+    with ScpiTcpServer(bench.message_port, bench.parameters.speed) as server:
         bench.add_fault_listener(server.update_from_faults)
         yield server
 
@@ -59,7 +59,7 @@ def test_no_message_waits_until_the_one_before_is_acknowledged(server, link):
     """It would be 44 ms for every answer to two messages."""
     assert ask(link, "VOLT 1;:SYST:ERR?")
     ours = link._manager.visalib.sessions[link._session.session].interface
-    (theirs,) = server._lines
+    (theirs,) = server._partial_lines
     for end in (ours, theirs):
         assert end.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
@@ -112,7 +112,7 @@ def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(ben
 
 
 def test_closing_drops_the_callers(bench):
-    server = ScpiTcpServer(bench.port)
+    server = ScpiTcpServer(bench.message_port)
     with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
         sock.sendall(b"*IDN?\n")
         assert sock.recv(100)
