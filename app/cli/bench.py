@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.cli.run import make_protocol, run_headless, selected_bench
-from app.common.errors import DONE, FAILED, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
 from app.config.discovery import find_devices
 from app.config.template import bench_template
@@ -144,7 +144,7 @@ def check(options: argparse.Namespace) -> int:
     if verdicts:
         rest = next((event for event in events if isinstance(event, RestMeasured)), None)
         verdicts = (*verdicts, _rest_verdict(rest, points[0].drive))
-    passed = code == DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
+    passed = code == ExitCode.DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
     if options.json:
         ended = next((event for event in events if isinstance(event, RunEnded)), None)
         record = {
@@ -164,7 +164,7 @@ def check(options: argparse.Namespace) -> int:
                 Console(stderr=True, markup=False).print(
                     f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True
                 )
-    return code if code != DONE else (DONE if passed else FAILED)
+    return code if code != ExitCode.DONE else (ExitCode.DONE if passed else ExitCode.FAILED)
 
 
 def _rest_verdict(rest: RestMeasured | None, initial_v: float) -> Verdict:
@@ -204,7 +204,7 @@ def list_devices(options: argparse.Namespace) -> int:
     found, notes = find_devices(options.hosts, options.server)
     if options.json:
         sys.stdout.write(json.dumps({"found": [asdict(one) for one in found], "notes": notes}) + "\n")
-        return DONE
+        return ExitCode.DONE
     table = Table(title="Connected" if found else "Nothing was found", title_justify="left")
     for head in ("what", "where", "who"):
         table.add_column(head, overflow="fold")
@@ -213,7 +213,7 @@ def list_devices(options: argparse.Namespace) -> int:
     Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
     for note in notes:
         sys.stderr.write(f"{note}\n")
-    return DONE
+    return ExitCode.DONE
 
 
 def write_bench_template(options: argparse.Namespace) -> int:
@@ -238,14 +238,14 @@ def write_bench_template(options: argparse.Namespace) -> int:
     sys.stderr.write(
         f"{options.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it\n"
     )
-    return DONE
+    return ExitCode.DONE
 
 
 def list_faults(options: argparse.Namespace) -> int:
     """Print what can be broken on a simulated bench."""
     if options.json:
         sys.stdout.write(json.dumps(FAULT_DESCRIPTIONS) + "\n")
-        return DONE
+        return ExitCode.DONE
     width = max(map(len, FAULT_DESCRIPTIONS))
     sys.stdout.write("".join(f"{name:{width}}  {words}\n" for name, words in FAULT_DESCRIPTIONS.items()))
-    return DONE
+    return ExitCode.DONE

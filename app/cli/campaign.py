@@ -26,7 +26,7 @@ from app.campaign.status import ItemState
 from app.cli.bench import add_fault_option
 from app.cli.headless import exit_code, headless_session
 from app.cli.run import selected_bench
-from app.common.errors import DONE, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration, format_uncertain
 from drivers.errors import BenchError
 from protocols.base.jsonable import to_jsonable
@@ -73,7 +73,7 @@ def _run(campaign_: Campaign, options: argparse.Namespace) -> int:
                 sys.stderr.write(f"campaign of {campaign_.specimen}: {does} {line.item.name} ({line.title})\n")
             conductor.start(front.session, line)
             front.wait()
-            if exit_code(front.session) != DONE or front.interrupted.is_set() or not on:
+            if exit_code(front.session) != ExitCode.DONE or front.interrupted.is_set() or not on:
                 break
             line = next_item_after(campaign_, line, options.hands_free)
     if not options.json:
@@ -92,7 +92,7 @@ def _rehearse(campaign_: Campaign, options: argparse.Namespace) -> int:
     except BenchError as error:
         raise UsageError(str(error)) from None
     print(_rehearsal_record(told) if options.json else _rehearsal_text(told))  # noqa: T201 - the command line speaks here
-    return DONE
+    return ExitCode.DONE
 
 
 def _rehearsal_record(rehearsal: CampaignRehearsal) -> str:
@@ -124,7 +124,7 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
         record = {"specimen": campaign_.specimen, "simulated": campaign_.simulated, "path": str(campaign_.path)}
         record["identified"] = [asdict(estimate) for estimate in estimates]
         print(json.dumps(to_jsonable({**record, "items": [_item_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
-        return DONE
+        return ExitCode.DONE
     print(  # noqa: T201
         f"campaign of {campaign_.specimen}" + ("   SIMULATED" if campaign_.simulated else "") + f"   {campaign_.path}"
     )
@@ -135,7 +135,7 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     for estimate in estimates:
         value = format_uncertain(estimate.value, estimate.standard_error, estimate.unit)
         print(f"    {estimate.name}: {value}")  # noqa: T201
-    return DONE
+    return ExitCode.DONE
 
 
 def _item_record(state: ItemState) -> dict[str, Any]:

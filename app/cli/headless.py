@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
 
-from app.common.errors import DONE, FAILED, UNSAFE, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.config.bench_file import BenchConfig
 from app.session.session import Session
 from protocols.base.events import RunStatus
 
-EXIT_CODES = {RunStatus.COMPLETED: DONE, RunStatus.UNSAFE: UNSAFE}
+EXIT_CODES = {RunStatus.COMPLETED: ExitCode.DONE, RunStatus.UNSAFE: ExitCode.UNSAFE}
 
 
 @dataclass
@@ -33,7 +33,7 @@ class HeadlessSession:
 
 def exit_code(session: Session) -> int:
     """What the last run of a session tells the caller of the program."""
-    return FAILED if session.outcome is None else EXIT_CODES.get(session.outcome[0], FAILED)
+    return ExitCode.FAILED if session.outcome is None else EXIT_CODES.get(session.outcome[0], ExitCode.FAILED)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from app.common.errors import DONE, FAILED, USAGE, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument, seed_argument, specimen_argument, truncate_text
 
 PROGRAM = "tactor-bench"
@@ -59,19 +59,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(options.command(options))
     except UsageError as error:
         sys.stderr.write(f"{PROGRAM}: {error}\n")
-        return USAGE
+        return ExitCode.USAGE
     except KeyboardInterrupt:
         sys.stderr.write(f"{PROGRAM}: interrupted\n")
-        return FAILED
+        return ExitCode.FAILED
     except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
-        return FAILED
+        return ExitCode.FAILED
     except OSError as error:  # what nobody foresaw still gets its sentence
         where = f"{truncate_text(str(error.filename))}: " if error.filename else ""
         sys.stderr.write(f"{PROGRAM}: {where}{error.strerror or error}\n")
-        return FAILED
+        return ExitCode.FAILED
     except MemoryError:
         sys.stderr.write(f"{PROGRAM}: there is not enough memory for this; ask for less at once\n")
-        return FAILED
+        return ExitCode.FAILED
 
 
 def entry() -> NoReturn:
@@ -83,7 +83,7 @@ def entry() -> NoReturn:
         if not isinstance(error, BrokenPipeError):
             sys.stderr.write(f"{PROGRAM}: the answer could not be written: {error.strerror}\n")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter's own flush complains
-        code = FAILED if code == DONE else code
+        code = ExitCode.FAILED if code == ExitCode.DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")
     if runfile is not None and runfile.has_unclosable_file():
         sys.stdout.flush()

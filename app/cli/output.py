@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from app.common.errors import DONE, UsageError
+from app.common.errors import ExitCode, UsageError
 from model.studies.paper_figures import PaperFigure
 from protocols.base.jsonable import to_jsonable
 from protocols.runfile.schema import is_hdf5
@@ -139,7 +139,7 @@ def render(result: CommandResult, options: argparse.Namespace) -> int:
             print_table(table)
         for note in result.notes:
             print_line(note)
-    return DONE
+    return ExitCode.DONE
 
 
 def result_record(result: CommandResult) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.cli.output import check_output_file, print_line, writing_output
-from app.common.errors import DONE, FAILED, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -50,7 +50,7 @@ def report_command(options: argparse.Namespace) -> int:
         if outcome.verdict != "pass":
             why = f" ({outcome.why})" if outcome.why else ""
             sys.stderr.write(f"{outcome.verdict}: {outcome.name} is {outcome.found}, asked {outcome.asked}{why}\n")
-    return DONE if content.passed else FAILED
+    return ExitCode.DONE if content.passed else ExitCode.FAILED
 
 
 def write_report(
@@ -110,7 +110,7 @@ def _write_example_limits(path: Path) -> int:
     check_output_file(path)
     with writing_output(path):
         path.write_text(example_limits(), "utf-8")
-    return DONE
+    return ExitCode.DONE
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from app.common.errors import DONE, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
 from app.common.units import UnitError, read_value, unit_of
 from app.config.bench_file import MAX_SPEED, BenchConfig, ConfigError, load_bench
@@ -88,7 +88,7 @@ def show(options: argparse.Namespace) -> int:
     print(told)  # noqa: T201 - the command line speaks here
     if options.picture:
         return _draw_run(options.run, options.picture)
-    return DONE
+    return ExitCode.DONE
 
 
 def protocol_class(name: str) -> type[Protocol]:
@@ -215,7 +215,7 @@ def _draw_run(run_file: Path, picture: Path) -> int:
             draw_run(run, picture)
     except RunReadError as error:
         raise UsageError(str(error)) from None
-    return DONE
+    return ExitCode.DONE
 
 
 def resume_run(options: argparse.Namespace) -> int:
@@ -251,7 +251,7 @@ def list_protocols(options: argparse.Namespace) -> int:
         widest = max(map(len, PROTOCOLS))
         lines = [f"{row['protocol']:{widest}}  {row['what it measures']}" for row in rows]
     sys.stdout.write((json.dumps(rows) if options.json else "\n".join(lines)) + "\n")
-    return DONE
+    return ExitCode.DONE
 
 
 def _parameter_records(kind: type[Protocol]) -> list[dict[str, str]]:

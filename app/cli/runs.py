@@ -14,7 +14,7 @@ from typing import Any
 from app.archive.catalogue import Catalogue
 from app.archive.export import PARTS, ExportError, Part, export_run
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
-from app.common.errors import DONE, FAILED, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration
 from app.common.inputs import path_argument
 from app.common.progress import terminal_progress
@@ -48,7 +48,7 @@ def list_runs(options: argparse.Namespace) -> int:
         print(json.dumps([_run_record(folder, entry) for entry in found]))  # noqa: T201 - the command line speaks here
     else:
         _print_runs(found, len(entries), options.all)
-    return DONE
+    return ExitCode.DONE
 
 
 def export_command(options: argparse.Namespace) -> int:
@@ -78,7 +78,7 @@ def export_command(options: argparse.Namespace) -> int:
             continue
         for file in written:
             print(file)  # noqa: T201
-    return FAILED if failed else DONE
+    return ExitCode.FAILED if failed else ExitCode.DONE
 
 
 def _run_filter(options: argparse.Namespace) -> RunFilter:

@@ -35,7 +35,7 @@ from app.cli.output import (
     render,
     writing_output,
 )
-from app.common.errors import DONE, FAILED, UsageError
+from app.common.errors import ExitCode, UsageError
 from app.common.units import PEAK_TO_PEAK, read_number
 from app.plotting.charts import draw_figure
 from model.response.frequency_response import FREQUENCY_SPEC
@@ -183,10 +183,10 @@ def study(options: argparse.Namespace) -> int:
             answer = _sensitivity(wanted, options) if options.sensitivity else _compute_study(wanted, options)
     except StorageError as error:
         sys.stderr.write(f"tactor-bench: {error}\n")
-        return FAILED
+        return ExitCode.FAILED
     except KeyboardInterrupt:
         sys.stderr.write("tactor-bench: stopped; nothing was written\n")
-        return FAILED
+        return ExitCode.FAILED
     return render(answer, options)
 
 
@@ -368,7 +368,7 @@ def write_figures(options: argparse.Namespace) -> int:
         written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
     if options.json:
         print_line(json.dumps({"command": "figures", "figures": written}))
-    return DONE
+    return ExitCode.DONE
 
 
 def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str] | None) -> dict[str, list[PaperFigure]]:

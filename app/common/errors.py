@@ -1,7 +1,17 @@
-"""How a command ends: its exit code, or a sentence about what was asked wrongly."""
+"""Exit codes and usage errors of the program."""
 
-DONE, FAILED, USAGE, UNSAFE = 0, 1, 2, 3
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """What a command returns to the shell."""
+
+    DONE = 0
+    FAILED = 1
+    USAGE = 2
+    UNSAFE = 3
+    """Rest could not be confirmed."""
 
 
 class UsageError(Exception):
-    """The command was given something it cannot use; the sentence says what and what would do."""
+    """A command cannot use what it was given; the message names the value and the remedy."""

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from app.common.units import display_unit
 from protocols.base.quality import Quality
 from protocols.base.records import ResultCurve
 from protocols.base.rounding import format_with_uncertainty
@@ -34,23 +35,6 @@ def format_bytes(count: float) -> str:
             return f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} GB"
-
-
-DISPLAY_UNITS = {
-    "m": (1e6, "µm"),
-    "m/V": (1e6, "µm/V"),
-    "m/N": (1e6, "µm/N"),
-    "kg": (1e3, "g"),
-    "s": (1e3, "ms"),
-    "Pa": (1e-6, "MPa"),
-    "N m/V": (1e6, "N mm/kV"),
-}
-"""Units that nobody at a bench thinks in: by what to multiply, and what then stands there."""
-
-
-def display_unit(unit: str) -> tuple[float, str]:
-    """Factor and unit in which a quantity is shown to a person; `1` has no unit."""
-    return DISPLAY_UNITS.get(unit, (1.0, "" if unit == "1" else unit))
 
 
 def format_quantity(value: float, standard_error: float, unit: str) -> str:

@@ -6,20 +6,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from app.common.units import display_unit
 from model.response.perception import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 
 MAX_LABELS_INSIDE = 6
 """Lines whose legend finds room inside the picture."""
 
-DISPLAY_UNITS = {
-    "m": ("µm", 1e6),
-    "s": ("ms", 1e3),
-    "kg": ("g", 1e3),
-    "kg^-1/2": ("kg$^{-1/2}$", 1),
-    "N/m^2": ("N/m²", 1),
-}
-X_DISPLAY_UNITS = {**DISPLAY_UNITS, "m": ("mm", 1e3)}
+TYPESET_UNITS = {"kg^-1/2": "kg$^{-1/2}$", "N/m^2": "N/m²"}
+CONVERTED_UNITS = ("m", "s", "kg")
+"""Units that are drawn in their display unit."""
 LINE_STYLES: Sequence[dict[str, Any]] = (
     {"color": "tab:blue", "ls": "-"},
     {"color": "tab:red", "ls": "--"},
@@ -79,8 +75,9 @@ def draw_figure(panels: Sequence[PaperFigure], path: Path, log: bool = False) ->
 
 
 def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
-    x_unit, x_scale = X_DISPLAY_UNITS.get(panel.x_unit, (panel.x_unit, 1))
-    y_unit, y_scale = _y_display_unit(panel)
+    x_scale, x_unit = (1e3, "mm") if panel.x_unit == "m" else _axis_unit(panel.x_unit)
+    in_mm = panel.y_unit == "m" and max(float(abs(curve.y).max()) for curve in panel.curves) > 2e-3
+    y_scale, y_unit = (1e3, "mm") if in_mm else _axis_unit(panel.y_unit)
     for line, curve in zip(_line_styles(len(panel.curves)), panel.curves, strict=True):
         axes.plot(curve.x * x_scale, curve.y * y_scale, lw=1.5, label=typeset_symbols(curve.label), **line)
     axes.set(xlabel=_axis_label(panel.x_label, x_unit), ylabel=_axis_label(panel.y_label, y_unit))
@@ -96,11 +93,8 @@ def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
     axes.grid(alpha=0.25)
 
 
-def _y_display_unit(panel: PaperFigure) -> tuple[str, float]:
-    highest = max(float(abs(curve.y).max()) for curve in panel.curves)
-    if panel.y_unit == "m" and highest > 2e-3:
-        return "mm", 1e3
-    return DISPLAY_UNITS.get(panel.y_unit, (panel.y_unit, 1))
+def _axis_unit(unit: str) -> tuple[float, str]:
+    return display_unit(unit) if unit in CONVERTED_UNITS else (1.0, TYPESET_UNITS.get(unit, unit))
 
 
 def _line_styles(count: int) -> list[dict[str, Any]]:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from app.common.formatting import display_unit, format_quantity
+from app.common.formatting import format_quantity
+from app.common.units import display_unit
 from app.config.tables import AmplifierTable
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common.formatting import display_unit
+from app.common.units import display_unit
 from app.config.bench_file import MAX_FILE_BYTES
 from app.config.tables import ConfigTable
 from app.config.validation import validation_messages

@@ -5,7 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from app.common.formatting import display_unit, pluralize
+from app.common.formatting import pluralize
+from app.common.units import display_unit
 from app.report.document import Block, LimitOutcome, ReportTable
 from app.report.rounding import SPACE, typeset_number, typeset_unit
 from app.report.runs import ReportRun

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE
+from app.common.errors import ExitCode
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def ask(capsys: pytest.CaptureFixture[str]) -> Any:
     """The JSON object a command answers with."""
 
     def asked(*arguments: str) -> dict[str, Any]:
-        assert main([*arguments, "--json"]) == DONE
+        assert main([*arguments, "--json"]) == ExitCode.DONE
         (line,) = capsys.readouterr().out.splitlines()
         return json.loads(line)
 

@@ -9,7 +9,7 @@ import pytest
 
 from app.archive.description import injected_faults
 from app.cli.main import main
-from app.common.errors import DONE, FAILED, UNSAFE, USAGE
+from app.common.errors import ExitCode
 from app.config.bench_file import load_bench
 from app.config.discovery import find_devices
 from app.session.connect import connect
@@ -31,7 +31,7 @@ QUICK = ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1")
 
 
 def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path, capsys: Any) -> None:
-    assert main(["check", *QUICK, "--out", str(tmp_path)]) == DONE
+    assert main(["check", *QUICK, "--out", str(tmp_path)]) == ExitCode.DONE
     out = capsys.readouterr().out
     for words in ("gain above rest", "latency beyond", "noise floor", "drive read back", "polarity", "rest confirmed"):
         assert words in out
@@ -49,7 +49,7 @@ def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path
 def test_what_does_not_pass_is_named_with_what_to_look_at(
     fault: str, failing: str, remedy: str, tmp_path: Path, capsys: Any
 ) -> None:
-    assert main(["check", *QUICK, "--json", "--fault", f"{fault}@1", "--out", str(tmp_path)]) == FAILED
+    assert main(["check", *QUICK, "--json", "--fault", f"{fault}@1", "--out", str(tmp_path)]) == ExitCode.FAILED
     told = json.loads(capsys.readouterr().out)
     assert told["status"] == "completed"
     assert not told["passed"]
@@ -60,7 +60,7 @@ def test_what_does_not_pass_is_named_with_what_to_look_at(
 
 @pytest.mark.breaks_the_drive
 def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsys: Any) -> None:
-    assert main(["check", *QUICK, "--fault", "drive-cable-off@2", "--out", str(tmp_path)]) == UNSAFE
+    assert main(["check", *QUICK, "--fault", "drive-cable-off@2", "--out", str(tmp_path)]) == ExitCode.UNSAFE
     said = capsys.readouterr()
     assert "switch the high voltage OFF at the amplifier itself" in " ".join(said.err.split())
     assert "The check was not carried to its end" in said.out
@@ -68,7 +68,7 @@ def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsy
 
 def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, capsys: Any) -> None:
     arguments = ["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,150,200"]
-    assert main([*arguments, "--fault", "card-overrun@3"]) == UNSAFE
+    assert main([*arguments, "--fault", "card-overrun@3"]) == ExitCode.UNSAFE
     with Run(next(tmp_path.glob("*.h5"))) as file:
         assert 2.0 < file.trace.duration_s <= 3.1
         path, ((fault, words, from_s, until_s),) = file.path, injected_faults(file)
@@ -77,11 +77,11 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
     said = " ".join(capsys.readouterr().err.split())
     assert "lost samples" in said
     assert f"broken on purpose: {FAULT_DESCRIPTIONS['card-overrun']}" in said
-    assert main(["show", str(path)]) == DONE
+    assert main(["show", str(path)]) == ExitCode.DONE
     assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
         capsys.readouterr().out
     )
-    assert main(["show", str(path), "--json"]) == DONE
+    assert main(["show", str(path), "--json"]) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["broken_on_purpose"][0]["fault"] == "card-overrun"
 
 
@@ -94,19 +94,19 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
     ],
 )
 def test_a_fault_that_makes_no_sense_is_a_sentence(fault: str, says: str, tmp_path: Path, capsys: Any) -> None:
-    assert main(["run", "sine-dwell", "--fault", fault, "--out", str(tmp_path)]) == USAGE
+    assert main(["run", "sine-dwell", "--fault", fault, "--out", str(tmp_path)]) == ExitCode.USAGE
     assert says in capsys.readouterr().err
 
 
 def test_a_real_bench_cannot_be_broken_on_purpose(tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::192.0.2.1::5025::SOCKET"\n')
-    assert main(["--bench", str(file), "run", "sine-dwell", "--fault", "scpi-late"]) == USAGE
+    assert main(["--bench", str(file), "run", "sine-dwell", "--fault", "scpi-late"]) == ExitCode.USAGE
     assert "--fault is for a simulated bench" in capsys.readouterr().err
 
 
 def test_the_faults_are_listed_with_words(capsys: Any) -> None:
-    assert main(["faults"]) == DONE
+    assert main(["faults"]) == ExitCode.DONE
     out = capsys.readouterr().out
     assert all(name in out and words in out for name, words in FAULT_DESCRIPTIONS.items())
 
@@ -140,7 +140,7 @@ def addresses(served: ServedBench, monkeypatch: pytest.MonkeyPatch) -> list[str]
 
 
 def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
-    assert main(["devices", "--json", *addresses]) == DONE
+    assert main(["devices", "--json", *addresses]) == ExitCode.DONE
     found = json.loads(capsys.readouterr().out)["found"]
     generator, card = found[:2]
     assert (generator["role"], generator["driver"], generator["serial"]) == (
@@ -152,7 +152,7 @@ def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
 
 
 def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], capsys: Any) -> None:
-    assert main(["devices", "--host", "127.0.0.1:9"]) == DONE
+    assert main(["devices", "--host", "127.0.0.1:9"]) == ExitCode.DONE
     said = capsys.readouterr().err
     assert "cannot be reached" in said
     assert "the NI-DAQmx driver is not installed on this computer" in said
@@ -175,20 +175,20 @@ def test_a_box_on_usb_is_found_with_the_driver_that_knows_it() -> None:
 
 def test_a_first_bench_file_is_written_once_and_can_be_read(addresses: list[str], tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "bench1.toml"
-    assert main(["bench", "new", str(file), *addresses]) == DONE
+    assert main(["bench", "new", str(file), *addresses]) == ExitCode.DONE
     config = load_bench(str(file))
     assert config.generator.serial == "MY00000001"
     assert config.card.device == "Dev1"
     assert config.watchdog.own_connection
     before = file.read_text()
-    assert main(["bench", "new", str(file), *addresses]) == USAGE
+    assert main(["bench", "new", str(file), *addresses]) == ExitCode.USAGE
     assert file.read_text() == before
     assert "is not overwritten" in capsys.readouterr().err
 
 
 def test_a_first_bench_file_of_nothing_can_be_read_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.cli.bench.find_devices", lambda hosts, server: ([], []))
-    assert main(["bench", "new", str(tmp_path / "b.toml")]) == DONE
+    assert main(["bench", "new", str(tmp_path / "b.toml")]) == ExitCode.DONE
     assert not load_bench(str(tmp_path / "b.toml")).simulated
 
 
@@ -224,5 +224,5 @@ def test_an_expired_calibration_is_a_warning_in_events_points_and_file(day: str,
 def test_a_day_that_is_none_is_a_fault_of_the_bench_file(tmp_path: Path, capsys: Any) -> None:
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "x"\n[sensor]\nexpires = "next year"\ncalibrated = 2026-01-31\n')
-    assert main(["--bench", str(file), "check"]) == USAGE
+    assert main(["--bench", str(file), "check"]) == ExitCode.USAGE
     assert "line 4: sensor.expires: must be a day, for example 2026-11-21, not 'next year'" in capsys.readouterr().err

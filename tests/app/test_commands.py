@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE, FAILED, USAGE
+from app.common.errors import ExitCode
 from protocols.runfile.reader import Run
 
 SHORT = ["--set", "frequencies_hz=100, 160", "--set", "record_s=100 ms", "--set", "min_cycles=10"]
@@ -17,12 +17,12 @@ def sim(folder: Path, *more: str) -> list[str]:
 
 
 def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(sim(tmp_path, "--specimen", "T9", "--seed", "5")) == DONE
+    assert main(sim(tmp_path, "--specimen", "T9", "--seed", "5")) == ExitCode.DONE
     told = capsys.readouterr().err
     assert "SIMULATED" in told
     assert "at rest: the card sees 2.500 V" in told
     (file,) = tmp_path.glob("*_T9_sine-dwell.h5")
-    assert main(["show", str(file)]) == DONE
+    assert main(["show", str(file)]) == ExitCode.DONE
     shown = capsys.readouterr().out
     assert "Sine dwell of T9   SIMULATED" in shown
     assert "completed: all points measured" in shown
@@ -32,21 +32,21 @@ def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytes
 
 
 def test_json_is_one_object_a_line_in_si_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(sim(tmp_path, "--json")) == DONE
+    assert main(sim(tmp_path, "--json")) == ExitCode.DONE
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     point = next(e["point"] for e in events if e["event"] == "PointMeasured")
     assert point["frequency"] == pytest.approx(100, abs=0.01)
     assert point["fundamental"] == pytest.approx(362e-6, rel=0.01)
     assert events[-1]["event"] == "RunEnded"
     assert events[-1]["status"] == "completed"
-    assert main(["show", events[-1]["path"], "--json"]) == DONE
+    assert main(["show", events[-1]["path"], "--json"]) == ExitCode.DONE
     record = json.loads(capsys.readouterr().out)
     assert record["points"]["fundamental"][0] == point["fundamental"]
     assert record["units"]["fundamental"] == "m"
 
 
 def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["demo", "--no-window", "--speed", "max", "--out", str(tmp_path)]) == DONE
+    assert main(["demo", "--no-window", "--speed", "max", "--out", str(tmp_path)]) == ExitCode.DONE
     (file,), (picture,) = tmp_path.glob("*.h5"), tmp_path.glob("*.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 20_000
@@ -78,7 +78,7 @@ def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsy
 def test_bad_input_gets_one_clear_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(arguments) == USAGE
+    assert main(arguments) == ExitCode.USAGE
     told = capsys.readouterr().err
     assert says in told
     assert "Traceback" not in told
@@ -87,21 +87,21 @@ def test_bad_input_gets_one_clear_sentence_and_exit_code_2(
 def test_speed_on_a_real_bench_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
-    assert main(["run", "sine-dwell", "--bench", str(file), "--speed", "2"]) == USAGE
+    assert main(["run", "sine-dwell", "--bench", str(file), "--speed", "2"]) == ExitCode.USAGE
     assert "are for a simulated bench" in capsys.readouterr().err
 
 
 def test_a_missing_ni_driver_says_what_to_install(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
-    assert main(["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path)]) == FAILED
+    assert main(["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path)]) == ExitCode.FAILED
     told = " ".join(capsys.readouterr().err.split())
     assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in told
     assert "--bench sim" in told
 
 
 def test_a_run_that_cannot_be_stored_fails_with_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(sim(Path("/proc/nowhere"))) == FAILED
+    assert main(sim(Path("/proc/nowhere"))) == ExitCode.FAILED
     assert "cannot be created" in " ".join(capsys.readouterr().err.split())
 
 

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.text import Text
 
 from app.cli.main import main
-from app.common.errors import DONE, USAGE
+from app.common.errors import ExitCode
 from app.plotting.charts import draw_figure, typeset_symbols
 from model.parameters import Membrane, Tactor
 from model.studies.paper_figures import FigureCurve, PaperFigure, figure5, figure9
@@ -26,7 +26,7 @@ def fig9() -> list[PaperFigure]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("figures") / "new" / "folder"
-    assert main(["figures", "--out", str(made)]) == DONE
+    assert main(["figures", "--out", str(made)]) == ExitCode.DONE
     return made
 
 
@@ -68,7 +68,7 @@ def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
 
 def test_one_figure_or_one_panel_alone_and_as_pdf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["figures", "--out", str(tmp_path), "--only", "fig9b", "--only", "fig6", "--pdf", "--json"]
-    assert main(arguments) == DONE
+    assert main(arguments) == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)
     assert {p.name for p in tmp_path.iterdir()} == {
         f"{n}.{k}" for n in ("fig6", "fig9b") for k in ("png", "pdf", "csv")
@@ -148,7 +148,7 @@ def test_what_cannot_be_drawn_is_refused(
     arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["figures", *arguments]) == USAGE
+    assert main(["figures", *arguments]) == ExitCode.USAGE
     assert says in capsys.readouterr().err
     assert list(tmp_path.glob("figures/*")) == []
 
@@ -168,7 +168,7 @@ def test_other_parameters_move_the_curves_and_the_caption_says_so(
         "--set",
         "E_m=7 MPa",
     ]
-    assert main(arguments) == DONE
+    assert main(arguments) == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)["figures"][0]["captions"]["fig4"]
     assert told.endswith(
         "Drawn with k2 = 0.008, E_m = 7e+06; what is said of the text and of single numbers holds for Table I."
@@ -180,5 +180,5 @@ def test_other_parameters_move_the_curves_and_the_caption_says_so(
 def test_a_skin_that_the_figures_choose_themselves_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["figures", "--out", str(tmp_path), "--set", "delta=0.01"]) == USAGE
+    assert main(["figures", "--out", str(tmp_path), "--set", "delta=0.01"]) == ExitCode.USAGE
     assert "--set delta: the figures choose their own skin" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 
 from app.cli import run as commands
 from app.cli.main import _parser, main
-from app.common.errors import USAGE
+from app.common.errors import ExitCode
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run
 
@@ -132,17 +132,17 @@ def test_nothing_that_can_be_asked_ends_in_a_traceback(name: str, here: Path, ca
 )
 def test_a_bench_that_cannot_be_simulated_is_a_sentence(text: str, says: str, here: Path, capsys: Any) -> None:
     (here / "bench.toml").write_text(f"[simulation]\n{text}\n")
-    assert main(["run", "sine-dwell", "--bench", "bench.toml"]) == USAGE
+    assert main(["run", "sine-dwell", "--bench", "bench.toml"]) == ExitCode.USAGE
     assert says in capsys.readouterr().err
 
 
 def test_a_seed_is_no_negative_number(here: Path, capsys: Any) -> None:
-    assert main(["run", "sine-dwell", "--seed", "-1"]) == USAGE
+    assert main(["run", "sine-dwell", "--seed", "-1"]) == ExitCode.USAGE
     assert "'-1' is no seed; give a whole number from 0 on" in capsys.readouterr().err
 
 
 def test_a_bench_file_that_never_ends_is_not_read_to_its_end(here: Path, capsys: Any) -> None:
-    assert main(["run", "sine-dwell", "--bench", "/dev/zero"]) == USAGE
+    assert main(["run", "sine-dwell", "--bench", "/dev/zero"]) == ExitCode.USAGE
     assert "/dev/zero is longer than 1 MB and no bench file" in capsys.readouterr().err
 
 
@@ -162,7 +162,7 @@ def test_a_long_name_is_shortened_in_the_files_name_and_whole_inside(here: Path,
 
 def test_measured_data_is_not_overwritten_by_an_answer_of_the_model(here: Path, capsys: Any) -> None:
     before = (here / "run.h5").read_bytes()
-    assert main(["model", "static", "--csv", "run.h5"]) == USAGE
+    assert main(["model", "static", "--csv", "run.h5"]) == ExitCode.USAGE
     assert "run.h5 holds a run or a study and is not overwritten" in capsys.readouterr().err
     assert (here / "run.h5").read_bytes() == before
 
@@ -170,7 +170,7 @@ def test_measured_data_is_not_overwritten_by_an_answer_of_the_model(here: Path, 
 @pytest.mark.parametrize("name", ["x.txt", "x", "x.h5"])
 def test_a_picture_of_an_unknown_kind_is_refused_before_it_is_drawn(name: str, here: Path, capsys: Any) -> None:
     for arguments in (["show", "run.h5"], ["model", "modes"]):
-        assert main([*arguments, "--picture", name]) == USAGE
+        assert main([*arguments, "--picture", name]) == ExitCode.USAGE
         assert "a picture ends in .png, .pdf, .svg" in capsys.readouterr().err
         assert not (here / name).exists()
 
@@ -202,7 +202,7 @@ def scratched(data: bytes, seed: int) -> bytes:
 def test_a_spoilt_run_is_told_in_a_sentence(spoil: Any, says: str, here: Path, measured: bytes, capsys: Any) -> None:
     (here / "bad.h5").write_bytes(spoil(measured))
     for more in ([], ["--json"], ["--picture", "x.png"]):
-        assert main(["show", "bad.h5", *more]) == USAGE
+        assert main(["show", "bad.h5", *more]) == ExitCode.USAGE
         told = capsys.readouterr()
         assert says in told.err
         assert told.out == ""
@@ -211,14 +211,14 @@ def test_a_spoilt_run_is_told_in_a_sentence(spoil: Any, says: str, here: Path, m
 def test_what_is_no_file_at_all_is_no_run(here: Path, capsys: Any) -> None:
     os.mkfifo(here / "pipe")
     for name, says in (("folder", "is a folder"), ("pipe", "is no file"), ("/dev/full", "is no file")):
-        assert main(["show", name]) == USAGE
+        assert main(["show", name]) == ExitCode.USAGE
         assert f"{name} {says}; give a run file" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may read everything")
 def test_a_file_that_may_not_be_read_says_so(here: Path, capsys: Any) -> None:
     (here / "run.h5").chmod(0)
-    assert main(["show", "run.h5"]) == USAGE
+    assert main(["show", "run.h5"]) == ExitCode.USAGE
     assert "run.h5 cannot be read: Permission denied" in capsys.readouterr().err
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE, USAGE
+from app.common.errors import ExitCode
 from model.specimen import variable_specs
 
 DWELL = [25, 50, 75, 80, 100, 125, 150, 160, 175, 200, 225, 250]
@@ -123,13 +123,13 @@ def test_convergence_against_the_closed_form(ask: Any) -> None:
 
 
 def test_a_person_reads_tables_with_units(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["model", "step"]) == DONE
+    assert main(["model", "step"]) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "Step of 1500 V on the specimen, vibrating freely" in told
     assert [line.split() for line in told.splitlines() if "final deflection" in line] == [
         ["final", "deflection", "356.8", "µm"]
     ]
-    assert main(["model", "frequency-response"]) == DONE
+    assert main(["model", "frequency-response"]) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "Highest max - min: 1154.2 µm at 150 Hz" in told
     assert ["25", "491.0", "486.8", "-3.8", "9.82"] in [line.split() for line in told.splitlines()]
@@ -137,7 +137,7 @@ def test_a_person_reads_tables_with_units(capsys: pytest.CaptureFixture[str]) ->
 
 def test_long_tables_are_thinned_for_people_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "response.csv"
-    assert main(["model", "frequency-response", "--frequencies", "1:500:500", "--csv", str(file)]) == DONE
+    assert main(["model", "frequency-response", "--frequencies", "1:500:500", "--csv", str(file)]) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "one row in 9 of 500" in told
     assert len(told.splitlines()) < 70
@@ -161,7 +161,7 @@ def test_long_tables_are_thinned_for_people_only(tmp_path: Path, capsys: pytest.
 def test_every_curve_goes_into_a_sheet(topic: str, head: list[str], tmp_path: Path) -> None:
     file = tmp_path / "curve.csv"
     short = {"membrane": ["--elongation", "0,1 mm"], "convergence": ["--shapes", "3,5"]}.get(topic, [])
-    assert main(["model", topic, "--csv", str(file), *short]) == DONE
+    assert main(["model", topic, "--csv", str(file), *short]) == ExitCode.DONE
     columns, rows = sheet(file)
     assert columns[: len(head)] == head
     assert np.isfinite(rows).all()
@@ -170,14 +170,14 @@ def test_every_curve_goes_into_a_sheet(topic: str, head: list[str], tmp_path: Pa
 @pytest.mark.parametrize("topic", ["modes", "convergence"])  # two panels, a logarithmic one
 def test_a_picture_where_one_is_asked_for(topic: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = tmp_path / "curve.png"
-    assert main(["model", topic, "--picture", str(picture)]) == DONE
+    assert main(["model", topic, "--picture", str(picture)]) == ExitCode.DONE
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert f"wrote {picture}" in capsys.readouterr().err
 
 
 def test_the_step_sheet_ends_at_the_final_value(tmp_path: Path) -> None:
     file = tmp_path / "step.csv"
-    assert main(["model", "step", "--duration", "100 ms", "--csv", str(file)]) == DONE
+    assert main(["model", "step", "--duration", "100 ms", "--csv", str(file)]) == ExitCode.DONE
     _, rows = sheet(file)
     assert rows[-1, 0] == pytest.approx(0.1)
     assert rows[-1, 1] == pytest.approx(356.8e-6, abs=0.05e-6)
@@ -229,7 +229,7 @@ def test_the_step_sheet_ends_at_the_final_value(tmp_path: Path) -> None:
 def test_what_is_not_physical_gets_one_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["model", *arguments]) == USAGE
+    assert main(["model", *arguments]) == ExitCode.USAGE
     told = capsys.readouterr()
     assert says in told.err
     assert "Traceback" not in told.err

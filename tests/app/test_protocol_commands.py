@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE, USAGE
+from app.common.errors import ExitCode
 from protocols import registry
 from protocols.base.quality import Quality
 from protocols.runfile.reader import Run
@@ -39,7 +39,7 @@ def forgotten() -> Iterator[None]:
 def measured(folder: Path, protocol: str = "sine-dwell", frequencies: str = "100,155,160") -> Path:
     folder.mkdir(exist_ok=True)
     arguments = ["--speed", "max", "--out", str(folder), "--specimen", "T9", "--set", f"frequencies_hz={frequencies}"]
-    assert main(["run", protocol, *arguments, *SHORT]) == DONE
+    assert main(["run", protocol, *arguments, *SHORT]) == ExitCode.DONE
     (file,) = folder.glob("*.h5")
     return file
 
@@ -55,7 +55,7 @@ def flags(path: Path) -> list[tuple[int, int, bool]]:
 
 def test_some_frequencies_are_measured_again_into_a_file_beside_the_old_one(tmp_path: Path) -> None:
     first = measured(tmp_path / "runs")
-    assert main(["resume", str(first), "--again", "155,160", "--speed", "max"]) == DONE
+    assert main(["resume", str(first), "--again", "155,160", "--speed", "max"]) == ExitCode.DONE
     (second,) = set((tmp_path / "runs").glob("*_T9_sine-dwell*.h5")) - {first}
     assert flags(second) == [(0, 100, False), (1, 155, True), (2, 160, True), (1, 155, False), (2, 160, False)]
     with Run(second) as run:
@@ -70,13 +70,13 @@ def test_what_has_no_response_is_measured_again_by_that_word(
     text = Path("sim_hardware/bench.toml").read_text(encoding="utf-8")
     dark.write_text(text.replace("mu = -1.33e-5", "mu = -1e-13"), encoding="utf-8")
     arguments = ["--speed", "max", "--out", str(tmp_path), "--set", "frequencies_hz=100,160", *SHORT]
-    assert main(["run", "sine-dwell", "--bench", str(dark), *arguments]) == DONE
+    assert main(["run", "sine-dwell", "--bench", str(dark), *arguments]) == ExitCode.DONE
     (first,) = tmp_path.glob("*.h5")
     assert "no response" in capsys.readouterr().err
-    assert main(["resume", str(first), "--again", "flagged", "--speed", "max"]) == DONE
+    assert main(["resume", str(first), "--again", "flagged", "--speed", "max"]) == ExitCode.DONE
     (second,) = set(tmp_path.glob("*.h5")) - {first}
     assert flags(second)[2:] == [(0, 100, False), (1, 160, False)]
-    assert main(["resume", str(second), "--again", "flagged"]) == USAGE
+    assert main(["resume", str(second), "--again", "flagged"]) == ExitCode.USAGE
     assert "nothing to measure again" in capsys.readouterr().err
 
 
@@ -91,16 +91,16 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(
     more: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first = measured(tmp_path)
-    assert main(["resume", str(first), *more]) == USAGE
+    assert main(["resume", str(first), *more]) == ExitCode.USAGE
     assert says in capsys.readouterr().err
 
 
 def test_added_points_are_known_by_their_frequency_when_a_run_goes_on(tmp_path: Path) -> None:
     refined = ["--set", "frequencies_hz=140,160,180", "--set", "refine_to_hz=12"]
-    assert main(["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), *SHORT, *refined]) == DONE
+    assert main(["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), *SHORT, *refined]) == ExitCode.DONE
     (first,) = tmp_path.glob("*.h5")
     assert flags(first) == [(0, 140, False), (1, 160, False), (2, 180, False), (3, 150, False), (4, 170, False)]
-    assert main(["resume", str(first), "--again", "150", "--speed", "max"]) == DONE
+    assert main(["resume", str(first), "--again", "150", "--speed", "max"]) == ExitCode.DONE
     (second,) = set(tmp_path.glob("*.h5")) - {first}
     assert flags(second)[3:] == [(3, 150, True), (4, 170, False), (3, 150, False)]
 
@@ -110,10 +110,10 @@ def test_a_labs_own_file_runs_and_goes_on(tmp_path: Path, capsys: pytest.Capture
     mine.write_text(MINE)
     first = measured(tmp_path / "runs", str(mine), "100,160")
     del registry.PROTOCOLS["mine"]  # as after a restart
-    assert main(["resume", str(first), "--again", "160"]) == USAGE
+    assert main(["resume", str(first), "--again", "160"]) == ExitCode.USAGE
     assert "a protocol that is not known here" in capsys.readouterr().err
-    assert main(["resume", str(first), "--again", "160", "--protocol", str(mine), "--speed", "max"]) == DONE
-    assert main(["run", str(tmp_path / "none.py")]) == USAGE
+    assert main(["resume", str(first), "--again", "160", "--protocol", str(mine), "--speed", "max"]) == ExitCode.DONE
+    assert main(["run", str(tmp_path / "none.py")]) == ExitCode.USAGE
     assert f"there is no file {tmp_path / 'none.py'}" in capsys.readouterr().err
 
 
@@ -127,11 +127,11 @@ def test_protocols_lists_what_there_is_plug_ins_included(
     )
     points = [SimpleNamespace(name="good", load=lambda: kind), SimpleNamespace(name="bad", load=lambda: 1 / 0)]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
-    assert main(["protocols"]) == DONE
+    assert main(["protocols"]) == ExitCode.DONE
     told = capsys.readouterr()
     assert "sine-dwell  " in told.out
     assert "Brought along." in told.out
     assert "the protocol plug-in 'bad' is left out: ZeroDivisionError" in told.err
-    assert main(["protocols", "sine-dwell", "--json"]) == DONE
+    assert main(["protocols", "sine-dwell", "--json"]) == ExitCode.DONE
     parameters = {row["parameter"]: row for row in json.loads(capsys.readouterr().out)}
     assert (parameters["peak_to_peak_v"]["default"], parameters["peak_to_peak_v"]["unit"]) == ("5", "V")

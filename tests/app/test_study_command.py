@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE, FAILED, USAGE
+from app.common.errors import ExitCode
 from model.studies.parameter_study import STUDY_PRESETS, Study
 from protocols.runfile.study_file import read_study
 
@@ -20,7 +20,7 @@ SMALL = ["study", "--vary", "E_m=1e6:1e8:3:log", "--vary", "delta=0,0.01", "--fr
 @pytest.mark.parametrize("preset", ["fig10", "fig11", "fig12"])
 def test_presets_are_the_papers(preset: str, tmp_path: Path) -> None:
     path = tmp_path / "study.h5"
-    assert main(["study", preset, "--out", str(path)]) == DONE
+    assert main(["study", preset, "--out", str(path)]) == ExitCode.DONE
     got = read_study(path)
     assert np.array_equal(got.values, STUDY_PRESETS[preset]().run().values)
     assert got.axes == STUDY_PRESETS[preset]().axes
@@ -62,7 +62,7 @@ def test_chunks_land_where_they_belong(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_the_file_names_what_was_not_varied(tmp_path: Path) -> None:
     path = tmp_path / "study.h5"
-    assert main([*SMALL, "--set", "m_add=5 g", "--out", str(path)]) == DONE
+    assert main([*SMALL, "--set", "m_add=5 g", "--out", str(path)]) == ExitCode.DONE
     got = read_study(path)
     parameters = {p.name: (p.value, p.unit) for p in got.parameters}
     assert parameters["m_add"] == (pytest.approx(0.005), "kg")
@@ -78,15 +78,15 @@ def test_a_complex_receptance_is_pairs_in_json_and_complex_in_the_file(tmp_path:
 
 
 def test_a_person_sees_the_peak_of_each_combination(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", "fig10"]) == DONE
+    assert main(["study", "fig10"]) == ExitCode.DONE
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["1e+09", "216.3", "250", "103.2", "216.3"] in rows
-    assert main(["study", "--vary", "c0=100:200:50", "--frequencies", "100,200"]) == DONE
+    assert main(["study", "--vary", "c0=100:200:50", "--frequencies", "100,200"]) == ExitCode.DONE
     assert "the first 30 of 50 combinations" in capsys.readouterr().out
 
 
 def test_a_study_can_be_drawn(tmp_path: Path) -> None:
-    assert main([*SMALL, "--picture", str(tmp_path / "study.png")]) == DONE
+    assert main([*SMALL, "--picture", str(tmp_path / "study.png")]) == ExitCode.DONE
     assert (tmp_path / "study.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -126,7 +126,7 @@ def test_without_dask_a_sentence_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert main([*SMALL, "--cluster", "local"]) == USAGE
+    assert main([*SMALL, "--cluster", "local"]) == ExitCode.USAGE
     assert "run \"pip install 'tactor-bench[cluster]'\"" in capsys.readouterr().err
 
 
@@ -143,7 +143,7 @@ def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
             closed.append(True)
 
     monkeypatch.setattr(Study, "chunks", blocks)
-    assert main([*SMALL, "--out", str(tmp_path / "x.h5"), "--csv", str(tmp_path / "x.csv")]) == FAILED
+    assert main([*SMALL, "--out", str(tmp_path / "x.h5"), "--csv", str(tmp_path / "x.csv")]) == ExitCode.FAILED
     told = capsys.readouterr()
     assert told.err == "tactor-bench: stopped; nothing was written\n"
     assert told.out == ""
@@ -155,7 +155,7 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("protocols.runfile.study_file.RESERVE_BYTES", 10**18)
-    assert main([*SMALL, "--out", str(tmp_path / "x.h5")]) == FAILED
+    assert main([*SMALL, "--out", str(tmp_path / "x.h5")]) == ExitCode.FAILED
     assert "free some space" in capsys.readouterr().err
 
 
@@ -193,7 +193,7 @@ def test_a_full_disk_is_a_failure_not_a_misuse(
 def test_bad_input_gets_one_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["study", *arguments]) == USAGE
+    assert main(["study", *arguments]) == ExitCode.USAGE
     told = capsys.readouterr()
     assert says in told.err
     assert len(told.err.splitlines()) == 1

@@ -8,7 +8,7 @@ import h5py
 import pytest
 
 from app.cli.main import main
-from app.common.errors import DONE
+from app.common.errors import ExitCode
 from app.gui.widgets.form import check_form, protocol_fields
 from protocols import registry
 from protocols.base.protocol import Protocol
@@ -70,12 +70,12 @@ def test_every_command_of_the_page_does_what_it_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["protocols", "./holds.py"]) == DONE
+    assert main(["protocols", "./holds.py"]) == ExitCode.DONE
     assert "levels_v = 3, 4 V" in capsys.readouterr().out
-    assert main(["run", "./holds.py", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == DONE
+    assert main(["run", "./holds.py", "--speed", "max", "--set", "levels_v=3,3.5,4"]) == ExitCode.DONE
     assert "3.500 V: +142." in capsys.readouterr().err
     (first,) = (tmp_path / "runs").glob("*_holds.h5")
-    assert main(["show", str(first), "--picture", "holds.png"]) == DONE
+    assert main(["show", str(first), "--picture", "holds.png"]) == ExitCode.DONE
     assert "displacement per volt: 142." in capsys.readouterr().out
     assert (tmp_path / "holds.png").stat().st_size > 10_000
-    assert main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--speed", "max"]) == DONE
+    assert main(["resume", str(first), "--again", "3.5", "--protocol", "./holds.py", "--speed", "max"]) == ExitCode.DONE

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.common.errors import FAILED
+from app.common.errors import ExitCode
 from drivers.bench.amplifier import DriveLimits, HvAmplifier
 from drivers.bench.watchdog_interface import HeartbeatClock, NoWatchdog
 from drivers.drive import Drive, Hold, Sine
@@ -72,7 +72,7 @@ def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_whe
         wait(lambda: "was brought to rest" in log(tmp_path))
         assert cut_short(tactor_bench.bench)
         tactor_bench.process.send_signal(signal.SIGCONT)
-        assert tactor_bench.end() == FAILED, tactor_bench.text
+        assert tactor_bench.end() == ExitCode.FAILED, tactor_bench.text
         assert "the watchdog took the source over" in tactor_bench.text
         assert "at rest: the card sees 2.500 V" in tactor_bench.text
         safe(tactor_bench.bench)

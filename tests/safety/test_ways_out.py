@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.common.errors import DONE, FAILED, UNSAFE
+from app.common.errors import ExitCode
 from protocols.base.events import RunStatus
 from protocols.runfile.reader import Run
 from tests.helpers.program import program, safe
@@ -22,7 +22,7 @@ patient = partial(program, watchdog="silence_s = 5")
 def test_a_run_on_a_bench_file_ends_at_rest_with_every_point(tmp_path: Path) -> None:
     with patient(tmp_path, "frequencies_hz=100,160") as (run, _):
         run.arm()
-        assert run.end() == DONE, run.text
+        assert run.end() == ExitCode.DONE, run.text
         assert safe(run.bench).outside_rest_s > 0.5
         assert "SIMULATED" not in run.text  # to the program this is a real bench
     with Run(run.file) as file:
@@ -38,7 +38,7 @@ def test_ctrl_c_and_sigterm_go_to_rest_and_keep_what_was_measured(number: int, m
             run.arm()
         run.wait_for(moment)
         run.process.send_signal(number)
-        assert run.end() == FAILED, run.text
+        assert run.end() == ExitCode.FAILED, run.text
         safe(run.bench)
     with Run(run.file) as file:
         assert file.status == RunStatus.STOPPED
@@ -74,7 +74,7 @@ def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -
         run.arm()
         run.wait_for("100.0")
         run.bench.inject("scpi-dropped")
-        assert run.end() == FAILED, run.text
+        assert run.end() == ExitCode.FAILED, run.text
         assert "at rest: the card sees 2.500 V" in run.text
         assert "cannot be reached" in run.text or "was silent" in run.text
         safe(run.bench)
@@ -87,7 +87,7 @@ def test_the_generators_power_lost_mid_run_is_unsafe_and_says_what_to_do(tmp_pat
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("generator-power-off")
-        assert run.end() == UNSAFE, run.text
+        assert run.end() == ExitCode.UNSAFE, run.text
         assert "UNSAFE: rest could not be confirmed" in run.text
         assert "switch the high voltage OFF at the amplifier itself" in run.text
     with Run(run.file) as file:
@@ -101,7 +101,7 @@ def test_the_card_lost_mid_run_is_unsafe_because_nobody_can_see_the_rest_that_is
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("card-unplugged")
-        assert run.end() == UNSAFE, run.text
+        assert run.end() == ExitCode.UNSAFE, run.text
         assert "the card cannot see the drive" in run.text
         safe(run.bench)  # the source obeyed all the same
 
@@ -112,6 +112,6 @@ def test_samples_lost_mid_run_fail_the_run_at_measured_rest(tmp_path: Path) -> N
         run.arm()
         run.wait_for("25.0")
         run.bench.inject("card-overrun")
-        assert run.end() in (FAILED, UNSAFE), run.text
+        assert run.end() in (ExitCode.FAILED, ExitCode.UNSAFE), run.text
         assert "scans were lost because the program read too late; lower the rate" in run.text
         safe(run.bench)

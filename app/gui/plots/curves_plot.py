@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.common.formatting import display_unit
+from app.common.units import display_unit
 from app.gui.plots.base import BandFill, PlotBase, curve_color, stable_range
 from app.gui.plots.copy import PlotSeries, series_as_text, series_of
 from app.gui.widgets.form import set_style_kind

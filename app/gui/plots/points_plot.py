@@ -10,7 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
-from app.common.formatting import display_unit
+from app.common.units import display_unit
 from app.gui.plots.base import PlotBase
 from app.gui.plots.copy import series_as_text, series_of
 from app.gui.plots.response_plot import EntrySelection
