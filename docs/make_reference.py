@@ -1,4 +1,4 @@
-"""Writes docs/reference from the code: protocols, commands, the run file; and the lists of decisions and of pictures.
+"""Writes docs/reference from the code: protocols, commands, the run file, the Python API; and the lists of decisions and of pictures.
 
 `python docs/make_reference.py`
 
@@ -6,11 +6,14 @@ tests/docs/test_documentation.py fails where these pages are not what this scrip
 """
 
 import argparse
+import ast
+import inspect
 import os
 import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +22,10 @@ sys.path.insert(0, str(HERE.parent))
 
 import h5py  # noqa: E402
 
+import tactor_bench as tb  # noqa: E402
 from app.cli.main import _parser  # noqa: E402
 from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
+from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base.protocol import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
 from protocols.runfile.schema import point_columns  # noqa: E402
@@ -42,6 +47,7 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
     yield "reference/commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
     yield "reference/run-file.md", MADE + run_file()
+    yield "reference/python.md", MADE + python_api()
     yield "decisions/README.md", LISTED + decisions()
     yield "pictures/README.md", LISTED + pictures()
 
@@ -127,6 +133,58 @@ def run_file() -> str:
         with h5py.File(ran.path) as file:
             file.visititems(tell)
     return "\n".join([*lines, ""])
+
+
+def python_api() -> str:
+    """Return signatures and docstrings of the public names of `tactor_bench`."""
+    lines = [
+        "# Python API",
+        "",
+        "`import tactor_bench as tb`: [how to work with it](../how-to/work-in-a-notebook.md).",
+        "",
+    ]
+    public = {name: getattr(tb, name) for name in tb.__all__}
+    for name, value in sorted(public.items(), key=lambda item: (isinstance(item[1], type), item[0])):
+        lines += [f"## `tb.{name}`", "", "```text", *api_text(name, value), "```", ""]
+    return "\n".join(lines).replace("  # doctest: +SKIP", "")
+
+
+def api_text(name: str, value: Any) -> Iterator[str]:
+    """Yield the lines about one public name: signatures from the source, so that they are the same in every Python."""
+    node = source_of(value)
+    if isinstance(node, ast.FunctionDef):
+        yield from signature(name, node)
+    yield from (inspect.getdoc(value) or "").splitlines()
+    if specs := parameters_of(value):
+        yield from ["", "Parameters:"]
+    for spec in specs:
+        default = "" if spec.default is None else f" = {spec.default:g}"
+        yield f"    {spec.name}{default} {spec.unit}: {spec.words}".rstrip()
+    for kind in inspect.getmro(value) if isinstance(value, type) else ():
+        for method in source_of(kind).body if kind.__module__.startswith("tactor_bench") else ():
+            if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+                shown = any(isinstance(each, ast.Name) and "property" in each.id for each in method.decorator_list)
+                yield ""
+                yield from [method.name] if shown else signature(method.name, method)[:1]
+                yield from (f"    {line}".rstrip() for line in (ast.get_docstring(method) or "").splitlines())
+
+
+def source_of(value: Any) -> ast.FunctionDef | ast.ClassDef:
+    """Return the parsed definition of a function or class."""
+    tree = ast.parse(Path(inspect.getfile(value)).read_text("utf-8"))
+    return next(n for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name == value.__name__)
+
+
+def signature(name: str, node: ast.FunctionDef) -> list[str]:
+    """Return a function's signature, a line for each parameter where there are many."""
+    arguments = ast.unparse(node.args).removeprefix("self, ").removeprefix("self")
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    return [f"{name}({arguments}){returns}", ""]
+
+
+def parameters_of(kind: type) -> tuple[Any, ...]:
+    """Return the annotated parameters of a dataclass of the model; none for any other class."""
+    return parameter_specs(kind) if kind.__module__.startswith("model.") and is_dataclass(kind) else ()
 
 
 def decisions() -> str:

@@ -51,7 +51,7 @@ def the_volts_were_safe(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
 
     A test that takes the drive away on purpose says so with the marker `breaks_the_drive`.
     """
-    if request.path.relative_to(Path(__file__).parent).parts[0] not in ("app", "protocols", "safety"):
+    if request.path.relative_to(Path(__file__).parent).parts[0] not in ("app", "protocols", "safety", "tactor_bench"):
         yield
         return
     benches: list[SimulatedBench] = []

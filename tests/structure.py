@@ -15,7 +15,7 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware")
+PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware", "tactor_bench")
 MOST_FILES, MOST_TEST_FILES, LONGEST_CHAIN = 20, 40, 7
 
 

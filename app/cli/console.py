@@ -30,6 +30,9 @@ from protocols.base.events import (
     event_record,
 )
 
+STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
+"""Said at the end of every run on a real bench."""
+
 STATUS_COLORS = {"completed": "green", "unsafe": "bold red"}
 
 
@@ -51,8 +54,8 @@ class ConsoleObserver:
     is no instruction to the terminal.
     """
 
-    def __init__(self, console: Console, key_help: str = "") -> None:
-        """`keys` is what a person may press while it runs, told where the run begins."""
+    def __init__(self, console: Console, key_help: str = "", simulated: bool = True) -> None:
+        """`keys` is what a person may press while it runs, told where the run begins; `simulated` holds until a bench opens."""
         self._console, self._key_help = console, key_help
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
@@ -64,7 +67,7 @@ class ConsoleObserver:
             expand=True,
         )
         self._task: TaskID | None = None
-        self._simulated = True
+        self._simulated = simulated
 
     def __enter__(self) -> "ConsoleObserver":
         self._progress.start()
@@ -121,8 +124,7 @@ class ConsoleObserver:
         if self._task is not None:
             self._progress.update(self._task, description=str(event.status), left="")
         if not self._simulated:
-            words = "High voltage may still be on: switch it off at the amplifier before you touch anything."
-            self._print((words, "bold yellow"))
+            self._print((STILL_ON, "bold yellow"))
         self._print((str(event.status), STATUS_COLORS.get(event.status, "yellow")), f": {event.reason}")
 
     def _print(self, *parts: str | tuple[str, str]) -> None:

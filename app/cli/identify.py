@@ -4,7 +4,6 @@ What `tactor-bench identify` does, and accepting what it found.
 """
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +18,11 @@ from app.common.inputs import path_argument
 from app.common.units import UnitError, to_number
 from app.common.version import version
 from app.config.bench_file import ConfigError
-from app.config.tables import AmplifierTable
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
 from app.identification.identify import IdentificationResult, identify
-from app.identification.observations import ObservationError
+from app.identification.observations import ObservationError, amplifier_of
 from app.identification.recalibration import Correction
-from model.amplifier_map import AmplifierMap
 from model.identification.calibration import Calibration
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
@@ -200,7 +197,7 @@ def identify_runs(options: argparse.Namespace) -> int:
     """`tactor-bench identify RUN...`."""
     if options.method == "chain" and (options.free or options.fixed or options.robust):
         raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
-    if options.method == "chain" and (options.profile or options.next is not None):
+    if options.method == "chain" and (options.profile_interval or options.next is not None):
         raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
     if not 0 < options.coverage < 1:
         raise UsageError(f"--coverage {options.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
@@ -215,7 +212,7 @@ def identify_runs(options: argparse.Namespace) -> int:
             loss="cauchy" if options.robust else "linear",
             amplifier=corrected.amplifier.amplifier_map
             if corrected and corrected.amplifier
-            else _amplifier_of_runs(options.runs),
+            else amplifier_of(options.runs),
         )
         found = identify(
             options.runs,
@@ -254,8 +251,8 @@ def _add_proposals(
 ) -> CommandResult:
     """The answer with what else was asked of a joint fit, and the one line of what to measure next."""
     tables, notes = list(result.tables), list(result.notes)
-    if options.profile:
-        tables.append(profile_table(fit, options.profile, options.coverage))
+    if options.profile_interval:
+        tables.append(profile_table(fit, options.profile_interval, options.coverage))
     if fit.free_parameters:
         proposals = rank_proposals(fit, options.next or None)
         if options.next is not None:
@@ -273,20 +270,6 @@ def _parse_fixed(text: str) -> tuple[str, float]:
         return name.strip(), to_number(value.strip(), parameter_spec(name.strip()).unit)
     except (UnitError, ParameterError) as error:
         raise UsageError(f"--fix {text}: {error}") from None
-
-
-def _amplifier_of_runs(paths: Sequence[Path]) -> AmplifierMap:
-    """The amplifier as it was in these runs: its map is copied into every run file."""
-    maps = []
-    for run_path in paths:
-        try:
-            with Run(run_path) as run:
-                maps.append(AmplifierTable.from_configuration(run.configuration).amplifier_map)
-        except RunReadError as error:
-            raise UsageError(str(error)) from None
-    if any(each != maps[0] for each in maps):
-        raise UsageError("these runs were made with differently configured amplifiers: identify them by themselves")
-    return maps[0]
 
 
 def _accept(identification: IdentificationResult, options: argparse.Namespace, correction: Correction | None) -> str:

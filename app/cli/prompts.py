@@ -54,7 +54,7 @@ class ConsoleOperator:
     def show(self, ask_id: int, prompt: Prompt) -> None:
         with self._input_lock:
             _discard_type_ahead()
-            _print(f"{_answer_instructions(prompt)}; Ctrl-C stops the run")
+            _print(f"{answer_instructions(prompt)}; Ctrl-C stops the run")
             self._pending = ask_id, prompt
         if not self._listening:
             threading.Thread(
@@ -105,9 +105,9 @@ class ConsoleOperator:
     def _handle_line(self, typed: str, run: Pausable) -> None:
         if self._pending is not None:
             ask_id, prompt = self._pending
-            meant = _match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
+            meant = match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
             if meant is None:
-                _print(f"that is no answer: {_answer_instructions(prompt)}; Ctrl-C stops the run")
+                _print(f"that is no answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
             else:
                 self._pending = None
                 self._answers[ask_id] = meant
@@ -121,12 +121,12 @@ class ConsoleOperator:
 
     def _read_answer(self, ask_id: int, prompt: Prompt) -> None:
         while line := sys.stdin.readline():
-            meant = _match_answer(prompt, line.strip())
+            meant = match_answer(prompt, line.strip())
             if meant is not None:
                 self._pending = None
                 self._answers[ask_id] = meant
                 return
-            _print(f"that is no answer: {_answer_instructions(prompt)}; Ctrl-C stops the run")
+            _print(f"that is no answer: {answer_instructions(prompt)}; Ctrl-C stops the run")
         _print("standard input has ended, so nobody can answer here: the run waits until it is stopped")
 
 
@@ -151,7 +151,7 @@ def _in_foreground(keyboard: int) -> bool:
         return True
 
 
-def _answer_instructions(prompt: Prompt) -> str:
+def answer_instructions(prompt: Prompt) -> str:
     """How a prompt is answered, in words."""
     if word := CONFIRMATION_WORDS.get(prompt.action):
         return f"type '{word}' and press Enter"
@@ -160,13 +160,13 @@ def _answer_instructions(prompt: Prompt) -> str:
     return f"type {' or '.join(f'{choice[0]} ({choice})' for choice in prompt.choices)} and press Enter"
 
 
-def _match_answer(prompt: Prompt, typed: str) -> str | None:
+def match_answer(prompt: Prompt, said: str) -> str | None:
     """The answer that what was typed means; None where it is none."""
     if word := CONFIRMATION_WORDS.get(prompt.action):
-        return typed if typed.casefold() == word else None
+        return said if said.casefold() == word else None
     if len(prompt.choices) == 1:
-        return typed or prompt.choices[0]
-    meant = [choice for choice in prompt.choices if typed and choice.casefold().startswith(typed.casefold())]
+        return said or prompt.choices[0]
+    meant = [choice for choice in prompt.choices if said and choice.casefold().startswith(said.casefold())]
     return meant[0] if len(meant) == 1 else None
 
 

@@ -13,17 +13,14 @@ from inspect import getdoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
-from app.common.units import UnitError, read_value, unit_of
-from app.config.bench_file import MAX_SPEED, BenchConfig, ConfigError, load_bench
-from app.config.validation import validation_messages
+from app.config.bench_file import BenchConfig, load_bench
 from app.gui.widgets.form import format_parameter, protocol_fields
+from app.session.request import build_protocol, choose_bench, load_protocol_class
 from protocols.base.jsonable import to_jsonable
 from protocols.base.protocol import Protocol
-from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
+from protocols.registry import PROTOCOLS, load_plug_ins
 from protocols.resume import find_entries, load_resumable
 from protocols.runfile.reader import RunReadError
 
@@ -97,19 +94,7 @@ def protocol_class(name: str) -> type[Protocol]:
     Raises:
         UsageError: there is none, or the file is broken.
     """
-    if name.endswith(".py") or "/" in name or "\\" in name:
-        try:
-            return load_protocol_file(Path(name))
-        except ProtocolFileError as error:
-            raise UsageError(str(error)) from None
-    if name not in PROTOCOLS:
-        for trouble in load_plug_ins():
-            sys.stderr.write(f"{trouble}\n")
-    if name not in PROTOCOLS:
-        raise UsageError(
-            f"there is no protocol '{name}'; known are: {protocol_names()}; or give a file: ./my_protocol.py"
-        )
-    return PROTOCOLS[name]
+    return load_protocol_class(name, lambda trouble: sys.stderr.write(f"{trouble}\n"))
 
 
 def make_protocol(name: str, settings: list[str]) -> Protocol:
@@ -119,52 +104,18 @@ def make_protocol(name: str, settings: list[str]) -> Protocol:
         UsageError: an unknown protocol or parameter, or a value out of range; every fault is listed.
     """
     kind = protocol_class(name)
-    name = kind.name
     values: dict[str, Any] = {}
-    wrong: list[str] = []
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals:
             raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
-        if key.strip() not in kind.model_fields:
-            raise UsageError(f"{name} has no parameter '{key}'; it has: {', '.join(kind.model_fields)}")
-        try:
-            values[key.strip()] = read_value(kind, key.strip(), value.strip())
-        except UnitError as error:
-            wrong.append(f"  {key.strip()}: {error}")
-    try:
-        protocol = kind(**values)
-    except ValidationError as error:
-        wrong += validation_messages(error, unit_of_key=lambda key: (unit_of(kind, key) or "").removeprefix("1"))
-    if wrong:
-        raise UsageError(f"{name} cannot be run so:\n" + "\n".join(wrong))
-    return protocol
+        values[key.strip()] = value.strip()
+    return build_protocol(kind, values)
 
 
 def selected_bench(options: argparse.Namespace) -> tuple[BenchConfig, float | None]:
     """The bench and its speed; None is the virtual clock."""
-    try:
-        config = load_bench(options.bench)
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
-    speed, seed = options.speed, options.seed
-    if not config.simulated:
-        if speed is not None or seed is not None:
-            raise UsageError(f"--speed and --seed are for a simulated bench; {options.bench} is a real one")
-        return config, 1.0
-    if seed is not None:
-        config = config.model_copy(update={"simulation": {**(config.simulation or {}), "seed": seed}})
-    if speed == "max":
-        return config, None
-    if speed is None:
-        return config, config.simulation_parameters.speed
-    try:
-        number = float(speed)
-    except ValueError:
-        number = 0.0
-    if not 1 <= number <= MAX_SPEED:
-        raise UsageError(f"--speed {speed}: give a number from 1 to {MAX_SPEED:g}, or 'max'")
-    return config, number
+    return choose_bench(options.bench, options.speed, options.seed, option="--")
 
 
 def run_headless(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.config.tables import AmplifierTable
+from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
 from model.identification.observations import (
     FrequencyResponseObservation,
@@ -75,6 +76,24 @@ def read_observations(
         return next(iter(specimens)), ObservationSet(tuple(found)), left_out
     except ParameterError as error:
         raise ObservationError(str(error)) from error
+
+
+def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
+    """Return the amplifier's map as it was in these runs: it is copied into every run file.
+
+    Raises:
+        RunError: a file is no run.
+        ObservingError: the runs were made with different maps.
+    """
+    maps = []
+    for path in paths:
+        with Run(path) as run:
+            maps.append(AmplifierTable.from_configuration(run.configuration).amplifier_map)
+    if any(each != maps[0] for each in maps):
+        raise ObservationError(
+            "these runs were made with differently configured amplifiers: identify them by themselves"
+        )
+    return maps[0] if maps else AmplifierMap()
 
 
 def shape_count_of_file(path: Path) -> int:

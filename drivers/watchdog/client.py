@@ -137,7 +137,7 @@ class WatchdogClient:
     def _start(self) -> None:
         root = str(Path(__file__).resolve().parents[2])
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "drivers.watchdog.process"],
+            [sys.executable, "-P", "-m", "drivers.watchdog.process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

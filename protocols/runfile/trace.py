@@ -102,10 +102,20 @@ class RunTrace:
         for index, row in enumerate(self._entry["recordings"][:]):
             yield self._recording(index, row, delay_s)
 
+    @property
+    def recording_count(self) -> int:
+        """How many recordings there are, without reading any."""
+        return len(self._entry["recordings"])
+
+    def recording(self, index: int) -> Recording:
+        """One recording, without reading the others; a negative index counts from the end."""
+        return self._recording(
+            index % self.recording_count, self._entry["recordings"][index], self._displacement_delay_s()
+        )
+
     def last_recording(self) -> Recording | None:
         """The last of what was recorded, without reading the rest; None where nothing was."""
-        table = self._entry["recordings"]
-        return self._recording(len(table) - 1, table[-1], self._displacement_delay_s()) if len(table) else None
+        return self.recording(-1) if self.recording_count else None
 
     def _displacement_delay_s(self) -> float:
         """How late displacement is against the drive: the sensor's delay, less what the card converts it later."""

@@ -44,7 +44,7 @@ class BenchProcess(Closeable):
         self._stderr = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - closed in close()
         root = str(Path(__file__).resolve().parents[2])
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "sim_hardware.service"],
+            [sys.executable, "-P", "-m", "sim_hardware.service"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._stderr,

@@ -15,6 +15,8 @@ from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 class Program:
     """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
@@ -77,7 +79,10 @@ class Program:
 
 
 @contextmanager
-def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[Program, ServedBench]]:
+def program(
+    folder: Path, *settings: str, watchdog: str = "", script: str = ""
+) -> Iterator[tuple[Program, ServedBench]]:
+    """`tactor-bench run sine-dwell` with settings, or in its place a Python script that finds `bench.toml` where it runs."""
     bench = SimulatedBench(simulated().simulation_parameters, WallClock(1.0))
     with ServedBench(bench) as served:
         file = folder / "bench.toml"
@@ -92,12 +97,13 @@ def program(folder: Path, *settings: str, watchdog: str = "") -> Iterator[tuple[
         options = ["--bench", str(file), "--out", str(folder), "run", "sine-dwell"]
         chosen = [part for setting in settings for part in ("--set", setting)]
         process = subprocess.Popen(
-            [*command, *options, *chosen],
+            [sys.executable, "-c", script] if script else [*command, *options, *chosen],
+            cwd=folder if script else None,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1"},
+            env={**os.environ, "COLUMNS": "400", "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(ROOT)},
         )
         running = Program(bench, process)
         running.folder = folder

@@ -1,0 +1,241 @@
+"""Connects a bench and runs protocols on it, with every way out at rest."""
+
+import signal
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from app.common.errors import UsageError
+from app.config.bench_file import BenchConfig
+from app.session.connect import UNATTENDED_BLOCK_S
+from app.session.connect import connect as open_instruments
+from app.session.request import build_protocol, choose_bench, load_protocol_class
+from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionEvent
+from drivers.closing import Closeable
+from drivers.errors import BenchError, UnsafeError
+from protocols.base.events import RestMeasured, RunStatus
+from protocols.base.protocol import Protocol
+from tactor_bench._frontend import front_end
+from tactor_bench._run import MeasuredRun, open_run
+
+
+class RunFailedError(BenchError):
+    """A run failed or was stopped, and is at rest; the sentence says why.
+
+    Attributes:
+        path: its run file with what was measured before, None where it could not be created.
+    """
+
+    def __init__(self, reason: str, path: Path | None) -> None:
+        super().__init__(reason)
+        self.path = path
+
+
+class BenchSession(Closeable):
+    """A connected bench. Every run begins and ends at measured rest; closing it lets go of the instruments.
+
+    Attributes:
+        name: as in the bench file.
+        simulated: whether it is the simulated bench.
+        identities: of the instruments by role, for example `generator`.
+        folder: where run files go.
+        specimen: name of the specimen, for runs that name none.
+    """
+
+    def __init__(
+        self, config: BenchConfig, speed: float | None, folder: Path, specimen: str, *, progress: bool
+    ) -> None:
+        self.folder, self.specimen = folder, specimen
+        self.name, self.simulated, self.identities = config.name, config.simulated, dict[str, str]()
+        self._failure = ""
+        self._connected = threading.Event()
+        self._running = threading.Lock()
+        self._front = front_end(progress=progress)
+        self._session = Session(
+            lambda: open_instruments(config, speed, UNATTENDED_BLOCK_S), [self._observe, self._front.observe], self._front.operator
+        )  # fmt: skip
+        self._session.start()
+        _close_at_exit(self)
+        try:
+            self._front.wait(self._connected)
+            if self._failure:
+                raise BenchError(self._failure)
+        except BaseException:
+            self.close()
+            raise
+
+    def __repr__(self) -> str:
+        return f"<{self.name}{', SIMULATED' if self.simulated else ''}: {self._session.state}>"
+
+    def run(
+        self,
+        protocol: str | Path | Protocol,
+        *,
+        specimen: str = "",
+        folder: str | Path = "",
+        check: bool = True,
+        parameters: Mapping[str, Any] | None = None,
+        **more: Any,
+    ) -> MeasuredRun:
+        """Run a protocol, wait for its end, and open its run file.
+
+        Progress and prompts are shown as by `tactor-bench run`: on the terminal, or under the notebook's cell, where a
+        prompt is answered by typing. Ctrl-C, or interrupting the kernel, brings the bench to rest and then raises
+        KeyboardInterrupt; what was measured is in the run file. If the process or the kernel dies, the watchdog brings the
+        bench to rest.
+
+        Args:
+            protocol: its name (`tactor-bench protocols` lists them), the file of your own (`./my_protocol.py`), or a
+                protocol with its parameters.
+            specimen: name of the specimen; default is the bench's.
+            folder: where the run file goes; default is the bench's.
+            check: whether a run that was not completed raises RunFailedError; without, it is returned with its status.
+            parameters: of the protocol, by name.
+            **more: further parameters of the protocol: numbers in SI, or texts with a unit (`peak_to_peak_v="4 V"`).
+
+        Returns:
+            The run; its `status` is `completed`, without `check` also `failed` or `stopped`.
+
+        Raises:
+            ValueError: an unknown protocol or parameter, or a value out of range; nothing has moved.
+            RunFailedError: the run was not completed, or its file could not be created; the bench is at rest.
+            UnsafeError: rest could not be confirmed. The sentence says what to do by hand, now.
+            BenchError: the bench has been closed or lost, or another thread's run is in progress.
+            KeyboardInterrupt: the run was interrupted, and is at rest.
+
+        Example:
+            >>> with connect("sim", speed="max") as bench:  # doctest: +SKIP
+            ...     run = bench.run("sine-dwell", frequencies_hz=[100, 150, 160], specimen="T7")
+            >>> run.points["peak_to_peak"]  # doctest: +SKIP
+            array([0.00076, 0.00116, 0.00112])
+        """
+        request = _protocol(protocol, {**(parameters or {}), **more})
+        if not self._running.acquire(blocking=False):
+            raise BenchError(f"{self.name}: another run is in progress; wait for its end")
+        try:
+            path = self._measure(request, Path(folder or self.folder), specimen or self.specimen)
+        finally:
+            self._running.release()
+        status, reason = self._session.outcome or (RunStatus.FAILED, self._failure or f"{self.name} has been closed")
+        if status is RunStatus.UNSAFE:
+            error = UnsafeError(reason)
+            error.add_note(f"The run file is {path}")
+            raise error
+        if self._front.stopped_by is not None:
+            self._pass_on(self._front.stopped_by)
+            kept = f"; what was measured is in {path}" if path else ""
+            raise KeyboardInterrupt(f"{reason}{'; the bench is at rest' * self._at_rest}{kept}")
+        if self._session.outcome is None:
+            raise BenchError(reason)
+        if path is None or (check and status is not RunStatus.COMPLETED):
+            raise RunFailedError(self._front.failure or reason, path)
+        return open_run(path)
+
+    def close(self) -> None:
+        """Stop a run that is in progress, wait for rest, and let go of the instruments. Closing twice is harmless."""
+        self._session.close()
+        _OPEN.discard(self)
+
+    def _measure(self, protocol: Protocol, folder: Path, specimen: str) -> Path | None:
+        """Run a protocol to its end on any way out; the run file, None where there is none."""
+        self._rejected = self._at_rest = False
+        session = self._session
+        with self._front.running(session):
+            session.run(protocol, folder, specimen)
+            try:
+                if self._front.stopped_by is not None:  # before there was a run to be stopped
+                    session.stop()
+                self._front.wait(session.finished)
+            except BaseException:
+                session.stop()
+                session.finished.wait()
+                raise
+        return None if self._rejected or session.outcome is None else session.path
+
+    def _pass_on(self, number: int) -> None:
+        """A signal that ends programs ends this one, now that the bench is at rest and closed."""
+        if number != signal.SIGINT:
+            self.close()
+            signal.raise_signal(number)
+
+    def _observe(self, event: SessionEvent) -> None:
+        match event:
+            case BenchOpened(_, _, identities):
+                self.identities = dict(identities)
+                self._connected.set()
+            case BenchFailed(words):
+                self._failure = words
+                self._connected.set()
+            case RunRejected():
+                self._rejected = True
+            case RestMeasured(confirmed):
+                self._at_rest = confirmed
+
+
+def connect(
+    bench: str | Path = "sim",
+    *,
+    folder: str | Path = "runs",
+    specimen: str = "unnamed",
+    speed: float | str | None = None,
+    seed: int | None = None,
+    progress: bool = True,
+) -> BenchSession:
+    """Connect a bench; use it with `with`, or close it.
+
+    Args:
+        bench: a bench file, or `sim` for the simulated bench that comes with the program.
+        folder: where run files go.
+        specimen: name of the specimen, for runs that name none.
+        speed: of a simulated bench, 1 to 20 times real, or `max` for a virtual clock.
+        seed: of the simulated bench's noise.
+        progress: whether to show it; without, only prompts and what is wrong are shown.
+
+    Raises:
+        ValueError: the bench file is wrong, or speed or seed do not fit it; every fault is listed.
+        BenchError: an instrument is not there, or another one answers.
+
+    Example:
+        >>> with connect("sim", speed="max", progress=False) as bench:
+        ...     bench.name, bench.simulated
+        ('simulated bench', True)
+    """
+    try:
+        config, pace = choose_bench(str(bench), speed, seed)
+    except UsageError as error:
+        raise ValueError(str(error)) from None
+    return BenchSession(config, pace, Path(folder), specimen, progress=progress)
+
+
+def _protocol(protocol: str | Path | Protocol, values: Mapping[str, Any]) -> Protocol:
+    if isinstance(protocol, Protocol):
+        if values:
+            raise ValueError("this protocol has its parameters; give them there, or give the protocol's name")
+        return protocol
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
+    try:
+        return build_protocol(load_protocol_class(str(protocol)), plain)
+    except UsageError as error:
+        raise ValueError(str(error)) from None
+
+
+_OPEN: set[BenchSession] = set()
+_AT_EXIT = threading.Lock()
+
+
+def _close_at_exit(bench: BenchSession) -> None:
+    """Close a bench that is still open when the program ends: its thread would keep the interpreter from ending.
+
+    `atexit` is too late, since Python joins threads before; the end of the main thread is not.
+    """
+
+    def close_all() -> None:
+        threading.main_thread().join()
+        for each in tuple(_OPEN):
+            each.close()
+
+    with _AT_EXIT:
+        if not _OPEN:
+            threading.Thread(target=close_all, name="closes benches at exit", daemon=True).start()
+        _OPEN.add(bench)

@@ -1,0 +1,99 @@
+"""Runs of a folder, by the same catalogue as the Runs page and `tactor-bench runs`."""
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from app.archive.catalogue import Catalogue
+from app.archive.run_summary import RunFilter, read_since
+from tactor_bench._run import MeasuredRun
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogueEntry:
+    """One run of a folder, without opening its file.
+
+    Attributes:
+        path: the file.
+        status: as `MeasuredRun.status`; besides `newer version` and `damaged`, whose `reason` says why.
+        start_time: local time, None for a file that does not say.
+        points: number of points.
+        duration_s: length of what was sampled.
+        found: what was identified, in words.
+    """
+
+    path: Path
+    protocol: str
+    specimen: str
+    status: str
+    reason: str
+    start_time: datetime | None
+    simulated: bool
+    points: int
+    duration_s: float
+    found: str
+    tags: tuple[str, ...]
+    note: str
+
+    def open(self) -> MeasuredRun:
+        """Open the run.
+
+        Raises:
+            RunReadError: it is damaged, or gone.
+        """
+        return MeasuredRun(self.path)
+
+
+def runs(
+    folder: str | Path = "runs",
+    *,
+    specimen: str = "",
+    protocol: str = "",
+    status: str = "",
+    since: str | datetime | timedelta = "",
+    search: str = "",
+) -> list[CatalogueEntry]:
+    """List the runs in a folder and below, newest first; what is left empty admits all.
+
+    Args:
+        folder: where the run files are.
+        specimen: only runs of this specimen.
+        protocol: only runs of this protocol, for example `sine-dwell`.
+        status: only runs of this status, for example `completed`.
+        since: begun since a day (`2026-11-21`), a month (`2026-11`), `today`, or how long ago (`12h`, `7d`); or a
+            datetime, or a timedelta back from now.
+        search: words that must all occur in names, reasons, results, tags or notes.
+
+    Raises:
+        FileNotFoundError: there is no such folder.
+        ValueError: `since` is no time.
+
+    Example:
+        >>> [entry.path.name for entry in runs("runs", specimen="T7", since="7d")]  # doctest: +SKIP
+        ['20261121T091502Z_T7_sine-dwell.h5']
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no folder {folder}; name the one your runs are in")
+    if isinstance(since, timedelta):
+        since = datetime.now().astimezone() - since
+    begun = read_since(since.isoformat() if isinstance(since, datetime) else since) if since else ""
+    catalogue = Catalogue(folder)
+    catalogue.scan()
+    return [
+        CatalogueEntry(
+            path=folder / entry.path,
+            protocol=entry.protocol,
+            specimen=entry.specimen,
+            status=str(entry.state),
+            reason=entry.reason,
+            start_time=entry.started_at,
+            simulated=bool(entry.simulated),
+            points=entry.points,
+            duration_s=entry.seconds,
+            found=entry.found,
+            tags=tuple(tag for tag in entry.tags.split(", ") if tag),
+            note=entry.note,
+        )
+        for entry in RunFilter(search, specimen, protocol, status, begun).apply(catalogue.entries())
+    ]

@@ -1,0 +1,120 @@
+"""Identification of a specimen from its runs, and its accepted calibration."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.identification import calibrations
+from app.identification.identify import IdentificationResult, Method
+from app.identification.identify import identify as identify_runs
+from app.identification.observations import amplifier_of
+from model.identification.adequacy import Adequacy
+from model.identification.calibration import Calibration
+from model.identification.fit_options import FitOptions
+from model.parameters import Membrane, Tactor
+from tactor_bench._catalogue import CatalogueEntry
+from tactor_bench._run import MeasuredRun
+from tactor_bench._tables import EstimateTable
+
+Source = str | Path | MeasuredRun | CatalogueEntry
+
+
+class Identification:
+    """Parameters of one specimen, identified from its runs.
+
+    Attributes:
+        specimen: its name.
+        estimates: by name: value, standard error, unit; `.to_pandas()` for a frame.
+        names: of the estimates, (P,), in the order of the covariance.
+        covariance: of the estimates, (P, P), in their units.
+        fixed: every other parameter of the model, with the value it was given.
+        tactor, membrane: as identified; what was not identified has its fixed value.
+        adequacy: of a joint fit: `.adequate` (None where the runs cannot test the model), `.words`, `.findings`.
+        verdict: how well the runs are explained, in a sentence.
+        unidentified: combinations that the runs do not determine, in words.
+        notes: what was left out, and why.
+        shapes: number of shape functions of the fit.
+        found: the whole result of the service.
+    """
+
+    def __init__(self, found: IdentificationResult) -> None:
+        self.found = found
+        self.specimen, self.verdict, self.unidentified, self.notes = (
+            found.specimen, found.verdict, found.unidentified, found.notes,
+        )  # fmt: skip
+        self.estimates = EstimateTable(found.estimates)
+        self.names: tuple[str, ...] = tuple(self.estimates)
+        self.covariance: NDArray[np.float64] = np.asarray(found.covariance, float)
+        self.fixed: Mapping[str, float | None] = found.fixed
+        self.tactor: Tactor = found.tactor
+        self.membrane: Membrane = found.membrane
+        self.adequacy: Adequacy | None = found.adequacy
+        self.shapes: int = found.shapes
+
+    def __repr__(self) -> str:
+        return f"{self.specimen}: {self.verdict}\n{self.estimates!r}"
+
+
+def identify(
+    runs: Source | Sequence[Source],
+    *,
+    method: Method = "joint",
+    free: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    robust: bool = False,
+    shapes: int | None = None,
+) -> Identification:
+    """Identify the parameters of a specimen from any runs of it, as `tactor-bench identify`.
+
+    Args:
+        runs: run files of one specimen: paths, opened runs, or entries of `runs(...)`.
+        method: `joint` fits all runs at once, weighted by their errors; `identify_by_paper_chain` goes step by step as the paper did.
+        free: names of the free parameters, for example `["k2", "mu", "m_add", "c0"]`; default: what the runs determine.
+        fixed: values to hold, by name, SI.
+        robust: a Cauchy loss, which lets go of outliers, instead of squares.
+        shapes: number of shape functions, 3 to 60; default: 20, of a simulated tactor as many as it has.
+
+    Raises:
+        RunReadError: a file is no run.
+        ObservationError: the runs do not belong together, or contain nothing about the model.
+        IdentificationError, ChainError, ParameterError: why it cannot be identified so; all three are ValueErrors.
+        ValueError: free, fixed or robust with the chain, whose steps are the paper's.
+
+    Example:
+        >>> found = identify(runs("runs", specimen="T7"))  # doctest: +SKIP
+        >>> found.estimates["k2"].value, found.estimates["k2"].standard_error, found.adequacy.adequate  # doctest: +SKIP
+        (0.00702, 2.1e-05, True)
+    """
+    sources = [runs] if isinstance(runs, str | Path | MeasuredRun | CatalogueEntry) else list(runs)
+    paths = [source.path if isinstance(source, MeasuredRun | CatalogueEntry) else Path(source) for source in sources]
+    if not paths:
+        raise ValueError("there are no runs to identify; give at least one")
+    if method == "chain" and (free or fixed or robust):
+        raise ValueError("free, fixed and robust are for the joint fit; the chain's steps are the paper's")
+    setting = FitOptions(
+        free=None if free is None else tuple(free),
+        fixed=dict(fixed or {}),
+        loss="cauchy" if robust else "linear",
+        amplifier=amplifier_of(paths),
+    )
+    return Identification(identify_runs(paths, method, setting, shapes))
+
+
+def calibration(specimen: str, folder: str | Path = "runs", version: int | None = None) -> Calibration:
+    """Return a calibration of a specimen: estimates that were accepted, with their covariance.
+
+    Args:
+        specimen: its name.
+        folder: where its runs are.
+        version: which one; default is the active one.
+
+    Raises:
+        CalibrationError: there is none, or its file is damaged.
+
+    Example:
+        >>> tb.response([160.0], calibration=calibration("T7")).peak_to_peak_band.upper  # doctest: +SKIP
+        array([0.00093])
+    """
+    return calibrations.read_calibrations(Path(folder), specimen).get(version)

@@ -1,0 +1,217 @@
+"""Frequency response of a tactor on skin or membrane, with the band of a calibration."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.amplifier_map import AmplifierMap
+from model.identification.calibration import Calibration
+from model.identification.parameters import parse_elongation
+from model.parameters import Membrane, Tactor
+from model.response.drive_spectrum import Waveform
+from model.response.frequency_response import PeriodicResponse, amplifier_response, frequency_response
+from model.skin import Skin
+from model.specimen import Specimen
+from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
+
+if TYPE_CHECKING:
+    from tactor_bench._identification import Identification
+
+Array = NDArray[np.float64]
+SHAPES = 7
+
+PARTS_HZ = (15.0, 60.0)
+"""Where the frequencies of a band are divided: the lowest one decides how many harmonics all have, so that parts take a
+seventh of the time. They are within 2e-5 of the whole, which is enough for derivatives."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """Steady response of the tactor to a periodic drive at the amplifier's input.
+
+    Attributes:
+        frequency_hz: (F,).
+        peak_to_peak: max - min of the displacement, all harmonics superposed, m, (F,): the paper's measured amplitude.
+        fundamental: complex amplitude of the fundamental, m, (F,): peak amplitude, phase against the input sine.
+        receptance: complex displacement per volt on the specimen, m/V, (F,).
+        peak_to_peak_band, fundamental_band: of `peak_to_peak` and of `abs(fundamental)`, None where nothing has an error.
+            `.lower`, `.upper` and `.standard_error` are in m, (F,).
+        specimen: tactor, membrane and skin that were computed.
+    """
+
+    frequency_hz: Array
+    peak_to_peak: Array
+    fundamental: NDArray[np.complex128]
+    receptance: NDArray[np.complex128]
+    peak_to_peak_band: UncertaintyBand | None
+    fundamental_band: UncertaintyBand | None
+    specimen: Specimen
+
+
+def response(
+    frequencies_hz: ArrayLike,
+    tactor: Tactor | None = None,
+    *,
+    skin: Skin | None = None,
+    membrane: Membrane | None = None,
+    elongation_m: float | None = None,
+    pre_stretch: float | None = None,
+    peak_to_peak_v: float = 5.0,
+    offset_v: float = 2.5,
+    waveform: Waveform = "sine",
+    amplifier: AmplifierMap | None = None,
+    position_m: float | None = None,
+    shapes: int | None = None,
+    calibration: "Calibration | Identification | None" = None,
+    coverage: float = 0.95,
+) -> Response:
+    """Compute the frequency response of a tactor under the amplifier's drive, as `tactor-bench model frequency-response`.
+
+    Args:
+        frequencies_hz: greater than 0, (F,).
+        tactor: default is that of `calibration`, or the paper's Table I.
+        skin: a given distributed stiffness and damping under the cylinder; default is the free tactor.
+        membrane: the membrane that stands for skin; default, where it is stretched, is that of `calibration` or Table I.
+        elongation_m: elongation of the membrane, m.
+        pre_stretch: the same as a share of the membrane's free length.
+        peak_to_peak_v: drive at the amplifier's input, V, for example `run.parameters["peak_to_peak_v"]`.
+        offset_v: its mean, V.
+        waveform: `sine` or `square`.
+        amplifier: the amplifier's map from input to specimen volts.
+        position_m: distance from the clamp, m; default is the centre.
+        shapes: number of shape functions, 3 to 300; default is that of the identification, else 7.
+        calibration: where the values and their errors come from: a `calibration(...)`, or the result of `identify(...)`.
+        coverage: probability of the bands.
+
+    Raises:
+        ParameterError: a value is not physical, or the drive is outside the amplifier's range.
+        ValueError: the tactor or the skin is given twice.
+
+    Example:
+        >>> import tactor_bench as tb
+        >>> model = tb.response([100.0, 160.0], tb.Tactor(m_add=7e-3), peak_to_peak_v=4.0)
+        >>> model.peak_to_peak.shape, model.peak_to_peak_band is None
+        ((2,), True)
+    """
+    if tactor is not None and calibration is not None:
+        raise ValueError("the tactor is given twice, by tactor and by calibration; leave one out")
+    if sum(given is not None for given in (skin, elongation_m, pre_stretch)) > 1:
+        raise ValueError("the skin is given twice; leave all but one of skin, elongation_m and pre_stretch out")
+    if skin is not None and membrane is not None:
+        raise ValueError("the skin is given twice, by skin and by membrane; leave one out")
+    known = None if calibration is None else _Known.of(calibration)
+    stretched = membrane is not None or elongation_m is not None or pre_stretch is not None
+    if stretched and membrane is None:
+        membrane = known.membrane if known else Membrane()
+    own_damping = known.damping_at(elongation_m) if known and elongation_m is not None else None
+    specimen = Specimen(
+        tactor or (known.tactor if known else Tactor()),
+        membrane,
+        elongation_m / membrane.L_m if membrane and elongation_m is not None else pre_stretch or 0.0,
+        k_s=skin.k_s if skin else None,
+        c_s=skin.c_s if skin else own_damping,
+    )
+    n = shapes or (known.shapes if known else SHAPES)
+    amplifier = amplifier or AmplifierMap()
+
+    def driven(specimen: Specimen, f: ArrayLike) -> PeriodicResponse:
+        return amplifier_response(
+            specimen.tactor, f, peak_to_peak_v / 2, offset_v, amplifier, specimen.skin, waveform, n, position_m
+        )
+
+    got = driven(specimen, frequencies_hz)
+    bands: tuple[UncertaintyBand | None, UncertaintyBand | None] = (None, None)
+    if known is not None and (estimates := known.estimates(specimen)) is not None:
+        bands = _bands(driven, got, specimen, estimates, coverage)
+    return Response(
+        got.frequency_hz,
+        got.peak_to_peak,
+        got.fundamental,
+        frequency_response(specimen.tactor, frequencies_hz, specimen.skin, n, position_m),
+        *bands,
+        specimen,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """Values and errors of one specimen, from a calibration or an identification."""
+
+    tactor: Tactor
+    membrane: Membrane
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: Array
+    shapes: int = SHAPES
+
+    @classmethod
+    def of(cls, source: "Calibration | Identification") -> "_Known":
+        if isinstance(source, Calibration):
+            estimates, tactor, membrane, shapes = source.estimates, source.tactor(), source.membrane(), SHAPES
+        else:
+            estimates, tactor, membrane, shapes = source.found.estimates, source.tactor, source.membrane, source.shapes
+        names, values = tuple(e.name for e in estimates), tuple(e.value for e in estimates)
+        return cls(tactor, membrane, names, values, np.asarray(source.covariance, float), shapes)
+
+    def estimates(self, specimen: Specimen) -> EstimateSet | None:
+        """Return those that the specimen's response depends on by name; None where there are none."""
+        kinds = (Tactor,) if specimen.membrane is None else (Tactor, Membrane)
+        wanted = {each.name for kind in kinds for each in fields(kind)}
+        at = [i for i, name in enumerate(self.names) if name in wanted]
+        if not at:
+            return None
+        return EstimateSet(
+            tuple(self.names[i] for i in at), tuple(self.values[i] for i in at), self.covariance[np.ix_(at, at)]
+        )
+
+    def damping_at(self, elongation_m: float) -> float | None:
+        """Return the skin's damping where it was identified for this elongation by itself."""
+        for name, value in zip(self.names, self.values, strict=True):
+            at = parse_elongation(name) if name.startswith("c_s(") else None
+            if at is not None and np.isclose(at, elongation_m, rtol=1e-5, atol=1e-8):
+                return value
+        return None
+
+
+def _bands(
+    driven: Callable[[Specimen, Array], PeriodicResponse],
+    got: PeriodicResponse,
+    specimen: Specimen,
+    estimates: EstimateSet,
+    coverage: float,
+) -> tuple[UncertaintyBand, UncertaintyBand]:
+    """Return the bands of peak to peak and fundamental around `got`."""
+    f = got.frequency_hz
+    parts = [
+        part for part in (np.flatnonzero(np.digitize(f, PARTS_HZ) == i) for i in range(len(PARTS_HZ) + 1)) if part.size
+    ]
+
+    def curves(values: Mapping[str, Array]) -> Array:
+        rows = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
+        both = np.empty((len(rows), 2, f.size))
+        for row, given in enumerate(rows):
+            moved = _moved(specimen, given)
+            for part in parts:
+                one = driven(moved, f[part])
+                both[row, :, part] = np.stack((one.peak_to_peak, np.abs(one.fundamental)), axis=1)
+        return both.reshape(len(rows), -1)
+
+    band = linear_band(curves, estimates, coverage)
+    errors, reaches = (each.reshape(2, -1) for each in (band.standard_error, band.upper - band.centre))
+    first, second = (
+        UncertaintyBand(centre, error, centre - reach, centre + reach)
+        for centre, error, reach in zip((got.peak_to_peak, np.abs(got.fundamental)), errors, reaches, strict=True)
+    )
+    return first, second
+
+
+def _moved(specimen: Specimen, values: Mapping[str, float]) -> Specimen:
+    def only(kind: type) -> dict[str, Any]:
+        names = {each.name for each in fields(kind)}
+        return {name: float(value) for name, value in values.items() if name in names}
+
+    membrane = specimen.membrane and replace(specimen.membrane, **only(Membrane))
+    return replace(specimen, tactor=replace(specimen.tactor, **only(Tactor)), membrane=membrane)

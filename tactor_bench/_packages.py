@@ -1,0 +1,44 @@
+"""Import check: finds folders and files that shadow the packages of this application."""
+
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+
+PACKAGES = ("app", "drivers", "model", "protocols", "sim_hardware")
+
+
+def import_own_packages() -> None:
+    """Import the packages of this application, which are beside this one, so that nothing can take their place later.
+
+    Raises:
+        ImportError: something else has the name of one of them; the sentence says what and where. It is not imported.
+    """
+    home = Path(__file__).resolve().parent.parent
+    for name in PACKAGES:
+        loaded = sys.modules.get(name)
+        if loaded is not None:
+            origin = getattr(loaded, "__file__", None) or next(iter(getattr(loaded, "__path__", ())), None)
+        else:
+            spec = importlib.util.find_spec(name)
+            origin = None if spec is None else spec.origin or next(iter(spec.submodule_search_locations or ()), None)
+        if origin is None and loaded is None:
+            raise ImportError(
+                f"tactor_bench needs its own package '{name}', which is not beside it in {home}; install Tactor Bench again"
+            )
+        found = Path(origin or "an interactive session")
+        found = found.parent if found.name == "__init__.py" else found
+        if origin is None or found.resolve() != home / name:
+            raise ImportError(_shadowed(name, found, home, loaded is not None))
+    for name in PACKAGES:
+        importlib.import_module(name)
+
+
+def _shadowed(name: str, found: Path, home: Path, loaded: bool) -> str:
+    what = "the folder" if found.is_dir() else "the file" if found.is_file() else "the module of"
+    restart = ", then restart Python or the kernel" if loaded else ""
+    state = "is imported already" if loaded else "is found before"
+    return (
+        f"tactor_bench cannot be imported: {what} {found} has the name of a package of Tactor Bench, '{name}', and {state} "
+        f"{'in place of ' if loaded else ''}{home / name}; rename it or work in another folder{restart}"
+    )

@@ -1,0 +1,204 @@
+"""A run file as numpy arrays: points, curves, estimates, samples in SI units, log."""
+
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Self, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.drive import Drive
+from protocols.base.quality import Quality
+from protocols.base.records import Recording
+from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
+from protocols.runfile.trace import RunTrace
+from tactor_bench._tables import CurveTable, EstimateTable, Points
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples of the card in SI units, converted from its raw counts.
+
+    Attributes:
+        time_s: since the stream began, (N,).
+        drive_v: volts at the amplifier's input, (N,).
+        displacement_m: of the tactor's centre, as the sensor measures it, (N,).
+        rate_hz: scans per second.
+        quality: flags of the recording; `Quality.GOOD` for a part of the trace.
+        drive: what the source played, None for a part of the trace.
+        entry: the entry of the protocol's plan it was recorded for, None for a part of the trace.
+        sensor_delay_s: how late `displacement_m` is against `drive_v`.
+    """
+
+    time_s: Array
+    drive_v: Array
+    displacement_m: Array
+    rate_hz: float
+    quality: Quality = Quality.GOOD
+    drive: Drive | None = None
+    entry: int | None = None
+    sensor_delay_s: float = 0.0
+
+    def __len__(self) -> int:
+        return self.time_s.size
+
+
+class MeasuredRun:
+    """A run file, read when it is needed. The file is closed after every read, so there is nothing to close.
+
+    What was read is kept: open a run that is still being written again to see what came since. `with` is possible, and
+    only gives the kept arrays free.
+
+    Attributes:
+        path: the file.
+        protocol: name of the protocol, for example `sine-dwell`.
+        title: protocol and specimen in words.
+        specimen: name of the specimen.
+        status: `completed`, `stopped`, `failed`, `unsafe`, `running`, `crashed` or `imported`.
+        reason: how the run ended and why, in a sentence.
+        simulated: whether it was measured on the simulated bench.
+        start_time: when it began, with time zone.
+        parameters: the protocol's parameters by name, SI.
+        configuration: the bench file's tables as they were.
+        software: versions of the programs that measured it, by name.
+        sample_rate_hz: scans per second of the card.
+        duration_s: length of what was sampled.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with Run(self.path) as run, translate_read_errors(self.path):
+            self.protocol, self.title, self.specimen = run.protocol, run.title, run.specimen
+            self.status, self.reason, self.simulated = run.state, run.reason, run.simulated
+            self.start_time = datetime.fromisoformat(run.start_time)
+            self.parameters, self.configuration, self.software = run.parameters, run.configuration, run.software
+            self.sample_rate_hz, self.duration_s = run.trace.rate_hz, run.trace.duration_s
+            self._recordings = run.trace.recording_count
+
+    def __repr__(self) -> str:
+        simulated = ", SIMULATED" if self.simulated else ""
+        return f"<{self.title}, {self.start_time:%Y-%m-%d %H:%M}, {self.status}{simulated}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the kept arrays free."""
+        for name in ("points", "curves", "estimates", "log"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def points(self) -> Points:
+        """The points: `run.points["frequency"]` is an array, `run.points.unit("frequency")` its unit."""
+        return self._read(lambda run: Points(run.points(), run.units()))
+
+    @cached_property
+    def estimates(self) -> EstimateTable:
+        """What the run identified, by name: value, standard error and unit."""
+        return self._read(lambda run: EstimateTable(run.estimates()))
+
+    @cached_property
+    def curves(self) -> tuple[CurveTable, ...]:
+        """Curves that entries gave beside their points, for example frequency responses; empty until a run is finished."""
+        return self._read(lambda run: tuple(map(CurveTable, run.curves())))
+
+    @cached_property
+    def log(self) -> tuple[LoggedEvent, ...]:
+        """Logged events in order: `time_s` since the run began, `kind`, and `fields` by name."""
+        return self._read(lambda run: tuple(run.events()))
+
+    @property
+    def traces(self) -> "Traces":
+        """The recordings that the points were computed from: `run.traces[0].displacement_m`, read one at a time."""
+        return Traces(self)
+
+    def trace(self, start_s: float = 0.0, stop_s: float | None = None) -> Samples:
+        """Read everything that was sampled between two times, in seconds since the stream began; the end is left out.
+
+        Raises:
+            RunReadError: the file is damaged or gone.
+
+        Example:
+            >>> samples = open_run("run.h5").trace(0.1, 0.2)  # doctest: +SKIP
+            >>> samples.displacement_m.max() - samples.displacement_m.min()  # doctest: +SKIP
+            0.00088
+        """
+
+        def read(run: Run) -> Samples:
+            trace = run.trace
+            rows = range(trace.sample_count)
+            begin = bisect_left(rows, start_s, key=lambda row: _scanned_s(trace, row))
+            end = len(rows) if stop_s is None else bisect_left(rows, stop_s, key=lambda row: _scanned_s(trace, row))
+            end = max(begin, end)
+            time_s = trace.time_s(begin, end) if end > begin else np.empty(0)
+            return Samples(time_s, trace.drive_v(begin, end), trace.displacement_m(begin, end), trace.rate_hz)
+
+        return self._read(read)
+
+    def _recording(self, index: int) -> Samples:
+        def read(run: Run) -> Samples:
+            recording: Recording = run.trace.recording(index)
+            return Samples(
+                run.trace.time_s(*recording.rows),
+                recording.drive_v,
+                recording.displacement_m,
+                recording.rate_hz,
+                recording.quality,
+                recording.drive,
+                recording.entry,
+                recording.sensor_delay_s,
+            )
+
+        return self._read(read)
+
+    def _read(self, take: Callable[[Run], T]) -> T:
+        with Run(self.path) as run, translate_read_errors(self.path):
+            return take(run)
+
+
+class Traces(Sequence[Samples]):
+    """The recordings of a run, read from its file one at a time."""
+
+    def __init__(self, run: MeasuredRun) -> None:
+        self._run = run
+
+    def __len__(self) -> int:
+        return self._run._recordings  # noqa: SLF001 - the other half of this class
+
+    @overload
+    def __getitem__(self, index: int) -> Samples: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Samples, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Samples | tuple[Samples, ...]:
+        at = range(len(self))[index]
+        return tuple(map(self._run._recording, at)) if isinstance(at, range) else self._run._recording(at)  # noqa: SLF001
+
+
+def open_run(path: str | Path) -> MeasuredRun:
+    """Open a run file: finished, still being written, or left by a crash.
+
+    Raises:
+        RunReadError: the file is missing, is no run, is damaged, or comes from a newer version.
+
+    Example:
+        >>> run = open_run("run.h5")  # doctest: +SKIP
+        >>> run.points["frequency"], run.points.unit("peak_to_peak")  # doctest: +SKIP
+        (array([100., 160.]), 'm')
+    """
+    return MeasuredRun(path)
+
+
+def _scanned_s(trace: RunTrace, row: int) -> float:
+    return float(trace.time_s(row, row + 1)[0])

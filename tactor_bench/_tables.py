@@ -1,0 +1,182 @@
+"""Points, curves and estimates of a run as numpy columns with units, and as pandas frames."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.common.formatting import format_quantity
+from protocols.base.quality import Quality, usable_mask
+from protocols.base.records import ResultCurve
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+
+class ValueWithError(Protocol):
+    """One estimated quantity, of a run or of an identification."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for example `k2` or `resonance frequency`."""
+
+    @property
+    def value(self) -> float:
+        """In `unit`."""
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the value, in `unit`."""
+
+    @property
+    def unit(self) -> str:
+        """SI unit; `1` for a pure number."""
+
+
+class ColumnTable(Mapping[str, Array]):
+    """Named columns with units: `table["frequency"]` is a numpy array, `table.unit("frequency")` its SI unit."""
+
+    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
+        self._columns, self._units = dict(columns), dict(units)
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._columns:
+            raise KeyError(f"there is no column {name!r}; the columns are: {', '.join(self._columns)}")
+        return self._columns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        """Return the number of columns; `len(table["..."])` is the number of rows."""
+        return len(self._columns)
+
+    def __repr__(self) -> str:
+        rows = len(next(iter(self._columns.values()), ()))
+        listed = ", ".join(f"{name} [{self.unit(name)}]" for name in self)
+        return f"<{type(self).__name__}: {rows} rows of {listed}>"
+
+    def unit(self, name: str) -> str:
+        """Return the SI unit of a column; `1` for a pure number.
+
+        Raises:
+            KeyError: there is no such column.
+        """
+        self[name]
+        return self._units.get(name, "1")
+
+    def errors(self, name: str) -> Array:
+        """Return the standard uncertainties of a column, in its unit and shape.
+
+        Raises:
+            KeyError: the column has none.
+        """
+        return self[f"{name}_errors"]
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a pandas frame, one row per point; a column of several values per point becomes several columns.
+
+        The units are in `frame.attrs["units"]`, by column.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        columns: dict[str, Array] = {}
+        units: dict[str, str] = {}
+        for name, values in self.items():
+            several = {name: values} if values.ndim == 1 else {f"{name}_{i}": v for i, v in enumerate(values.T, 1)}
+            columns |= several
+            units |= dict.fromkeys(several, self.unit(name))
+        frame = pandas().DataFrame(columns)
+        frame.attrs["units"] = units
+        return frame
+
+
+class Points(ColumnTable):
+    """The points of a run.
+
+    Columns are named as in the run file: (N,) arrays of numbers, or (N, K) where a point has several. `<name>_errors`
+    are standard uncertainties, `quality` holds flags (`Quality`), `entry` the entry of the protocol's plan.
+
+    Example:
+        >>> import numpy as np
+        >>> points = Points({"frequency": np.array([100.0, 160.0]), "quality": np.array([0, 2])}, {"frequency": "Hz"})
+        >>> points["frequency"][points.usable], points.unit("frequency"), points.flags[1]
+        (array([100.]), 'Hz', <Quality.UNSETTLED: 2>)
+    """
+
+    @property
+    def flags(self) -> tuple[Quality, ...]:
+        """Quality flags of each point, (N,)."""
+        return tuple(Quality(int(each)) for each in self["quality"])
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Whether fits and summaries may use each point, (N,): no flag speaks against it."""
+        return usable_mask(self["quality"])
+
+
+class CurveTable(ColumnTable):
+    """A curve that one entry of a run gave beside its point: a frequency response, a decay, a loop.
+
+    Attributes:
+        name: what it is, for example `response`.
+        label: what tells it from the run's other curves of this name.
+        x, y: names of the columns to draw; `errors(y)` are the standard uncertainties of y, where known.
+        entry: the entry of the protocol's plan it belongs to.
+    """
+
+    def __init__(self, curve: ResultCurve) -> None:
+        columns = curve.columns
+        super().__init__({n: c.values for n, c in columns.items()}, {n: c.unit for n, c in columns.items()})
+        self.name, self.label, self.x, self.y, self.entry = curve.name, curve.label, curve.x, curve.y, curve.entry
+
+
+class EstimateTable(Mapping[str, ValueWithError]):
+    """Estimates by name: `table["k2"].value`, `.standard_error`, `.unit`; printed with two digits of their error."""
+
+    def __init__(self, estimates: Sequence[ValueWithError]) -> None:
+        self._estimates = {each.name: each for each in estimates}
+
+    def __getitem__(self, name: str) -> ValueWithError:
+        if name not in self._estimates:
+            raise KeyError(f"there is no estimate of {name!r}; there are: {', '.join(self._estimates) or 'none'}")
+        return self._estimates[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._estimates)
+
+    def __len__(self) -> int:
+        return len(self._estimates)
+
+    def __repr__(self) -> str:
+        lines = (f"{name}: {format_quantity(e.value, e.standard_error, e.unit)}" for name, e in self.items())
+        return "\n".join(lines) or "no estimates"
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a pandas frame with the columns value, standard_error and unit, indexed by name.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        rows = {name: (e.value, e.standard_error, e.unit) for name, e in self.items()}
+        return pandas().DataFrame.from_dict(rows, orient="index", columns=["value", "standard_error", "unit"])
+
+
+def pandas() -> Any:
+    """Import pandas.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise ImportError(
+            "to_pandas needs pandas, which is not installed in this environment; install it ('pip install pandas'), "
+            "or use the numpy columns, for example run.points['frequency']"
+        ) from None
+    return pd
