@@ -159,7 +159,7 @@ def api_text(name: str, value: Any) -> Iterator[str]:
         yield from ["", "Parameters:"]
     for spec in specs:
         default = "" if spec.default is None else f" = {spec.default:g}"
-        yield f"    {spec.name}{default} {spec.unit}: {spec.words}".rstrip()
+        yield f"    {spec.name}{default} {spec.unit}: {spec.description}".rstrip()
     for kind in inspect.getmro(value) if isinstance(value, type) else ():
         for method in source_of(kind).body if kind.__module__.startswith("tactor_bench") else ():
             if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):

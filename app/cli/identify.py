@@ -197,7 +197,7 @@ def identify_runs(options: argparse.Namespace) -> int:
     """`tactor-bench identify RUN...`."""
     if options.method == "chain" and (options.free or options.fixed or options.robust):
         raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
-    if options.method == "chain" and (options.profile_interval or options.next is not None):
+    if options.method == "chain" and (options.profile or options.next is not None):
         raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
     if not 0 < options.coverage < 1:
         raise UsageError(f"--coverage {options.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
@@ -251,8 +251,8 @@ def _add_proposals(
 ) -> CommandResult:
     """The answer with what else was asked of a joint fit, and the one line of what to measure next."""
     tables, notes = list(result.tables), list(result.notes)
-    if options.profile_interval:
-        tables.append(profile_table(fit, options.profile_interval, options.coverage))
+    if options.profile:
+        tables.append(profile_table(fit, options.profile, options.coverage))
     if fit.free_parameters:
         proposals = rank_proposals(fit, options.next or None)
         if options.next is not None:

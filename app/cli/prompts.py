@@ -160,13 +160,13 @@ def answer_instructions(prompt: Prompt) -> str:
     return f"type {' or '.join(f'{choice[0]} ({choice})' for choice in prompt.choices)} and press Enter"
 
 
-def match_answer(prompt: Prompt, said: str) -> str | None:
+def match_answer(prompt: Prompt, typed: str) -> str | None:
     """The answer that what was typed means; None where it is none."""
     if word := CONFIRMATION_WORDS.get(prompt.action):
-        return said if said.casefold() == word else None
+        return typed if typed.casefold() == word else None
     if len(prompt.choices) == 1:
-        return said or prompt.choices[0]
-    meant = [choice for choice in prompt.choices if said and choice.casefold().startswith(said.casefold())]
+        return typed or prompt.choices[0]
+    meant = [choice for choice in prompt.choices if typed and choice.casefold().startswith(typed.casefold())]
     return meant[0] if len(meant) == 1 else None
 
 

@@ -82,8 +82,8 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
     """Return the amplifier's map as it was in these runs: it is copied into every run file.
 
     Raises:
-        RunError: a file is no run.
-        ObservingError: the runs were made with different maps.
+        RunReadError: a file is no run.
+        ObservationError: the runs were made with different maps.
     """
     maps = []
     for path in paths:

@@ -164,7 +164,7 @@ def test_a_bench_that_is_closed_from_another_thread_ends_the_run_at_rest(
     bench = tb.connect("sim", folder=tmp_path, speed="max", progress=False)
     with pytest.raises(tb.RunFailedError, match="stopped by the operator after"):
         bench.run("sine-dwell")
-    closing[0].all_values()
+    closing[0].join()
 
 
 def test_a_second_run_beside_the_first_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
