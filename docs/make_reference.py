@@ -188,7 +188,7 @@ def parameters_of(kind: type) -> tuple[Any, ...]:
 
 
 def decisions() -> str:
-    lines = ["# Decisions", "", "Why the house is built as it is, in the order in which it was decided.", ""]
+    lines = ["# Decisions", "", "Why the program is built as it is, in the order of the decisions.", ""]
     for record in sorted((HERE / "decisions").glob("[0-9]*.md")):
         number, _, title = record.read_text("utf-8").partition("\n")[0].removeprefix("# ").partition(". ")
         lines.append(f"- {number}: [{title}]({record.name})")
