@@ -12,6 +12,8 @@ from typing import Any, ClassVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from drivers.deprecated import renamed, renamed_parameters
+
 Array = NDArray[np.float64]
 
 FADE_CYCLES = 4
@@ -32,6 +34,7 @@ def _require_positive(drive: "Drive", *names: str) -> None:
             raise ValueError(f"{drive.kind}: {name} must be positive, not {getattr(drive, name)}")
 
 
+@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Hold:
     """A constant level for `duration_s`."""
@@ -64,6 +67,7 @@ class Hold:
         return np.full(np.shape(t), self.level_v)
 
 
+@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Ramp:
     """A straight line from one level to another, which is then held."""
@@ -113,6 +117,7 @@ class _Oscillation:
         return self.offset_v + self.amplitude_v
 
 
+@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Sine(_Oscillation):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
@@ -150,6 +155,7 @@ class Sine(_Oscillation):
         return np.asarray(self.offset_v + np.where(live, sine, 0.0))
 
 
+@renamed(ends_v="end_levels_v", whole="with_whole_cycles")
 @dataclass(frozen=True, slots=True)
 class LinearSweep(_Oscillation):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
@@ -184,6 +190,7 @@ class LinearSweep(_Oscillation):
         return self.offset_v, self.offset_v + self.amplitude_v * math.sin(2 * math.pi * fraction)
 
     @classmethod
+    @renamed_parameters(about_s="nominal_duration_s")
     def with_whole_cycles(
         cls, start_hz: float, stop_hz: float, nominal_duration_s: float, amplitude_v: float, offset_v: float
     ) -> "LinearSweep":
@@ -199,6 +206,7 @@ class LinearSweep(_Oscillation):
         return np.asarray(self.offset_v + self.amplitude_v * np.sin(phase))
 
 
+@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class PeriodicSweep(_Oscillation):
     """A linear sweep of `sweep_s` and the same upside down, `periods` times without a pause.
@@ -257,6 +265,7 @@ class PeriodicSweep(_Oscillation):
         return np.asarray(self.offset_v + np.where(turn % 2 == 0, away, -away))
 
 
+@renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
 class Steps:
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.

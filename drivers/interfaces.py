@@ -11,6 +11,7 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.deprecated import renamed
 from drivers.drive import Drive
 
 
@@ -27,6 +28,7 @@ class Identity:
         return " ".join(part for part in (self.maker, self.model, self.serial and f"#{self.serial}") if part)
 
 
+@renamed(volts="to_volts", clipped="is_clipped")
 @dataclass(frozen=True, slots=True)
 class Scale:
     """How raw integers become volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails; and when.

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from drivers.clock import Clock, WallClock
+from drivers.deprecated import renamed, renamed_parameters
 from sim_hardware.generators.generator import SegmentFactory, SimulatedGenerator
 from sim_hardware.generators.registry import make_generator
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
@@ -49,6 +50,9 @@ class _Cable:
             self._history.append(t, self._from_generator if connected else self._open)
 
 
+@renamed(
+    truth="parameters", sight="laser_view", laser_sees="laser_reading_m", hands="perform_action", broken="active_faults"
+)
 class SimulatedBench:
     """A bench that is not there.
 
@@ -57,6 +61,7 @@ class SimulatedBench:
         clock: whose time it lives in; default is the wall clock at the truth's speed.
     """
 
+    @renamed_parameters(truth="parameters")
     def __init__(self, parameters: SimulationParameters | None = None, clock: Clock | None = None) -> None:
         self.parameters = parameters = parameters or SimulationParameters()
         self.clock: Clock = clock or WallClock(parameters.speed)

@@ -19,8 +19,8 @@ LAB = Path(__file__).parent / "data" / "lab"
 PROTOCOL = str(LAB / "lab_protocol.py")
 SIM = ("--speed", "max", "--seed", "3", "--out", "runs", "--specimen", "T1")
 
-OLD_NAMES_WARN = False
-"""THE ONE PLACE to change when modules and names have moved: from then on the old ones give a DeprecationWarning."""
+OLD_NAMES_WARN = True
+"""Whether the old names give a DeprecationWarning."""
 
 
 @contextmanager
@@ -118,7 +118,7 @@ def test_a_lab_driver_drives_the_simulated_bench(driver: str, folder: Path) -> N
         assert not (file["entry/points/quality"][:].astype(int) & ~32).any()
 
 
-@pytest.mark.slow
+@pytest.mark.deep
 @pytest.mark.parametrize("driver", ["LabGenerator", "WatchedGenerator"])
 def test_a_lab_driver_passes_the_contract_by_its_old_command(driver: str, folder: Path) -> None:
     (folder / "lab_simulated.py").write_text(
@@ -126,7 +126,7 @@ def test_a_lab_driver_passes_the_contract_by_its_old_command(driver: str, folder
         f"from lab_drivers import {driver}\n"
         "from sim_hardware.bench import VirtualBench\n"
         "from sim_hardware.clock import VirtualClock\n"
-        "from sim_hardware.plant.parameters import BenchTruth, GeneratorTruth\n"
+        "from sim_hardware.truth import BenchTruth, GeneratorTruth\n"
         "@contextmanager\n"
         "def simulated():\n"
         '    bench = VirtualBench(BenchTruth(generator=GeneratorTruth(model="33220A")), VirtualClock())\n'
@@ -135,6 +135,6 @@ def test_a_lab_driver_passes_the_contract_by_its_old_command(driver: str, folder
         "    source.close()\n"
     )
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{LAB}"}
-    command = [sys.executable, "-m", "sim_hardware.testing", "--source", "lab_simulated:simulated"]
+    command = [sys.executable, "-m", "sim_hardware.contract", "--source", "lab_simulated:simulated"]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stdout + done.stderr

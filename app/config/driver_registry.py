@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from drivers import deprecated
 from drivers.clock import Clock
 from drivers.errors import BenchError, InstrumentError
 from drivers.interfaces import Digitizer, Source
@@ -133,6 +134,7 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
     begin = f"the plug-in driver '{entry_point.name}' ({package})"
     try:
+        deprecated.install()
         found = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
@@ -146,6 +148,8 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
         )
     if not callable(found):
         return PlugIn(entry_point.name, package, None, f"{begin} is no driver: {entry_point.value} cannot be called")
+    if inspect.isclass(found):
+        deprecated.adapt_driver(found, INTERFACES[entry_point.group])
     if inspect.isclass(found) and (missing := _missing_methods(found, INTERFACES[entry_point.group])):
         return PlugIn(
             entry_point.name,

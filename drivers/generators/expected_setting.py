@@ -7,7 +7,10 @@ the same table, so that whatever a hand at the front panel or another program ch
 import math
 from dataclasses import dataclass
 
+from drivers.deprecated import renamed
 
+
+@renamed(words="keywords", holds="matches", wanted="expected")
 @dataclass(frozen=True, slots=True)
 class ExpectedSetting:
     """One of these words, or a number from `low` to `high`.

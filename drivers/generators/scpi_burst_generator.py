@@ -4,10 +4,23 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
+from drivers.deprecated import renamed
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V, BurstGenerator
 from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
 
 
+@renamed(
+    SOURCE="SOURCE_PREFIX",
+    OUTPUT="OUTPUT_HEADER",
+    LOAD="LOAD_HEADER",
+    RATE="RATE_HEADER",
+    RATE_OF_SAMPLES="RATE_IS_SAMPLE_RATE",
+    TRIGGER="TRIGGER_COMMAND",
+    _shared_state="_common_expected_settings",
+    _load_state="_expected_load",
+    _declare_load="_set_high_impedance_load",
+    _tell="_write_checked",
+)
 class ScpiBurstGenerator(BurstGenerator):
     """A burst generator whose every setting is confirmed by its error queue and, where it matters, read back."""
 

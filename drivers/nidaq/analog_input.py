@@ -16,6 +16,7 @@ from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.system import System
 
 from drivers.clock import Clock
+from drivers.deprecated import renamed
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
@@ -139,6 +140,7 @@ class NiDigitizer:
         self._connection.close()
 
 
+@renamed(started_s="start_time_s")
 class NiStream:
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 

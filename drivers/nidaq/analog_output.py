@@ -23,6 +23,7 @@ from nidaqmx.stream_writers import AnalogSingleChannelWriter
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
+from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine
 from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_input import NiConnection
@@ -91,6 +92,7 @@ FIFO_SAMPLES = 8191
 """What the card may have fetched already and will play whatever is written over it."""
 
 
+@renamed(SOURCE_METHODS)
 class NiAnalogOutput:
     """One analogue output as a `Source` (see drivers.interfaces).
 

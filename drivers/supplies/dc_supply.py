@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.clock import Clock
+from drivers.deprecated import SOURCE_METHODS, renamed
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from drivers.errors import InstrumentError
 from drivers.supplies.dialects import SupplyChannel
@@ -81,6 +82,7 @@ FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
 POLL_S = 0.01
 
 
+@renamed(SOURCE_METHODS)
 class DcSupply:
     """One output of a supply as a `Source` (see drivers.interfaces). It holds and steps.
 

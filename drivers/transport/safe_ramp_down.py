@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+from drivers.deprecated import renamed, renamed_parameters
 from drivers.errors import InstrumentError, LinkError
 from drivers.transport.scpi import Link
 
 T = TypeVar("T")
 
 
+@renamed(deaf="blind", ask="query", end="raise_first_error")
 class RampDown:
     """Sends the steps of one way and keeps what went wrong on it, to tell it when the way is over.
 
@@ -20,6 +22,7 @@ class RampDown:
         stubborn: whether to go on; a way that does not lead to rest ends at its first error instead.
     """
 
+    @renamed_parameters(stubborn="best_effort")
     def __init__(self, link: Link, *, best_effort: bool = True) -> None:
         self._link, self._best_effort = link, best_effort
         self._errors: list[InstrumentError] = []

@@ -7,6 +7,7 @@ a socket), and a refused setting is known before the next one is sent.
 import contextlib
 from typing import Protocol
 
+from drivers.deprecated import renamed
 from drivers.errors import InstrumentError, LinkError
 from drivers.interfaces import Identity
 
@@ -29,6 +30,7 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
+@renamed(ask="query", ask_number="query_float", tell="write_checked")
 class ScpiSession:
     """One SCPI conversation. `instrument` names it in errors."""
 

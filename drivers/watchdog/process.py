@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
+from drivers import deprecated
 from drivers.bench.amplifier import HvAmplifier
 from drivers.clock import WallClock
 from drivers.errors import BenchError, InstrumentError
@@ -169,7 +170,10 @@ class WatchdogLoop:
     def _open_source(self) -> None:
         charge = self._config
         module, _, name = charge.source.partition(":")
+        deprecated.install()  # the driver may be a plug-in that was written for version 0.1.0
         driver = getattr(importlib.import_module(module), name)
+        if isinstance(driver, type):
+            deprecated.adapt_driver(driver, Source)
         source: Source
         if not charge.resource:
             source = driver(clock=self._clock, **charge.options)

@@ -11,10 +11,12 @@ from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
+from drivers.deprecated import renamed
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
 from protocols.base.steps import Repeat, Step
 
 
+@renamed(more="refine", remarks="warnings")
 class Protocol(BaseModel, ABC):
     """Parameters of one measurement; subclasses say what is done with them."""
 

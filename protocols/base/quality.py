@@ -6,7 +6,10 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.deprecated import renamed
 
+
+@renamed(words="description")
 class Quality(IntFlag):
     """No flag set means good. `SIMULATED` and `IMPORTED` are facts, not faults."""
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.deprecated import renamed
 from drivers.drive import Drive
 
 
@@ -99,6 +100,7 @@ class WaitForDetection:
     detector: Detector
 
 
+@renamed(seen="detected", words="answer")
 @dataclass(frozen=True, slots=True)
 class DetectionResult:
     """How an `WaitForDetection` ended: seen by the laser (`words` is None), or answered by the operator."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from drivers.clock import Clock
 from drivers.closing import Closeable
+from drivers.deprecated import renamed
 from drivers.errors import AcquisitionError
 from drivers.interfaces import Block, Identity, Scale
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
@@ -58,6 +59,7 @@ class SimulatedDigitizer:
             self._stream.close()
 
 
+@renamed(started_s="start_time_s")
 class SimulatedStream(Closeable):
     """A running acquisition (drivers.interfaces.Stream)."""
 

@@ -16,6 +16,9 @@ from typing import Any
 
 import pytest
 
+from drivers import deprecated
+from drivers.interfaces import Digitizer, Source
+
 SUITE_FOLDER = Path(__file__).parent
 
 
@@ -28,6 +31,7 @@ class FactoryPlugin:
     @pytest.fixture
     def made(self) -> Iterator[Any]:
         with self._factory() as made:
+            deprecated.adapt_driver(type(made[0]), Source if len(made) == 3 else Digitizer)
             yield made
 
 
@@ -40,6 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked, rest = parser.parse_known_args(arguments)
     named = asked.source or asked.digitizer
     sys.path.insert(0, str(Path.cwd()))
+    deprecated.install()
     try:
         factory = EntryPoint("factory", named, "contract").load()
     except (ImportError, AttributeError, ValueError) as error:
