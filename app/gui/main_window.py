@@ -15,7 +15,7 @@ from app.gui.bench.status_bar import BenchStatusBar
 from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
-from app.gui.widgets.shortcuts import bind_keys
+from app.gui.widgets.actions import add_actions, update_actions
 from app.gui.widgets.theme import Theme, style_sheet, system_theme
 from app.live.session_link import SessionAdapter
 from app.session.session import unreported_watchdog_messages
@@ -207,6 +207,7 @@ class MainWindow(QMainWindow):
         self.close()
 
     def _show_state(self) -> None:
+        update_actions(self, self.state)
         self.status_bar.set_state(self.state)
         self.notices.set_state(self.state)
         self.notices.show_prompt(self.state.prompt, self.adapter.mailbox.pending_id)
@@ -271,10 +272,15 @@ class MainWindow(QMainWindow):
             wish.connect(do)
 
     def _connect_keys(self) -> None:
-        bind_keys(self, "Stop: go to rest and end the run; else a step back", self.escape, Qt.Key.Key_Escape)
-        bind_keys(self, "Stop: go to rest and end the run", self.controller.stop, Qt.Key.Key_F12)
-        bind_keys(self, "Run what the page shows", self.start_run, Qt.Key.Key_F5, "Ctrl+R")
-        bind_keys(self, "Pause at rest, or go on", self.controller.toggle_pause, Qt.Key.Key_F8)
+        add_actions(
+            self,
+            {
+                "escape": self.escape,
+                "stop": self.controller.stop,
+                "run": self.start_run,
+                "pause": self.controller.toggle_pause,
+            },
+        )
 
     def _restore(self, folder: Path | None, specimen: str | None) -> None:
         geometry = self._settings.value("window/geometry")

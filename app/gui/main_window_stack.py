@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 from shiboken6 import isValid
 
@@ -10,8 +10,8 @@ from app.gui.help.hint import FirstRunHint
 from app.gui.help.shortcut_sheet import ShortcutSheet
 from app.gui.help.welcome import WelcomePage
 from app.gui.tabs import MainTabs
+from app.gui.widgets.actions import add_actions, shortcuts_by_group
 from app.gui.widgets.file_dialog import choose_files
-from app.gui.widgets.shortcuts import bind_keys, shortcuts_by_group
 
 
 class CentralStack(QWidget):
@@ -40,7 +40,7 @@ class CentralStack(QWidget):
         self.welcome.closed.connect(self.show_pages)
         self.welcome.demo_requested.connect(self.demo_requested)
         self.welcome.browse_pressed.connect(self._choose_bench_file)
-        bind_keys(self, "Show these keys, or close them", self.toggle_shortcuts, Qt.Key.Key_F1, "?")
+        add_actions(self, {"shortcuts": self.toggle_shortcuts})
 
     @property
     def is_covered(self) -> bool:
@@ -52,9 +52,9 @@ class CentralStack(QWidget):
         if self.stack.currentWidget() is self.shortcut_sheet:
             self.show_pages()
             return
-        present = self.tabs.current_page
+        title = self.tabs.tabText(self.tabs.currentIndex())
         self._show_cover(self.shortcut_sheet)
-        self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [present]))
+        self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [title]))
 
     def show_welcome(self) -> None:
         """Show the newcomer's page."""

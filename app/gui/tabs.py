@@ -6,7 +6,7 @@ The window's pages behind tabs; a single page needs none.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -19,9 +19,9 @@ from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.widgets import splitters
+from app.gui.widgets.actions import ACTIONS, add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import bind_keys
 from app.gui.widgets.theme import Theme
 from app.live.overlay import Overlay
 from app.live.session_link import SessionAdapter
@@ -29,7 +29,6 @@ from app.session.state import WindowState
 from protocols.base.protocol import Protocol as Measurement
 
 if TYPE_CHECKING:
-    from app.campaign.queue import ItemRunRequest
     from app.gui.campaign.page import CampaignPage
     from app.gui.explore.page import ExplorePage
     from app.gui.runs.page import RunsPage
@@ -48,32 +47,61 @@ class Page(Protocol):
         """It is looked at from now on: take the keyboard, without which its keys do nothing."""
 
 
-class PageTabs(QTabWidget):
-    """Shows one page at a time and passes on what all of them must hear.
+MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
+"""Index of each page."""
 
-    Args:
-        pages: title and maker of each. The first is made at once, another when it is first looked at or asked for.
+TITLES = ("Measure", "Campaign", "Explore", "Runs")
+
+
+class MainTabs(QTabWidget):
+    """Creates the four pages, connects them, and saves and restores their state.
+
+    The Measure page is made at once, another when it is first selected or asked for. Pages do not know each other.
     """
 
-    def __init__(self, pages: Sequence[tuple[str, Callable[[], Page]]], parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self.setDocumentMode(True)
-        self.setTabBarAutoHide(True)
-        self._factories = tuple(make for _, make in pages)
-        self._created: dict[int, Page] = {}
-        self._page_layouts: list[QVBoxLayout] = []
+    run_requested = Signal(object)
+    """An `ItemRunRequest` of the campaign that the session shall carry out now."""
+
+    def __init__(
+        self, protocol: Measurement, adapter: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
+    ) -> None:
+        super().__init__()
+        self._adapter, self._settings, self._first_theme = adapter, settings, theme
+        self._amplifier = config.amplifier
+        self._worker = BackgroundWorker("pages", self)
         self._state: WindowState | None = None
         self._theme: Theme | None = None
-        for title, _ in pages:
+        self.overlay = Overlay(amplifier=config.amplifier.amplifier_map)
+        self.measure = MeasurePage(
+            protocol,
+            adapter.feed,
+            self.overlay,
+            config.amplifier.amplifier_map,
+            lambda: adapter.session.bench,
+            PresetStore(presets_path()),
+            theme,
+        )
+        self._factories: tuple[Callable[[], Page], ...] = (
+            lambda: self.measure,
+            self._make_campaign,
+            self._make_explore,
+            self._make_runs,
+        )
+        self._created: dict[int, Page] = {}
+        self._page_layouts: list[QVBoxLayout] = []
+        self.setDocumentMode(True)
+        self.setTabBarAutoHide(True)
+        for index, title in enumerate(TITLES):
             place = QWidget()
             layout = QVBoxLayout(place)
             layout.setContentsMargins(0, 0, 0, 0)
             self._page_layouts.append(layout)
-            at = self.addTab(place, title)
-            self.setTabToolTip(at, f"Ctrl+{at + 1}")
-            bind_keys(self, f"Page {title}", partial(self.select_page, at), f"Ctrl+{at + 1}")
-        self.page(0)
-        self.currentChanged.connect(lambda at: self.page(at).activate())
+            self.addTab(place, title)
+            action_id = f"page.{title.lower()}"
+            self.setTabToolTip(index, ACTIONS[action_id].shortcut)
+            add_actions(self, {action_id: partial(self.select_page, index)})
+        self.page(MEASURE)
+        self.currentChanged.connect(lambda index: self.page(index).activate())
 
     def select_page(self, index: int) -> None:
         """Look at a page, and have the keyboard there."""
@@ -129,42 +157,6 @@ class PageTabs(QTabWidget):
         """Let what can be seen move."""
         if (page := self._created.get(self.currentIndex())) is not None:
             page.tick()
-
-
-MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
-"""Places of the pages."""
-
-
-class MainTabs(PageTabs):
-    """Knows each page by its name; the pages know nothing of each other."""
-
-    run_requested = Signal(object)
-    """An `ItemRunRequest` of the campaign that the session shall carry out now."""
-
-    def __init__(
-        self, protocol: Measurement, link: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
-    ) -> None:
-        overlay = Overlay(amplifier=config.amplifier.amplifier_map)
-        measure = MeasurePage(
-            protocol,
-            link.feed,
-            overlay,
-            config.amplifier.amplifier_map,
-            lambda: link.session.bench,
-            PresetStore(presets_path()),
-            theme,
-        )
-        makers: tuple[tuple[str, Callable[[], Any]], ...] = (
-            ("Measure", lambda: measure),
-            ("Campaign", self._make_campaign),
-            ("Explore", self._make_explore),
-            ("Runs", self._make_runs),
-        )
-        super().__init__(makers)
-        self.measure, self.overlay = measure, overlay
-        self._adapter, self._settings, self._first_theme = link, settings, theme
-        self._amplifier = config.amplifier
-        self._worker = BackgroundWorker("pages", self)
 
     # -- the pages -----------------------------------------------------------------------------------------------------
 
@@ -243,7 +235,6 @@ class MainTabs(PageTabs):
         self._settings.setValue("run/folder", self.measure.run_panel.folder_edit.text())
         self._settings.setValue("run/specimen", self.measure.run_panel.specimen_edit.text())
         self._settings.setValue("window/page", self.currentIndex())
-        self.measure.save_state(self._settings)
         for made in self.created_pages.values():
             splitters.save_splitters(cast("QWidget", made), self._settings)
         for page in self._pages_with("save_state"):
@@ -253,7 +244,6 @@ class MainTabs(PageTabs):
         """End what works beside the window."""
         self._worker.close()
         self.overlay.close()
-        self.measure.shutdown()
         for page in self._pages_with("shutdown"):
             page.shutdown()
 
@@ -268,18 +258,18 @@ class MainTabs(PageTabs):
             page.activate()
 
     def _pages_with(self, method: str) -> Iterator[Any]:
-        return (page for at, page in self.created_pages.items() if at != MEASURE and hasattr(page, method))
+        return (page for page in self.created_pages.values() if hasattr(page, method))
 
     def _make_campaign(self) -> CampaignPage:
         from app.gui.campaign.page import CampaignPage
 
-        desk = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
-        self._adapter.observers.append(desk.observe)
+        controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
+        self._adapter.observers.append(controller.observe)
         page = CampaignPage(
-            desk, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
+            controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
         )
-        desk.setParent(page)
-        desk.run_requested.connect(self._request_run)
+        controller.setParent(page)
+        controller.run_requested.connect(self.run_requested)
         page.run_open_requested.connect(self._open_run)
         page.restore_state(self._settings)
         splitters.restore_splitters(page, self._settings)
@@ -301,9 +291,6 @@ class MainTabs(PageTabs):
         page.explore_requested.connect(self._overlay_runs)
         splitters.restore_splitters(page, self._settings)
         return page
-
-    def _request_run(self, request: ItemRunRequest) -> None:
-        self.run_requested.emit(request)
 
     def _open_run(self, path: Path) -> None:
         self.setCurrentIndex(RUNS)

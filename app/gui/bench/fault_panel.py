@@ -16,9 +16,9 @@ from PySide6.QtWidgets import (
 )
 from shiboken6 import isValid
 
+from app.gui.widgets.actions import add_actions, name_button, shortcut_label
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import bind_keys
 from app.session.fault_injection import FaultPlan
 from app.session.state import WindowState
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
@@ -42,26 +42,23 @@ class FaultPanel(QWidget):
         self.active_faults: tuple[str, ...] = ()
         """What is broken, as the bench itself says."""
         self.corner = QWidget()
-        self.open_button = QPushButton("Break something …   (F9)")
+        self.open_button = QPushButton()
         set_style_kind(self.open_button, "choice")
         self.open_button.setCheckable(True)
-        self.open_button.setToolTip("Faults of the simulated bench, to see what the program does about them: F9")
+        name_button(self.open_button, "faults.toggle", "Break something …")
         self.open_button.toggled.connect(self._set_open)
         self.band, self.band_label, self.message_label = QFrame(), QLabel(), QLabel()
         set_style_kind(self.band, "broken")
         set_style_kind(self.message_label, "fault")
         self.band_label.setWordWrap(True)
-        self.clear_button = QPushButton("Mend all   (Shift+F9)")
+        self.clear_button = QPushButton(shortcut_label("Mend all", "faults.clear"))
         self.clear_button.clicked.connect(lambda: self._switch_fault("", active=False))
         self.list, self._sheet = QScrollArea(), QWidget()
         self.fault_boxes = {
             name: QCheckBox(f"{words[0].upper()}{words[1:]}") for name, words in FAULT_DESCRIPTIONS.items()
         }
         self._build()
-        bind_keys(
-            parent, "Break something on the simulated bench, or close the list", self.open_button.click, Qt.Key.Key_F9
-        )
-        bind_keys(parent, "Mend all that was broken", self.clear_button.click, "Shift+F9")
+        add_actions(parent, {"faults.toggle": self.open_button.click, "faults.clear": self.clear_button.click})
 
     def set_state(self, view: WindowState) -> None:
         """Another bench is whole until it says otherwise."""

@@ -2,13 +2,12 @@
 
 import time
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QShortcut
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.prompt import PromptNotice
-from app.gui.widgets.shortcuts import bind_keys
+from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_label
 from app.session.state import WindowState
 from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base.events import PromptShown
@@ -34,12 +33,15 @@ class NoticeArea(QWidget):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self.unsafe = Notice(
-            (NoticeButton("Acknowledge   (Ctrl+K)", self.acknowledged.emit),), "unsafe", "danger", self
+            (NoticeButton(shortcut_label("Acknowledge", "acknowledge"), self.acknowledged.emit),),
+            "unsafe",
+            "danger",
+            self,
         )
         self.closing = Notice(
             (
                 NoticeButton("Go to rest and close   (Enter)", self.close_confirmed.emit),
-                NoticeButton("Keep the window   (Ctrl+K)", self.close_cancelled.emit),
+                NoticeButton(shortcut_label("Keep the window", "acknowledge"), self.close_cancelled.emit),
             ),
             "prompt",
             "question",
@@ -50,8 +52,8 @@ class NoticeArea(QWidget):
         self.prompt.stop_pressed.connect(self.stop_pressed)
         self.problem = Notice(
             (
-                NoticeButton("Connect again   (F6)", self.reconnect_pressed.emit),
-                NoticeButton("Dismiss   (Ctrl+K)", self.acknowledged.emit),
+                NoticeButton(shortcut_label("Connect again", "reconnect"), self.reconnect_pressed.emit),
+                NoticeButton(shortcut_label("Dismiss", "acknowledge"), self.acknowledged.emit),
             ),
             "trouble",
             "cross",
@@ -64,12 +66,8 @@ class NoticeArea(QWidget):
             layout.addWidget(notice)
         self._shown_at_s = 0.0
         self._no_bench = False
-        self._keys: list[QShortcut] = []
-        self._keys += bind_keys(
-            parent, "Answer what is asked above the pages", self._on_enter, Qt.Key.Key_Return, Qt.Key.Key_Enter
-        )
-        bind_keys(parent, "Acknowledge or dismiss a message", self._on_dismiss, "Ctrl+K")
-        bind_keys(parent, "Connect to the bench again", self._on_reconnect, Qt.Key.Key_F6)
+        self._answer_action = add_action(parent, ACTIONS["answer"], self._on_enter)
+        add_actions(parent, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
         self._update_visibility()
 
     def set_state(self, view: WindowState) -> None:
@@ -118,14 +116,13 @@ class NoticeArea(QWidget):
     def show_unsafe_exit(self) -> None:
         """The session has ended and rest was not confirmed: the window closes when that has been read."""
         self.closing.show_message("")
-        self.unsafe.buttons[0].setText("Acknowledge and close   (Ctrl+K)")
+        self.unsafe.buttons[0].setText(shortcut_label("Acknowledge and close", "acknowledge"))
         self._update_visibility()
 
     def _update_visibility(self) -> None:
         shown = [n for n in (self.unsafe, self.closing, self.prompt, self.problem) if not n.isHidden()]
         self.setVisible(bool(shown))
-        for key in self._keys:
-            key.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
+        self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     def _awaits_answer(self, notice: Notice) -> bool:
         return not notice.isHidden() and bool(notice.buttons) and not notice.buttons[0].isHidden()

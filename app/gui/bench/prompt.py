@@ -1,13 +1,13 @@
 """What a person must do now: large words, a drawing of the set-up, what the laser sees, and one key for each answer."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QShortcut
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 
 from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.setup_drawing import SetupDrawing
+from app.gui.widgets.actions import ActionInfo, add_action, shortcut_label
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import bind_keys
 from protocols.base.events import PromptShown
 
 
@@ -18,10 +18,12 @@ class PromptNotice(Notice):
     stop_pressed = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__((NoticeButton("Stop   (Esc)", self._on_stop, "stop"),), "prompt", "hand", parent)
+        super().__init__(
+            (NoticeButton(shortcut_label("Stop", "escape"), self._on_stop, "stop"),), "prompt", "hand", parent
+        )
         self._stop_button = self.buttons.pop()
         self._prompt: PromptShown | None = None
-        self._keys: list[QShortcut] = []
+        self._answer_actions: list[QAction] = []
         self.drawing = SetupDrawing()
         self.laser_label = QLabel()
         set_style_kind(self.laser_label, "laser")
@@ -40,13 +42,13 @@ class PromptNotice(Notice):
         if event == self._prompt and self.isHidden() == (event is None):
             return False
         self._prompt = event
-        for key in self._keys:
-            key.setEnabled(False)
-            key.deleteLater()
+        for action in self._answer_actions:
+            self.removeAction(action)
+            action.deleteLater()
         for button in self.buttons:
             button.hide()
             button.deleteLater()
-        self._keys, self.buttons = [], []
+        self._answer_actions, self.buttons = [], []
         prompt = event.prompt if event is not None else None
         for at, words in enumerate(prompt.choices if prompt is not None else ()):
             self._add_answer(words, "Enter" if at == 0 else words[0].upper())
@@ -62,14 +64,15 @@ class PromptNotice(Notice):
         self.laser_label.setText(words)
         self.laser_label.setVisible(bool(words) and self._prompt is not None and self._prompt.prompt.hands_on)
 
-    def _add_answer(self, label: str, key: str) -> None:
-        button = QPushButton(f"{label[:1].upper()}{label[1:]}   ({key})")
-        button.clicked.connect(lambda: self.answered.emit(label))
+    def _add_answer(self, choice: str, key: str) -> None:
+        button = QPushButton(f"{choice[:1].upper()}{choice[1:]}   ({key})")
+        button.clicked.connect(lambda: self.answered.emit(choice))
         self._answer_row.insertWidget(self._answer_row.count() - 2, button)
         button.show()  # in a notice that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if key != "Enter":
-            self._keys += bind_keys(self, f"Answer: {label}", button.click, key)
+            info = ActionInfo(f"answer.{choice}", f"Answer: {choice}", (key,))
+            self._answer_actions.append(add_action(self, info, button.click))
 
     def _on_stop(self) -> None:
         self.stop_pressed.emit()

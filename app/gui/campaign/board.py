@@ -26,26 +26,24 @@ from PySide6.QtWidgets import (
 from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots.live_pane import LivePane
+from app.gui.widgets.actions import add_actions, shortcut_label, update_actions
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.registry import PROTOCOLS
 
 if TYPE_CHECKING:
-    from PySide6.QtGui import QShortcut
-
     from app.campaign.presentation import NextStep
     from app.campaign.summary import CampaignEstimates, CampaignSummary, ItemSummary
 
 
 ACTION_BUTTON_LABELS = {
     "accept": "Accept   (Enter)",
-    "reject": "Reject   (X)",
-    "run": "Run   (F5)",
-    "run without hands": "Run what needs no hands   (Ctrl+F5)",
-    "halt the queue": "Only this one   (Ctrl+F5)",
+    "reject": shortcut_label("Reject", "campaign.item.reject"),
+    "run": shortcut_label("Run", "run"),
+    "run without hands": shortcut_label("Run what needs no hands", "campaign.queue"),
+    "halt the queue": shortcut_label("Only this one", "campaign.queue"),
 }
 """Of the buttons, by what they do (`app.campaign.presentation.CampaignAction`)."""
 
@@ -96,7 +94,7 @@ class NextStepPane(QFrame):
             set_style_kind(button, "go" if first else "")
             runs = what.startswith("run")
             if what == "run":
-                button.setText(ACTION_BUTTON_LABELS[what] if first else "Run the next   (F5)")
+                button.setText(ACTION_BUTTON_LABELS[what] if first else shortcut_label("Run the next", "run"))
             button.setEnabled(not (runs and blocked_reason))
             button.setToolTip(f"Cannot run: {blocked_reason}" if runs and blocked_reason else "")
 
@@ -118,7 +116,10 @@ class CampaignHeader(QWidget):
         self.bar.setRange(0, 1000)
         self.bar.setTextVisible(False)
         self.bar.setFixedHeight(10)
-        another, other = QPushButton("New …   (Ctrl+N)"), QPushButton("Open …   (Ctrl+O)")
+        another, other = (
+            QPushButton(shortcut_label("New …", "campaign.new")),
+            QPushButton(shortcut_label("Open …", "campaign.open")),
+        )
         row = QHBoxLayout()
         row.setSpacing(12)
         row.addWidget(self.name_label)
@@ -189,7 +190,17 @@ class CampaignBoard(QWidget):
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))
         self.details.pressed.connect(self._request_action)
         self.step_pane.pressed.connect(self._on_step_action)
-        self.keys = self._bind_keys()
+        add_actions(
+            self,
+            {
+                f"campaign.item.{action}": partial(self._request_action, action)
+                for action in ("run", "skip", "repeat", "accept", "reject", "open")
+            }
+            | {
+                "campaign.item.up": partial(self.item_list.move_selected, -1),
+                "campaign.item.down": partial(self.item_list.move_selected, 1),
+            },
+        )
 
     def show_summary(
         self,
@@ -214,8 +225,7 @@ class CampaignBoard(QWidget):
             state, PROTOCOLS.get(row.state.item.protocol, SineDwell) if row is not None else SineDwell
         )
         self.side_stack.setCurrentWidget(self.live_pane if state.busy else self.details)
-        for key in self.keys:
-            key.setEnabled(not state.busy)  # an answer to a prompt may have the same letter
+        update_actions(self, state)
         self._show_details()
 
     def set_theme(self, theme: Theme) -> None:
@@ -238,26 +248,3 @@ class CampaignBoard(QWidget):
         """A button of the step: what is accepted or rejected is what it asks about, and what runs is what comes next."""
         about = self.step.item_name if self.step is not None and action in ("accept", "reject") else ""
         self.action_requested.emit(action, about)
-
-    def _bind_keys(self) -> list[QShortcut]:
-        return [
-            key
-            for words, what, name in (
-                ("Run the chosen measurement", "run", "Shift+F5"),
-                ("Leave the chosen measurement out, or take it in again", "skip", "S"),
-                ("Measure the chosen one again", "repeat", "M"),
-                ("Accept what the chosen one found (also Enter)", "accept", "A"),
-                ("Reject what the chosen one found", "reject", "X"),
-                ("Open the run of the chosen one", "open", "O"),
-            )
-            for key in bind_keys(self, words, partial(self._request_action, what), name, context=PAGE_CONTEXT)
-        ] + [
-            key
-            for words, by, name in (
-                ("Move the chosen one up", -1, "Alt+Up"),
-                ("Move the chosen one down", 1, "Alt+Down"),
-            )
-            for key in bind_keys(
-                self, words, partial(self.item_list.move_selected, by), name, context=PAGE_CONTEXT, repeats=True
-            )
-        ]

@@ -7,19 +7,14 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
 
+from app.gui.widgets.actions import name_button
 from app.gui.widgets.form import set_style_kind
 
 if TYPE_CHECKING:
     from app.campaign.summary import CampaignEstimates, ItemSummary
 
-BUTTONS = {
-    "run": ("Run this   (Shift+F5)", "Measure this item now"),
-    "skip": ("Skip   (S)", "Leave it out, or take it in again"),
-    "repeat": ("Repeat   (M)", "Measure it again: its runs until now do not count"),
-    "reject": ("Reject   (X)", "The run that counts now shall not count"),
-    "open": ("Open   (O)", "The run on the Runs page, as it was"),
-}
-"""What can be done with an item: words with the key, and what it means."""
+BUTTONS = {"run": "Run this", "skip": "Skip", "repeat": "Repeat", "reject": "Reject", "open": "Open"}
+"""Text of the button of each action on an item (`campaign.item.…` in the registry of actions)."""
 
 
 class ItemDetailsPane(QWidget):
@@ -34,9 +29,9 @@ class ItemDetailsPane(QWidget):
         self.buttons = {}
         row = QHBoxLayout()
         row.setSpacing(4)
-        for what, (words, tip) in BUTTONS.items():
-            button = QPushButton(words)
-            button.setToolTip(tip)
+        for what, text in BUTTONS.items():
+            button = QPushButton()
+            name_button(button, f"campaign.item.{what}", text)
             button.setProperty("kind", "choice")
             button.clicked.connect(lambda _=False, what=what: self.pressed.emit(what))
             row.addWidget(button)
@@ -68,7 +63,7 @@ class ItemDetailsPane(QWidget):
             button.setEnabled(what in allowed and (not busy or what == "open"))
         if item is not None:
             skipped = item.state.status == "skipped"
-            self.buttons["skip"].setText("Take in   (S)" if skipped else BUTTONS["skip"][0])
+            name_button(self.buttons["skip"], "campaign.item.skip", "Take in" if skipped else BUTTONS["skip"])
             self._show_details(item, estimates, specimen)
 
     @property

@@ -13,8 +13,8 @@ from app.gui.campaign.board import CampaignBoard
 from app.gui.campaign.controller import CampaignController
 from app.gui.campaign.start import CampaignStart
 from app.gui.plots.live_pane import LivePane
+from app.gui.widgets.actions import add_actions
 from app.gui.widgets.file_dialog import choose_files
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
 from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
@@ -242,15 +242,13 @@ class CampaignPage(QStackedWidget):
         self.board.item_moved.connect(
             lambda name, before: self.controller.modify(lambda campaign: campaign.move(name, before))
         )
-        for words, do, keys in (
-            (
-                "Run what needs no hands, one after the other; or end with the present one",
-                self._toggle_queue,
-                ("Ctrl+F5",),
-            ),
-            ("Undo", lambda: self.controller.modify(lambda campaign: campaign.undo()), ("Ctrl+Z",)),
-            ("Redo", lambda: self.controller.modify(lambda campaign: campaign.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
-            ("Begin another campaign", self._show_start, ("Ctrl+N",)),
-            ("Open a campaign", self._choose_campaign_file, ("Ctrl+O",)),
-        ):
-            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT)
+        add_actions(
+            self,
+            {
+                "campaign.queue": self._toggle_queue,
+                "campaign.undo": lambda: self.controller.modify(lambda campaign: campaign.undo()),
+                "campaign.redo": lambda: self.controller.modify(lambda campaign: campaign.redo()),
+                "campaign.new": self._show_start,
+                "campaign.open": self._choose_campaign_file,
+            },
+        )

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.gui.widgets.actions import shortcut_label
 from app.gui.widgets.form import set_style_kind
 
 CAMPAIGN_INTRODUCTION = (
@@ -60,7 +61,7 @@ class CampaignStart(QWidget):
         self.campaign_list.setAccessibleName("campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
-        browse = QPushButton("Open another …   (Ctrl+O)")
+        browse = QPushButton(shortcut_label("Open another …", "campaign.open"))
         browse.clicked.connect(self.browse_pressed)
         row = QHBoxLayout()
         row.addWidget(self.specimen_edit, 1)

@@ -22,10 +22,10 @@ from app.gui.explore.plot import ExplorePlot
 from app.gui.explore.shape_plot import ShapePlot
 from app.gui.explore.sliders import SliderPanel
 from app.gui.explore.toolbar import ExploreToolbar
+from app.gui.widgets.actions import add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.dropped_files import dropped_runs
 from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.live.latest_only import LatestOnlyWorker
@@ -357,17 +357,19 @@ class ExplorePage(QSplitter):
             (bar.study_button, self._choose_study_file),
         ):
             button.clicked.connect(do)
-        for words, do, keys in (
-            ("Undo", bar.undo_button.click, ("Ctrl+Z",)),
-            ("Redo", bar.redo_button.click, ("Ctrl+Shift+Z", "Ctrl+Y")),
-            ("Keep the present curve", bar.keep_button.click, ("Ctrl+Shift+K",)),
-            ("Copy every parameter as JSON", bar.copy_json_button.click, ("Ctrl+Shift+C",)),
-            ("Lay a run over the curves", bar.overlay_button.click, ("Ctrl+O",)),
-            ("Fit the model to the runs that lie over it, or cancel the fit", bar.fit_button.click, ("Ctrl+F",)),
-            ("Free, or on skin", bar.toggle_skin, ("Ctrl+T",)),
-            ("Save as a study", bar.study_button.click, ("Ctrl+S",)),
-        ):
-            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT, repeats=True)
+        add_actions(
+            self,
+            {
+                "explore.undo": bar.undo_button.click,
+                "explore.redo": bar.redo_button.click,
+                "explore.keep": bar.keep_button.click,
+                "explore.copy-json": bar.copy_json_button.click,
+                "explore.overlay": bar.overlay_button.click,
+                "explore.fit": bar.fit_button.click,
+                "explore.skin": bar.toggle_skin,
+                "explore.study": bar.study_button.click,
+            },
+        )
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if dropped_runs(event):

@@ -18,6 +18,7 @@ from app.archive.replay import MeasuredResponse
 from app.common.undo import UndoHistory
 from app.common.units import UnitError, to_number
 from app.explore.state import ExploreSetting
+from app.gui.widgets.actions import tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
 SERIES = ("max − min", "2 × fundamental", "phase", "log")
@@ -50,7 +51,7 @@ class ExploreToolbar(QObject):
             self._skin_group.addButton(button)
         self.skin_button.toggled.connect(self.skin_chosen)
         self.undo_button, self.redo_button = (
-            _button(text, tip) for text, tip in (("↶", "Undo: Ctrl+Z"), ("↷", "Redo: Ctrl+Shift+Z"))
+            _button(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
         )
         self.undo_button.setAccessibleName("undo")
         self.redo_button.setAccessibleName("redo")
@@ -69,16 +70,14 @@ class ExploreToolbar(QObject):
             self._group.addButton(button)
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
-        self.keep_button = _button("Keep curve", "Let the present curve stay while the sliders move on: Ctrl+Shift+K")
+        self.keep_button = _button("Keep curve", tooltip("explore.keep"))
         self.clear_button = _button("Clear", "Take kept curves and measured runs away")
-        self.overlay_button = _button("Lay a run over …", "Measured points over the curves: Ctrl+O, or drop files here")
-        self.fit_button = _button("Fit these", "Let the sliders go where the runs are met best: Ctrl+F")
+        self.overlay_button = _button("Lay a run over …", f"{tooltip('explore.overlay')}, or drop files here")
+        self.fit_button = _button("Fit these", tooltip("explore.fit"))
         if not fits:  # shown before it has a place it would be a window of its own
             self.fit_button.hide()
-        self.study_button = _button(
-            "Save study …", "What the kept curves vary, or else the slider moved last, as HDF5 or CSV: Ctrl+S"
-        )
-        self.copy_json_button = _button("Copy JSON", "Every parameter as JSON for --set: Ctrl+Shift+C")
+        self.study_button = _button("Save study …", tooltip("explore.study"))
+        self.copy_json_button = _button("Copy JSON", tooltip("explore.copy-json"))
         self.copy_toml_button = _button("Copy TOML", "Every parameter as TOML for --set")
         self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))

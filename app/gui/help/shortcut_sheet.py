@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
@@ -15,8 +16,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.gui.widgets.actions import ActionInfo, shortcut_label
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import ShortcutInfo
 
 
 class ShortcutSheet(QWidget):
@@ -27,8 +28,8 @@ class ShortcutSheet(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._groups: Mapping[str, tuple[ShortcutInfo, ...]] = {}
-        self.rows: list[tuple[str, ShortcutInfo]] = []
+        self._groups: Mapping[str, tuple[ActionInfo, ...]] = {}
+        self.rows: list[tuple[str, ActionInfo]] = []
         """What is shown, with the title of its group."""
         self.search = QLineEdit()
         self.search.setPlaceholderText("Search: what to do, or a key")
@@ -41,7 +42,7 @@ class ShortcutSheet(QWidget):
         self._scroll.viewport().setAutoFillBackground(False)
         heading = QLabel("Keys")
         set_style_kind(heading, "heading")
-        first, close = QPushButton("First steps …"), QPushButton("Close   (F1)")
+        first, close = QPushButton("First steps …"), QPushButton(shortcut_label("Close", "shortcuts"))
         first.clicked.connect(self.welcome_requested)
         close.clicked.connect(self.closed)
         top = QHBoxLayout()
@@ -56,7 +57,7 @@ class ShortcutSheet(QWidget):
         layout.addLayout(top)
         layout.addWidget(self._scroll, 1)
 
-    def show_shortcuts(self, groups: Mapping[str, tuple[ShortcutInfo, ...]]) -> None:
+    def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
         """Show these groups."""
         self._groups = groups
         self.search.clear()
@@ -73,7 +74,7 @@ class ShortcutSheet(QWidget):
         self.rows = []
         for title, lines in self._groups.items():
             found = [
-                line for line in lines if all(w in f"{line.description} {' '.join(line.keys)}".lower() for w in wanted)
+                line for line in lines if all(w in f"{line.text} {' '.join(line.shortcuts)}".lower() for w in wanted)
             ]
             if found:
                 columns.addWidget(_group_frame(title, found), 1, Qt.AlignmentFlag.AlignTop)
@@ -84,7 +85,7 @@ class ShortcutSheet(QWidget):
         self._scroll.setWidget(paper)  # deletes the one before
 
 
-def _group_frame(title: str, lines: list[ShortcutInfo]) -> QFrame:
+def _group_frame(title: str, lines: list[ActionInfo]) -> QFrame:
     frame = QFrame()
     set_style_kind(frame, "panel")
     grid = QGridLayout(frame)
@@ -99,13 +100,13 @@ def _group_frame(title: str, lines: list[ShortcutInfo]) -> QFrame:
     for at, line in enumerate(lines, 1):
         keys = QHBoxLayout()
         keys.setSpacing(4)
-        for name in line.keys:
-            cap = QLabel(name)
+        for key in line.shortcuts:
+            cap = QLabel(QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText))
             set_style_kind(cap, "key")
             keys.addWidget(cap)
         keys.addStretch()
         grid.addLayout(keys, at, 0)
-        words = QLabel(line.description)
+        words = QLabel(line.text)
         words.setWordWrap(True)
         grid.addWidget(words, at, 1)
     return frame

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.common.undo import UndoHistory
 from app.gui.measure.run_panel import RunPanel
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
+from app.gui.widgets.actions import add_actions
 from protocols.base.protocol import Protocol
 
 
@@ -25,8 +25,7 @@ class FormHistory(QObject):
         self._settle_timer = QTimer(self, singleShot=True, interval=0)
         self._settle_timer.timeout.connect(self._remember)
         panel.changed.connect(self._settle_timer.start)
-        bind_keys(page, "Undo in the form", self.undo, "Ctrl+Z", context=PAGE_CONTEXT, repeats=True)
-        bind_keys(page, "Redo in the form", self.redo, "Ctrl+Shift+Z", "Ctrl+Y", context=PAGE_CONTEXT, repeats=True)
+        add_actions(page, {"measure.undo": self.undo, "measure.redo": self.redo})
 
     def undo(self) -> None:
         """Show what the form said before."""

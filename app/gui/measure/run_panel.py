@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from app.common.formatting import format_bytes, format_duration, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
+from app.gui.widgets.actions import ACTIONS, tooltip
 from app.gui.widgets.form import ProtocolForm, set_style_kind
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState, format_voltage_range
@@ -81,7 +82,7 @@ class RunPanel(QWidget):
         set_style_kind(self.warnings_label, "caution")
         self.warnings_label.hide()
         self.estimates_panel = EstimatesPanel(theme)
-        self.run_button = QPushButton("Run   (F5 or Ctrl+R)")
+        self.run_button = QPushButton(f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})")
         self.run_button.setProperty("kind", "go")
         self.preset_button = PresetButton(presets)
         self._browse = QToolButton()
@@ -171,7 +172,7 @@ class RunPanel(QWidget):
         missing = "" if self.folder_edit.text().strip() else "a folder is needed"
         why = self._blocked_reason or missing or ("the form has a fault" if fault or self.protocol is None else "")
         self.run_button.setEnabled(self._can_run and not why)
-        self.run_button.setToolTip(f"Cannot run: {why}" if why else "Begin the run: F5 or Ctrl+R")
+        self.run_button.setToolTip(f"Cannot run: {why}" if why else tooltip("run"))
 
     def _rehearse(self) -> tuple[str, bool]:
         """Duration, points, volts and file size, or why it cannot be; whether it is a fault."""

@@ -10,8 +10,8 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
+from app.gui.widgets.actions import add_actions, tooltip
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 
 Array = NDArray[np.float64]
 
@@ -65,16 +65,7 @@ class PlotCopyButtons(QWidget):
         self._button_frame.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         set_style_kind(self._button_frame, "ring")
         self._button_frame.hide()
-        bind_keys(
-            canvas,
-            "Copy the plot that has the keyboard, as a picture",
-            self.copy_picture,
-            "Ctrl+P",
-            context=PAGE_CONTEXT,
-        )
-        bind_keys(
-            canvas, "Copy the plot that has the keyboard, as a table", self.copy_data, "Ctrl+D", context=PAGE_CONTEXT
-        )
+        add_actions(canvas, {"plot.copy-picture": self.copy_picture, "plot.copy-data": self.copy_data})
         canvas.installEventFilter(self)
         self.hide()
 
@@ -84,13 +75,13 @@ class PlotCopyButtons(QWidget):
             row = QHBoxLayout(self)
             row.setContentsMargins(0, 0, 0, 0)
             row.setSpacing(4)
-            for words, do, key, hint in (
-                ("Copy picture", self.copy_picture, "Ctrl+P", "This plot as a picture on the clipboard"),
-                ("Copy data", self.copy_data, "Ctrl+D", "What this plot shows as a table on the clipboard"),
+            for words, do, action_id in (
+                ("Copy picture", self.copy_picture, "plot.copy-picture"),
+                ("Copy data", self.copy_data, "plot.copy-data"),
             ):
                 button = QPushButton(words)
                 set_style_kind(button, "choice")
-                button.setToolTip(f"{hint}: {key} while the keyboard is in the plot")
+                button.setToolTip(f"{tooltip(action_id)} while the keyboard is in the plot")
                 button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
                 button.clicked.connect(do)
                 row.addWidget(button)

@@ -19,6 +19,7 @@ from app.archive.export import FORMATS
 from app.archive.replay import MeasuredResponse
 from app.archive.run_summary import RunSummary
 from app.gui.runs.compare_plot import ComparePlot
+from app.gui.widgets.actions import shortcut_label, tooltip
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.progress_row import ProgressRow
 from app.gui.widgets.theme import Theme
@@ -63,7 +64,7 @@ class RunDetailsPane(QWidget):
         self.empty_label.setWordWrap(True)
         set_style_kind(self.empty_label, "note-size")
         self.tags_edit, self.note_edit = QLineEdit(), _NoteEdit()
-        self.tags_edit.setPlaceholderText("good, second try   (F2)")
+        self.tags_edit.setPlaceholderText(shortcut_label("good, second try", "runs.notes"))
         self.tags_edit.setAccessibleName("tags")
         self.note_edit.setAccessibleName("note")
         self.note_edit.setTabChangesFocus(True)
@@ -72,7 +73,7 @@ class RunDetailsPane(QWidget):
         self.note_edit.focus_lost.connect(self._save_notes)
         self.open_button, self.explore_button = (
             _button("Open", "Enter"),
-            _button("Explore", "Lay over the model's curve: E"),
+            _button("Explore", tooltip("runs.explore")),
         )
         self.open_button.clicked.connect(self.open_pressed)
         self.explore_button.clicked.connect(self.explore_pressed)

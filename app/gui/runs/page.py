@@ -18,10 +18,10 @@ from app.gui.runs.folder_model import RunFolderModel
 from app.gui.runs.table import RunListLayout, RunTableModel, RunTableView
 from app.gui.runs.transfers import RunTransfers
 from app.gui.runs.viewer import RunViewer
+from app.gui.widgets.actions import add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.dropped_files import dropped_runs, dropped_tables
 from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.shortcuts import PAGE_CONTEXT, bind_keys
 from app.gui.widgets.theme import Theme
 from app.live.overlay import CurveRequest, Overlay, elongations_of
 from app.session.state import WindowState
@@ -242,14 +242,16 @@ class RunsPage(QStackedWidget):
         self.viewer.trace_plot.range_viewed.connect(self._load_trace_window)
         self.viewer.back_pressed.connect(self.go_back)
         self.viewer.explore_pressed.connect(self.explore_selected)
-        for words, do, keys in (
-            ("Search", self._focus_search, ("/", "Ctrl+F")),
-            ("Lay what is chosen over the model's curve", self.explore_selected, ("E",)),
-            ("Export what is chosen", lambda: self._choose_export_folder("csv"), ("Ctrl+E",)),
-            ("Tags and note", self.details.tags_edit.setFocus, ("F2",)),
-            ("Copy the paths of what is chosen", self._copy_paths, ("Ctrl+C",)),
-        ):
-            bind_keys(self, words, do, *keys, context=PAGE_CONTEXT, repeats=True)
+        add_actions(
+            self,
+            {
+                "runs.search": self._focus_search,
+                "runs.explore": self.explore_selected,
+                "runs.export": lambda: self._choose_export_folder("csv"),
+                "runs.notes": self.details.tags_edit.setFocus,
+                "runs.copy-paths": self._copy_paths,
+            },
+        )
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if (dropped_runs(event) or dropped_tables(event)) and event.source() is None:

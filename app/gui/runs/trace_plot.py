@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from app.archive.replay import TraceWindow
 from app.gui.plots.base import CornerLabel, apply_plot_theme, limit_ticks, simulated_label, style_axes, trace_pen
 from app.gui.plots.copy import PlotCopyButtons, series_as_text, series_of
-from app.gui.widgets.shortcuts import bind_keys
+from app.gui.widgets.actions import add_actions
 from app.gui.widgets.theme import Theme
 
 SETTLE_MS = 80
@@ -57,14 +57,16 @@ class TracePlot(QWidget):
         self._settle_timer.timeout.connect(self._emit_range)
         self._plots[0].sigXRangeChanged.connect(lambda *_: self._settle_timer.start())
         self.canvas.scene().sigMouseClicked.connect(lambda event: self.show_whole() if event.double() else None)
-        for words, do, keys in (
-            ("Traces of the open run: closer", lambda: self.zoom(ZOOM_IN), ("Ctrl++", "Ctrl+=")),
-            ("Traces: further away", lambda: self.zoom(ZOOM_OUT), ("Ctrl+-",)),
-            ("Traces: the whole run", self.show_whole, ("Ctrl+0",)),
-            ("Traces: later", lambda: self.pan(0.25), ("Ctrl+Right",)),
-            ("Traces: earlier", lambda: self.pan(-0.25), ("Ctrl+Left",)),
-        ):
-            bind_keys(self, words, do, *keys, repeats=True)
+        add_actions(
+            self,
+            {
+                "traces.zoom-in": lambda: self.zoom(ZOOM_IN),
+                "traces.zoom-out": lambda: self.zoom(ZOOM_OUT),
+                "traces.whole": self.show_whole,
+                "traces.later": lambda: self.pan(0.25),
+                "traces.earlier": lambda: self.pan(-0.25),
+            },
+        )
         self._label_axes(raw=False)
         self.set_theme(theme)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from app.gui.widgets.shortcuts import forward_keys
+from app.gui.widgets.actions import share_action
 
 Mode = QFileDialog.FileMode
 
@@ -39,6 +39,6 @@ def choose_files(
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.filesSelected.connect(lambda names: callback([Path(name) for name in names]))
-    forward_keys(dialog, Qt.Key.Key_F12)
+    share_action(dialog, "stop")
     dialog.show()
     return dialog

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QSettings, Qt
-from PySide6.QtGui import QShortcut
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.tabs import CAMPAIGN, MEASURE
+from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
-from app.gui.widgets.shortcuts import GLOBAL_GROUP, shortcuts_by_group
 from protocols.base.events import PromptShown, RunEnded, RunStatus
 from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
@@ -22,20 +22,34 @@ CTRL = Qt.KeyboardModifier.ControlModifier
 ASKED = Prompt("place-weight", "Put 50 g on", {"mass_kg": 0.05}, ("done", "repeat the last"), hands_on=True)
 
 
+def titles_of_pages(stage: Stage) -> list[str]:
+    """Make every page, and return their titles."""
+    tabs = stage.window.tabs
+    for at in range(tabs.count()):
+        tabs.page(at)
+    return [tabs.tabText(at) for at in range(tabs.count())]
+
+
 def test_every_shortcut_of_the_window_is_on_the_sheet(stage: Stage) -> None:
     stage.happen(OPENED)
-    pages = [stage.window.tabs.page(at) for at in range(stage.window.tabs.count())]
+    pages = titles_of_pages(stage)
     stage.window.adapter.mailbox.show(2, ASKED)
     stage.happen(*LIVE, PromptShown(2, ASKED))
     told = {
-        (line.description, key)
+        (line.text, key)
         for lines in shortcuts_by_group(stage.window, pages).values()
         for line in lines
-        for key in line.keys
+        for key in line.shortcuts
     }
-    every = {(s.whatsThis(), s.key().toString()) for s in stage.window.findChildren(QShortcut)}
+    every = {
+        (action.text(), key.toString())
+        for action in stage.window.findChildren(QAction)
+        if isinstance(action.data(), ActionInfo)
+        for key in action.shortcuts()
+    }
     assert told == every
     assert all(words for words, _ in every)
+    assert set(ACTIONS) <= {action.objectName() for action in stage.window.findChildren(QAction)}
     assert ("Answer: repeat the last", "R") in every
     assert {"F5", "F8", "Esc", "Ctrl+2", "Alt+Up", "Ctrl+Shift+C", "/"} <= {key for _, key in every}
 
@@ -50,7 +64,7 @@ def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_
     assert room.is_covered, "a question mark can be searched for"
     room.shortcut_sheet.search.clear()
     QTest.keyClicks(room.shortcut_sheet.search, "move up")
-    assert [line.keys for _, line in room.shortcut_sheet.rows] == [("Alt+Up",)]
+    assert [line.shortcuts for _, line in room.shortcut_sheet.rows] == [("Alt+Up",)]
     stage.press(Qt.Key.Key_Escape)
     assert not room.is_covered
     assert stage.window.campaign.start_pane.specimen_edit.hasFocus(), "the keyboard is where it was"
@@ -63,12 +77,12 @@ def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_
 
 def test_no_key_means_two_things_at_once(stage: Stage) -> None:
     """Qt would do neither."""
-    pages = [stage.window.tabs.page(at) for at in range(stage.window.tabs.count())]
+    pages = titles_of_pages(stage)
     groups = shortcuts_by_group(stage.window, pages)
-    everywhere = [key for line in groups.pop(GLOBAL_GROUP) for key in line.keys]
+    everywhere = [key for line in groups.pop(GLOBAL_GROUP) for key in line.shortcuts]
     assert len(everywhere) == len(set(everywhere))
     for title, lines in groups.items():
-        keys = [key for line in lines for key in line.keys]
+        keys = [key for line in lines for key in line.shortcuts]
         assert not set(keys) & set(everywhere), title
         assert len(keys) == len(set(keys)), title
 

@@ -1,0 +1,248 @@
+"""Actions of the window: one registry of texts, keyboard shortcuts and tooltips, and the `QAction` made of each.
+
+The shortcut sheet, tooltips and button labels all read this registry.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QAbstractButton, QWidget
+
+from app.session.state import WindowState
+
+GLOBAL_GROUP = "Everywhere"
+EVERY_PAGE = "*"
+"""Page of an action that each page has in its own widgets."""
+
+
+def is_idle(state: WindowState) -> bool:
+    """Return whether no run is active."""
+    return not state.busy
+
+
+@dataclass(frozen=True, slots=True)
+class ActionInfo:
+    """What an action is called, which shortcuts trigger it and where it works."""
+
+    id: str
+    text: str
+    shortcuts: tuple[str, ...]
+    """The first one is shown on buttons."""
+    tooltip: str = ""
+    """Of its button, without the shortcut; empty where the button's own text says it all."""
+    page: str = ""
+    """Title of the page whose widgets must have the keyboard; empty for an action of the whole window."""
+    enabled_when: Callable[[WindowState], bool] | None = None
+    """None for an action that is always enabled, or that its widget enables."""
+    repeats: bool = False
+    """Whether it is triggered again while its key is held down."""
+    while_visible: bool = False
+    """An action of a page that works wherever the keyboard is, as long as its widget is visible."""
+
+    @property
+    def shortcut(self) -> str:
+        """The first shortcut."""
+        return self.shortcuts[0]
+
+
+ACTIONS = {
+    info.id: info
+    for info in (
+        ActionInfo("escape", "Stop: go to rest and end the run; else a step back", ("Esc",)),
+        ActionInfo("stop", "Stop: go to rest and end the run", ("F12",), "Go to rest and end the run"),
+        ActionInfo("run", "Run what the page shows", ("F5", "Ctrl+R"), "Begin the run"),
+        ActionInfo("pause", "Pause at rest, or go on", ("F8",)),
+        ActionInfo("page.measure", "Page Measure", ("Ctrl+1",)),
+        ActionInfo("page.campaign", "Page Campaign", ("Ctrl+2",)),
+        ActionInfo("page.explore", "Page Explore", ("Ctrl+3",)),
+        ActionInfo("page.runs", "Page Runs", ("Ctrl+4",)),
+        ActionInfo("answer", "Answer what is asked above the pages", ("Return", "Enter")),
+        ActionInfo("acknowledge", "Acknowledge or dismiss a message", ("Ctrl+K",)),
+        ActionInfo("reconnect", "Connect to the bench again", ("F6",)),
+        ActionInfo(
+            "faults.toggle",
+            "Break something on the simulated bench, or close the list",
+            ("F9",),
+            "Faults of the simulated bench, to see what the program does about them",
+        ),
+        ActionInfo("faults.clear", "Mend all that was broken", ("Shift+F9",)),
+        ActionInfo("shortcuts", "Show these keys, or close them", ("F1", "?")),
+        ActionInfo("measure.undo", "Undo in the form", ("Ctrl+Z",), page="Measure", repeats=True),
+        ActionInfo("measure.redo", "Redo in the form", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Measure", repeats=True),
+        ActionInfo(
+            "campaign.queue",
+            "Run what needs no hands, one after the other; or end with the present one",
+            ("Ctrl+F5",),
+            page="Campaign",
+        ),
+        ActionInfo("campaign.undo", "Undo", ("Ctrl+Z",), page="Campaign"),
+        ActionInfo("campaign.redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), page="Campaign"),
+        ActionInfo("campaign.new", "Begin another campaign", ("Ctrl+N",), page="Campaign"),
+        ActionInfo("campaign.open", "Open a campaign", ("Ctrl+O",), page="Campaign"),
+        # An answer to a prompt may have the same letter as one of these: they are disabled during a run.
+        *(
+            ActionInfo(f"campaign.item.{name}", text, (key,), tip, "Campaign", is_idle, repeats)
+            for name, text, key, tip, repeats in (
+                ("run", "Run the chosen measurement", "Shift+F5", "Measure this item now", False),
+                (
+                    "skip",
+                    "Leave the chosen measurement out, or take it in again",
+                    "S",
+                    "Leave it out, or take it in again",
+                    False,
+                ),
+                (
+                    "repeat",
+                    "Measure the chosen one again",
+                    "M",
+                    "Measure it again: its runs until now do not count",
+                    False,
+                ),
+                ("accept", "Accept what the chosen one found (also Enter)", "A", "", False),
+                ("reject", "Reject what the chosen one found", "X", "The run that counts now shall not count", False),
+                ("open", "Open the run of the chosen one", "O", "The run on the Runs page, as it was", False),
+                ("up", "Move the chosen one up", "Alt+Up", "", True),
+                ("down", "Move the chosen one down", "Alt+Down", "", True),
+            )
+        ),
+        *(
+            ActionInfo(f"explore.{name}", text, keys, tip, "Explore", repeats=True)
+            for name, text, keys, tip in (
+                ("undo", "Undo", ("Ctrl+Z",), "Undo"),
+                ("redo", "Redo", ("Ctrl+Shift+Z", "Ctrl+Y"), "Redo"),
+                (
+                    "keep",
+                    "Keep the present curve",
+                    ("Ctrl+Shift+K",),
+                    "Let the present curve stay while the sliders move on",
+                ),
+                (
+                    "copy-json",
+                    "Copy every parameter as JSON",
+                    ("Ctrl+Shift+C",),
+                    "Every parameter as JSON for --set",
+                ),
+                ("overlay", "Lay a run over the curves", ("Ctrl+O",), "Measured points over the curves"),
+                (
+                    "fit",
+                    "Fit the model to the runs that lie over it, or cancel the fit",
+                    ("Ctrl+F",),
+                    "Let the sliders go where the runs are met best",
+                ),
+                ("skin", "Free, or on skin", ("Ctrl+T",), ""),
+                (
+                    "study",
+                    "Save as a study",
+                    ("Ctrl+S",),
+                    "What the kept curves vary, or else the slider moved last, as HDF5 or CSV",
+                ),
+            )
+        ),
+        *(
+            ActionInfo(f"runs.{name}", text, keys, tip, "Runs", repeats=True)
+            for name, text, keys, tip in (
+                ("search", "Search", ("/", "Ctrl+F"), ""),
+                ("explore", "Lay what is chosen over the model's curve", ("E",), "Lay over the model's curve"),
+                ("export", "Export what is chosen", ("Ctrl+E",), ""),
+                ("notes", "Tags and note", ("F2",), ""),
+                ("copy-paths", "Copy the paths of what is chosen", ("Ctrl+C",), ""),
+            )
+        ),
+        *(
+            ActionInfo(f"traces.{name}", text, keys, page="Runs", repeats=True, while_visible=True)
+            for name, text, keys in (
+                ("zoom-in", "Traces of the open run: closer", ("Ctrl++", "Ctrl+=")),
+                ("zoom-out", "Traces: further away", ("Ctrl+-",)),
+                ("whole", "Traces: the whole run", ("Ctrl+0",)),
+                ("later", "Traces: later", ("Ctrl+Right",)),
+                ("earlier", "Traces: earlier", ("Ctrl+Left",)),
+            )
+        ),
+        ActionInfo(
+            "plot.copy-picture",
+            "Copy the plot that has the keyboard, as a picture",
+            ("Ctrl+P",),
+            "This plot as a picture on the clipboard",
+            EVERY_PAGE,
+        ),
+        ActionInfo(
+            "plot.copy-data",
+            "Copy the plot that has the keyboard, as a table",
+            ("Ctrl+D",),
+            "What this plot shows as a table on the clipboard",
+            EVERY_PAGE,
+        ),
+    )
+}
+"""Every action by its id, in the order of the shortcut sheet."""
+
+
+def add_action(widget: QWidget, info: ActionInfo, callback: Callable[[], object]) -> QAction:
+    """Make the `QAction` of an action and add it to the widget in which its shortcuts work."""
+    action = QAction(info.text, widget)
+    action.setObjectName(info.id)
+    action.setData(info)
+    action.setShortcuts([QKeySequence(key) for key in info.shortcuts])
+    in_widget = info.page and not info.while_visible
+    action.setShortcutContext(
+        Qt.ShortcutContext.WidgetWithChildrenShortcut if in_widget else Qt.ShortcutContext.WindowShortcut
+    )
+    action.setAutoRepeat(info.repeats)
+    action.triggered.connect(lambda _checked=False: callback())
+    widget.addAction(action)
+    return action
+
+
+def add_actions(widget: QWidget, callbacks: Mapping[str, Callable[[], object]]) -> None:
+    """Add registered actions, by their ids, to the widget in which their shortcuts work."""
+    for name, callback in callbacks.items():
+        add_action(widget, ACTIONS[name], callback)
+
+
+def update_actions(widget: QWidget, state: WindowState) -> None:
+    """Enable or disable a widget's actions for a window state."""
+    for info, action in actions_of([widget]):
+        if info.enabled_when is not None:
+            action.setEnabled(info.enabled_when(state))
+
+
+def actions_of(widgets: list[QWidget]) -> Iterator[tuple[ActionInfo, QAction]]:
+    """Return the actions of widgets in the order of the registry; actions made at run time come last."""
+    order = {name: at for at, name in enumerate(ACTIONS)}
+    found = [(a.data(), a) for widget in widgets for a in widget.actions() if isinstance(a.data(), ActionInfo)]
+    yield from sorted(found, key=lambda pair: order.get(pair[0].id, len(order)))
+
+
+def shortcuts_by_group(window: QWidget, page_titles: list[str]) -> dict[str, tuple[ActionInfo, ...]]:
+    """Return the actions that a window has, by group: those of the whole window, then those of the given pages."""
+    present = {info.id: info for info, _ in actions_of([window, *window.findChildren(QWidget)])}
+    titles = {GLOBAL_GROUP: ("",)} | {title: (title, EVERY_PAGE) for title in page_titles}
+    groups = {title: tuple(i for i in present.values() if i.page in pages) for title, pages in titles.items()}
+    return {title: group for title, group in groups.items() if group}
+
+
+def tooltip(action_id: str, text: str = "") -> str:
+    """Return a tooltip that ends with the shortcuts of an action."""
+    info = ACTIONS[action_id]
+    return f"{text or info.tooltip or info.text}: {' or '.join(info.shortcuts)}"
+
+
+def shortcut_label(text: str, action_id: str) -> str:
+    """Return the text of a button with the shortcut of an action."""
+    return f"{text}   ({ACTIONS[action_id].shortcut})"
+
+
+def name_button(button: QAbstractButton, action_id: str, text: str) -> None:
+    """Name the shortcut of an action on a button and in its tooltip."""
+    button.setText(shortcut_label(text, action_id))
+    button.setToolTip(tooltip(action_id))
+
+
+def share_action(dialog: QWidget, action_id: str) -> None:
+    """Let an action of the parent's window be triggered in a dialog as well."""
+    parent = dialog.parentWidget()
+    assert parent is not None
+    if (action := parent.window().findChild(QAction, action_id)) is not None:
+        dialog.addAction(action)
