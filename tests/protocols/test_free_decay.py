@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.known_protocols.test_sweeps import first_pole
+from tests.protocols.test_sweeps import first_pole
 
 from model.parameters import Tactor
 from protocols.base.quality import Quality
