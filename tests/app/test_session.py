@@ -61,7 +61,7 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
     left: list = []
 
     def stop() -> None:
-        left.append(laboratories[0].control.plant.situation)
+        left.append(laboratories[0].control.plant.setup_state)
         one.stop()
 
     events: list = []
@@ -76,7 +76,7 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
     assert left[0].weights_kg
     one.run(SHORT, tmp_path, "T1")
     assert one.finished.wait(30)
-    assert laboratories[0].control.plant.situation == initial_state(laboratories[0].control.truth)
+    assert laboratories[0].control.plant.setup_state == initial_state(laboratories[0].control.parameters)
     found = [e.point.fundamental for e in events if isinstance(e, PointMeasured)]
     with connect(simulated(), None) as lab:
         alone = [point.fundamental for point in run(SHORT, tmp_path / "alone", lab).points]

@@ -180,7 +180,7 @@ def test_a_wait_ends_by_what_the_laser_sees_or_by_the_operator(
     with laboratory() as lab:
         ran = run(Waiting(levels_v=(2.0,)), tmp_path, lab, operator=Handy(lab.operator))
     assert ran.status == RunStatus.COMPLETED
-    assert ended[0].seen == seen
+    assert ended[0].detected == seen
     asked = next(e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == action)
     assert words in [e.words for e in ran.events if isinstance(e, PromptAnswered) and e.ask_id == asked]
 
@@ -194,7 +194,7 @@ def test_what_the_card_saw_before_the_answer_is_not_in_the_recording_after_it(st
             words = super().answer(ask_id)
             if words and self.asked[-1].action == "bump":
                 lab.control.clock.sleep(2.0)
-                lab.control.hands("bump-sensor", {"by_m": 1e-4})
+                lab.control.perform_action("bump-sensor", {"by_m": 1e-4})
             return words
 
     class Bumped(Levels):

@@ -28,7 +28,7 @@ def estimates_of(path: Path) -> dict[str, tuple[float, float]]:
 def test_the_modulus_of_the_simulated_rubber_comes_out(E_m: float, reference_m: float, tmp_path: Path) -> None:
     with laboratory(simulated(plant_rate_hz=10e3, membrane={"E_m": E_m})) as lab:
         ran = run(SHORT.model_copy(update={"reference_m": reference_m}), tmp_path, lab)
-        assert not lab.control.history.live
+        assert not lab.control.history.high_voltage_on
     assert ran.status == RunStatus.COMPLETED
     found = estimates_of(ran.path)
     value, error = found["Young modulus"]

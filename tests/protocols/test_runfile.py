@@ -95,7 +95,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path) -> None:
         for k in range(2):
             file.append_block(Block(100 * k, np.full((2, 100), k, np.int16)), k)
             file.append_point(Spot(k, k))
-            code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.samples, len(r.points()['height']))"
+            code = "import sys; from pathlib import Path; from protocols.runfile.reader import Run; r = Run(Path(sys.argv[1])); print(r.state, r.trace.sample_count, len(r.points()['height']))"
             seen = subprocess.run(
                 [sys.executable, "-c", code, str(file.path)], capture_output=True, text=True, check=True
             )
@@ -112,20 +112,20 @@ from typing import Annotated
 from annotated_types import Unit
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.runfile.writer import Header
-from protocols.runfile.writer import RunFile
+from protocols.runfile.writer import RunMetadata
+from protocols.runfile.writer import RunFileWriter
 @dataclass
 class Spot:
     frequency: Annotated[float, Unit("Hz"), "f"]
     height: Annotated[float, Unit("m"), "h"]
 sensor, scale = LaserSensor("laser", 1e-4), Scale((0.0, 3e-4))
-file = RunFile.new(Path(sys.argv[1]), Header("p", "P", {}, Spot, ("frequency", "height"), sensor, {}, True, "T"))
-file.begin(5000.0, (scale, scale))
+file = RunFileWriter.new(Path(sys.argv[1]), RunMetadata("p", "P", {}, Spot, ("frequency", "height"), sensor, {}, True, "T"))
+file.start_stream(5000.0, (scale, scale))
 print(file.path, flush=True)
 for k in range(100000):
-    file.block(Block(500 * k, np.full((2, 500), k % 1000, np.int16)), 0.1 * k)
+    file.append_block(Block(500 * k, np.full((2, 500), k % 1000, np.int16)), 0.1 * k)
     if k % 7 == 0:
-        file.point(Spot(k, k))
+        file.append_point(Spot(k, k))
     print(500 * (k + 1), flush=True)
 """
 

@@ -77,8 +77,8 @@ def asked_texts(ran: Ran) -> list[str]:
 def test_the_plants_compliance_comes_out_on_both_sides_without_a_key(tmp_path: Path) -> None:
     with laboratory(simulated()) as lab:
         ran = run(StaticLoading(repeats=1, sample_rate_hz=1000), tmp_path, lab)
-        assert not lab.control.history.live
-        assert lab.control.plant.situation.shorted
+        assert not lab.control.history.high_voltage_on
+        assert lab.control.plant.setup_state.shorted
     assert ran.status == RunStatus.COMPLETED
     assert len(ran.points) == 10
     for point in ran.points:
@@ -166,7 +166,7 @@ def test_a_bumped_sensor_is_noticed_and_the_weight_repeated_or_flagged(tmp_path:
 
         def bumps(who: Clumsy, prompt: Prompt, answer: str = answer) -> Prompt | str | None:
             if prompt.action == "remove-weight" and who.times("remove-weight") == 1:
-                who.bench.hands("bump-sensor", {"by_m": 12e-6})
+                who.bench.perform_action("bump-sensor", {"by_m": 12e-6})
             return answer if prompt.action == "zero-moved" else None
 
         with laboratory(simulated()) as lab:
@@ -277,12 +277,12 @@ def test_stop_at_any_prompt_keeps_what_was_measured(action: str, tmp_path: Path)
         if action == "implausible-step" and prompt.action == "place-weight" and second:
             return replace(prompt, values={"mass_kg": 1.0})
         if action == "zero-moved" and prompt.action == "remove-weight" and second:
-            who.bench.hands("bump-sensor", {"by_m": 1e-4})
+            who.bench.perform_action("bump-sensor", {"by_m": 1e-4})
         return None
 
     with laboratory(simulated()) as lab:
         ran = run(SHORT, tmp_path, lab, operator=Clumsy(lab, stops), cancel=cancel)
-        assert not lab.control.history.live
+        assert not lab.control.history.high_voltage_on
     assert ran.status == RunStatus.STOPPED
     assert "stopped by the operator" in ran.reason
     first = 0 if action in ("disable-high-voltage", "turn-side") else 1

@@ -23,7 +23,7 @@ def failing(check: WiringCheck, points: list[Any]) -> set[str]:
 def test_it_finds_the_truth_of_the_bench(tmp_path: Path) -> None:
     with laboratory(simulated(generator={"clock_ppm": 50.0})) as lab:
         ran = run(CHECK, tmp_path, lab)
-        truth = lab.control.truth
+        truth = lab.control.parameters
     assert ran.status == RunStatus.COMPLETED
     found = {verdict.name: verdict.value for verdict in CHECK.verdicts(ran.points)}
     assert failing(CHECK, ran.points) == set()
