@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.protocols.test_sweeps import first_pole
 
 from model.parameters import Tactor
 from protocols.base.quality import Quality
 from protocols.measurements.free_decay import FreeDecay
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run, simulated
+from tests.protocols.test_sweeps import first_pole
 
 
 @pytest.mark.parametrize("c0", [159.0, 20.0])

@@ -71,7 +71,13 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def detector(**changes: float) -> SettlingDetector:
-    wanted = {"rate_hz": RATE, "frequency_hz": 100.0, "window_samples": 200, "drive_amplitude_v": 2.0, "tolerance": 0.005}
+    wanted = {
+        "rate_hz": RATE,
+        "frequency_hz": 100.0,
+        "window_samples": 200,
+        "drive_amplitude_v": 2.0,
+        "tolerance": 0.005,
+    }
     return SettlingDetector(**(wanted | changes))  # type: ignore[arg-type]
 
 
