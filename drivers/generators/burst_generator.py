@@ -18,7 +18,7 @@ What differs between one burst generator and another: the words of its dialect, 
 import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
@@ -31,130 +31,6 @@ from drivers.generators.expected_setting import ExpectedSetting
 from drivers.interfaces import Identity
 from drivers.transport.safe_ramp_down import RampDown
 from drivers.transport.scpi import Link, ScpiSession
-
-
-class BurstDialect(ABC):
-    """One box of one family on its wire.
-
-    Args:
-        link: the wire.
-        clock: bench time, which paces the staircases.
-        step_v: largest single step of a staircase in volts.
-        pace_s: time between the steps of a staircase.
-
-    Raises:
-        LinkError: nothing answers on the wire.
-        InstrumentError: another instrument answers.
-    """
-
-    MODELS: ClassVar[tuple[str, ...]]
-    """How the model names begin that this dialect is for, in capitals."""
-    PRODUCT_NAMES: ClassVar[str]
-    CAN_FREEZE_RANGE: ClassVar[bool]
-    INTERPOLATES_POINTS: ClassVar[bool] = False
-    """Whether a filter smooths the waveform from point to point."""
-    MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
-
-    @renamed_parameters(pace_s="step_interval_s")
-    def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
-        self._scpi = ScpiSession(link, f"function generator at {link.name}")
-        self._clock = clock
-        self._step_v = step_v
-        self._step_interval_s = step_interval_s
-        self.identity: Identity = self._scpi.identify()
-        if not self.identity.model.upper().startswith(self.MODELS):
-            link.close()
-            raise InstrumentError(
-                f"{link.name} answered as '{self.identity}'; this driver is for {self.PRODUCT_NAMES}. "
-                "Correct the driver or the resource in the bench file"
-            )
-        self._scpi.instrument = f"function generator {self.identity.model}"
-        self._stored_waveform: str | None = None  # what is in the waveform memory; unknown at first
-
-    def reconnect(self) -> None:
-        self._scpi.link.reopen()
-        seen = self._scpi.identify()
-        if seen != self.identity:
-            raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
-        self._stored_waveform = None  # it may have been without power in between
-
-    def close(self) -> None:
-        self._scpi.link.close()
-
-    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some boxes mean the points' own span
-        """The amplitude setting at which a full point is `full_v` away from the offset."""
-        return 2 * full_v
-
-    @abstractmethod
-    def idle_level_v(self) -> float: ...
-
-    @abstractmethod
-    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
-        """Everything that `_configure` sets, as it reads back when the armed box rests; the output's switch apart."""
-
-    @abstractmethod
-    def _query_setting(self, name: str) -> str:
-        """What the box answers for a setting of `_expected_settings`."""
-
-    @abstractmethod
-    def _is_output_on(self) -> bool: ...
-
-    @abstractmethod
-    def _clear_error_queue(self) -> None:
-        """Empty the error queue: what others left there is no answer to us."""
-
-    @abstractmethod
-    def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
-        """Everything but switching the output on; ends whatever may be playing once its amplitude is small."""
-
-    @abstractmethod
-    def _enable_output(self) -> None: ...
-
-    @abstractmethod
-    def _offset_command(self, volts: float) -> str:
-        """What sets the offset, without a query."""
-
-    @abstractmethod
-    def _set_offset(self, volts: float) -> None: ...
-
-    @abstractmethod
-    def _query_amplitude(self) -> float: ...
-
-    @abstractmethod
-    def _amplitude_command(self, vpp: float) -> str:
-        """What sets the amplitude, without a query."""
-
-    @abstractmethod
-    def _set_amplitude(self, vpp: float) -> None: ...
-
-    @abstractmethod
-    def _set_rate(self, rate_hz: float, point_count: int) -> None:
-        """Play the whole period of a waveform of `size` points so many times a second, and read that back."""
-
-    @abstractmethod
-    def _set_cycles(self, cycles: int) -> None: ...
-
-    @abstractmethod
-    def _query_burst_duration_s(self) -> float:
-        """How long a burst with the present settings lasts; 0 where no burst is armed."""
-
-    @abstractmethod
-    def _trigger(self) -> None: ...
-
-    @abstractmethod
-    def _abort_commands(self) -> Sequence[str]:
-        """What ends a running burst at once. Its amplitude is next to nothing by then."""
-
-    @abstractmethod
-    def _send(self, command: str) -> None:
-        """Send one command and confirm it as far as the box can."""
-
-    @abstractmethod
-    def _download_waveform(self, points: Points) -> None:
-        """Make this the waveform, without touching what the output shows at idle."""
-
-    @abstractmethod
-    def _max_points(self) -> int: ...
 
 
 LEVEL_TOLERANCE_V = 1e-3
@@ -197,8 +73,27 @@ INTERPOLATED_STEP_FRACTION = 0.1
     _load="_load_waveform",
     _agree="_check_readback",
 )
-class BurstGenerator(BurstDialect):
-    """A `Source` (see drivers.interfaces) over one dialect."""
+class BurstGenerator(ABC):
+    """A `Source` (see drivers.interfaces); a subclass per family fills in its commands and what it can do.
+
+    Args:
+        link: the wire.
+        clock: bench time, which paces the staircases.
+        step_v: largest single step of a staircase in volts.
+        pace_s: time between the steps of a staircase.
+
+    Raises:
+        LinkError: nothing answers on the wire.
+        InstrumentError: another instrument answers.
+    """
+
+    MODELS: ClassVar[tuple[str, ...]]
+    """How the model names begin that this dialect is for, in capitals."""
+    PRODUCT_NAMES: ClassVar[str]
+    CAN_FREEZE_RANGE: ClassVar[bool]
+    INTERPOLATES_POINTS: ClassVar[bool] = False
+    """Whether a filter smooths the waveform from point to point."""
+    MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
 
     _burst_end_s: float | None = None
     """When what we began ends; unknown at first."""
@@ -207,6 +102,32 @@ class BurstGenerator(BurstDialect):
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
     """What the box was told last, for when it cannot be asked."""
+
+    @renamed_parameters(pace_s="step_interval_s")
+    def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
+        self._scpi = ScpiSession(link, f"function generator at {link.name}")
+        self._clock = clock
+        self._step_v = step_v
+        self._step_interval_s = step_interval_s
+        self.identity: Identity = self._scpi.identify()
+        if not self.identity.model.upper().startswith(self.MODELS):
+            link.close()
+            raise InstrumentError(
+                f"{link.name} answered as '{self.identity}'; this driver is for {self.PRODUCT_NAMES}. "
+                "Correct the driver or the resource in the bench file"
+            )
+        self._scpi.instrument = f"function generator {self.identity.model}"
+        self._stored_waveform: str | None = None  # what is in the waveform memory; unknown at first
+
+    def reconnect(self) -> None:
+        self._scpi.link.reopen()
+        seen = self._scpi.identify()
+        if seen != self.identity:
+            raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
+        self._stored_waveform = None  # it may have been without power in between
+
+    def close(self) -> None:
+        self._scpi.link.close()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         self._rest_v = rest_v
@@ -333,16 +254,21 @@ class BurstGenerator(BurstDialect):
 
     def _first_mismatch(self, rest_v: float, low_v: float, high_v: float) -> str:
         """The first setting that is not as it should be when armed and at rest, in words; empty where all are."""
-        for setting in self._expected_settings(rest_v, low_v, high_v):
-            answer = self._query_setting(setting.name)
-            if not setting.matches(answer):
-                return f"{setting.name} is {answer[:40]}, not {setting.expected}"
+        for setting, answer in self._mismatches(self._expected_settings(rest_v, low_v, high_v)):
+            return f"{setting.name} is {answer[:40]}, not {setting.expected}"
         return ""
 
     def _has_our_setup(self, rest_v: float, low_v: float, high_v: float) -> bool:
         """Whether it is armed as we arm it, whatever it plays or holds. In another state our volts may mean others."""
         how = (s for s in self._expected_settings(rest_v, low_v, high_v) if s.keywords or math.isinf(s.high))
-        return all(setting.matches(self._query_setting(setting.name)) for setting in how)
+        return next(self._mismatches(how), None) is None
+
+    def _mismatches(self, settings: Iterable[ExpectedSetting]) -> Iterator[tuple[ExpectedSetting, str]]:
+        """Query the settings in turn; yield each that is not as expected, with the answer."""
+        for setting in settings:
+            answer = self._query_setting(setting.name)
+            if not setting.matches(answer):
+                yield setting, answer
 
     def _ramp_foreign_output_down(self, rest_v: float) -> None:
         """What an earlier program left playing or holding comes to rest as any drive does.
@@ -424,3 +350,80 @@ class BurstGenerator(BurstDialect):
             raise InstrumentError(
                 f"{self._scpi.instrument} idles at {seen:.4f} V where the drive begins at {level_v:.4f} V; nothing was sent"
             )
+
+    # -- the dialect ---------------------------------------------------------------------------------------------------
+
+    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some boxes mean the points' own span
+        """The amplitude setting at which a full point is `full_v` away from the offset."""
+        return 2 * full_v
+
+    @abstractmethod
+    def idle_level_v(self) -> float: ...
+
+    @abstractmethod
+    def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
+        """Everything that `_configure` sets, as it reads back when the armed box rests; the output's switch apart."""
+
+    @abstractmethod
+    def _query_setting(self, name: str) -> str:
+        """What the box answers for a setting of `_expected_settings`."""
+
+    @abstractmethod
+    def _is_output_on(self) -> bool: ...
+
+    @abstractmethod
+    def _clear_error_queue(self) -> None:
+        """Empty the error queue: what others left there is no answer to us."""
+
+    @abstractmethod
+    def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
+        """Everything but switching the output on; ends whatever may be playing once its amplitude is small."""
+
+    @abstractmethod
+    def _enable_output(self) -> None: ...
+
+    @abstractmethod
+    def _offset_command(self, volts: float) -> str:
+        """What sets the offset, without a query."""
+
+    @abstractmethod
+    def _set_offset(self, volts: float) -> None: ...
+
+    @abstractmethod
+    def _query_amplitude(self) -> float: ...
+
+    @abstractmethod
+    def _amplitude_command(self, vpp: float) -> str:
+        """What sets the amplitude, without a query."""
+
+    @abstractmethod
+    def _set_amplitude(self, vpp: float) -> None: ...
+
+    @abstractmethod
+    def _set_rate(self, rate_hz: float, point_count: int) -> None:
+        """Play the whole period of a waveform of `size` points so many times a second, and read that back."""
+
+    @abstractmethod
+    def _set_cycles(self, cycles: int) -> None: ...
+
+    @abstractmethod
+    def _query_burst_duration_s(self) -> float:
+        """How long a burst with the present settings lasts; 0 where no burst is armed."""
+
+    @abstractmethod
+    def _trigger(self) -> None: ...
+
+    @abstractmethod
+    def _abort_commands(self) -> Sequence[str]:
+        """What ends a running burst at once. Its amplitude is next to nothing by then."""
+
+    @abstractmethod
+    def _send(self, command: str) -> None:
+        """Send one command and confirm it as far as the box can."""
+
+    @abstractmethod
+    def _download_waveform(self, points: Points) -> None:
+        """Make this the waveform, without touching what the output shows at idle."""
+
+    @abstractmethod
+    def _max_points(self) -> int: ...

@@ -13,7 +13,6 @@ Walks a DC supply along a drive in steps while the run goes on: a supply has no 
 import math
 import threading
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -28,22 +27,10 @@ from drivers.transport.scpi import Link
 STEP_PERIOD_S = 2e-3
 
 
-class SteppableSupply(Protocol):
-    """What the walk needs of a supply."""
-
-    def idle_level_v(self) -> float: ...
-
-    def set_level(self, level_v: float) -> None:
-        """One step, at once."""
-
-    def limited_step_to(self, target_v: float) -> float:
-        """The level at most one step from the present one."""
-
-
 class StaircaseThread(threading.Thread):
     """Walks a supply along a drive in steps while the run goes on; ends with the drive, or when it is told to."""
 
-    def __init__(self, supply: SteppableSupply, drive: Ramp | Steps, clock: Clock) -> None:
+    def __init__(self, supply: "DcSupply", drive: Ramp | Steps, clock: Clock) -> None:
         super().__init__(name="DC supply steps", daemon=True)
         self._supply, self._drive, self._clock = supply, drive, clock
         self._stop_requested = threading.Event()

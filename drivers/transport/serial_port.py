@@ -4,16 +4,18 @@ DTR and RTS are left as they come: some converters have no such lines, and some 
 """
 
 import contextlib
-from collections.abc import Iterator
 
 import serial
 
 from drivers.errors import LinkError
+from drivers.transport.errors import translate_errors
 
 try:
     from termios import error as TerminalError  # noqa: N812 - an unplugged converter raises it, and it is no OSError
 except ImportError:  # Windows
     TerminalError = OSError  # type: ignore[misc, assignment]
+
+PORT_ERRORS = (serial.SerialException, TerminalError, OSError)
 
 
 class SerialPort:
@@ -67,16 +69,11 @@ class SerialPort:
             self._port.reset_input_buffer()
 
     def close(self) -> None:
-        with contextlib.suppress(serial.SerialException, TerminalError, OSError):
+        with contextlib.suppress(*PORT_ERRORS):
             self._port.close()
 
-    @contextlib.contextmanager
-    def _translate_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except (serial.SerialException, TerminalError, OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            raise LinkError(f"{self.name} cannot be reached ({reason}); check its cable and the port's name") from error
+    def _translate_errors(self) -> contextlib.AbstractContextManager[None]:
+        return translate_errors(self.name, "check its cable and the port's name", (*PORT_ERRORS, ValueError))
 
 
 def list_serial_ports() -> list[tuple[str, str]]:

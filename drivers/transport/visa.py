@@ -18,6 +18,7 @@ from pyvisa.constants import BufferOperation, StatusCode
 from pyvisa.errors import VisaIOError
 
 from drivers.errors import LinkError
+from drivers.transport.errors import translate_errors
 
 VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
 """What pyvisa and pyvisa-py raise where a wire fails; the last three are its HiSLIP's."""
@@ -52,21 +53,18 @@ class VisaLink:
 
     @contextlib.contextmanager
     def _translate_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except VisaIOError as error:
-            if error.error_code == StatusCode.error_timeout:
-                raise LinkError(
-                    f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
-                ) from error
-            raise LinkError(f"{self.name}: {error.description or error}") from error
-        except UnicodeDecodeError as error:
-            raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
-        except LinkError:
-            raise
-        except Exception as error:  # TROUBLES, and a bare Exception for a host whose name is unknown
-            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-            raise LinkError(f"{self.name} cannot be reached ({reason}); check the cable and the address") from error
+        # Every Exception: VISA_ERRORS, and the bare Exception that an unknown host name raises.
+        with translate_errors(self.name, "check the cable and the address"):
+            try:
+                yield
+            except VisaIOError as error:
+                if error.error_code == StatusCode.error_timeout:
+                    raise LinkError(
+                        f"{self.name} was silent for {self.timeout_s:g} s; check the instrument's power and cable"
+                    ) from error
+                raise LinkError(f"{self.name}: {error.description or error}") from error
+            except UnicodeDecodeError as error:
+                raise LinkError(f"{self.name} sent bytes that are no text; check the cable and the port") from error
 
     def write(self, message: str) -> None:
         with self._translate_errors():

@@ -6,9 +6,16 @@ download that replaces what is playing at once.
 
 from collections.abc import Sequence
 
-from sim_hardware.generators.keysight_33500 import SOURCE_PATTERN, SimulatedKeysightGenerator
-from sim_hardware.generators.scpi_generator import decode_block
-from sim_hardware.wires.scpi_engine import Arguments, ScpiCommand, ScpiError, match_keyword, single_argument
+from sim_hardware.generators.keysight_33500 import SimulatedKeysightGenerator
+from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, decode_block
+from sim_hardware.wires.scpi_engine import (
+    Arguments,
+    ScpiCommand,
+    ScpiError,
+    check_argument_count,
+    match_keyword,
+    single_argument,
+)
 
 MEMORY_POINTS = 65_536
 FULL_SCALE = 8191
@@ -25,13 +32,12 @@ class SimulatedKeysight33200(SimulatedKeysightGenerator):
         known = [c for c in super().commands if "LIMit" not in c.pattern]
         return [
             *known,
-            ScpiCommand("[SOURce[1]:]DATA:DAC", self._download),
+            ScpiCommand(SOURCE_PATTERN + "DATA:DAC", self._download),
             ScpiCommand(SOURCE_PATTERN + "FUNCtion:USER", self._select, lambda _: "VOLATILE"),
         ]
 
     def _download(self, a: Arguments) -> None:
-        if len(a) != 2:
-            raise ScpiError(-109)
+        check_argument_count(a, 2)
         match_keyword(a[0], "VOLATILE")
         points = decode_block(a[1], ">i2" if self._big_endian else "<i2", -FULL_SCALE, FULL_SCALE)
         if points.size > MEMORY_POINTS:

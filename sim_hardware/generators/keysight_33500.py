@@ -6,24 +6,25 @@ relays; leaving DC or burst starts a sine at a phase nobody knows; a value it ca
 name can be given once; clearing its memory selects another waveform; the byte order of a download is the other one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SimulatedScpiGenerator, accept_keywords, decode_block
+from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
     ScpiError,
+    accept_keywords,
+    check_argument_count,
     match_keyword,
     parse_number,
     single_argument,
 )
 
-SOURCE_PATTERN = "[SOURce[1]:]"
 MEMORY_POINTS = 1_000_000
 BUILT_IN_NAME = "EXP_RISE"
 BUILT_IN_WAVEFORM = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
@@ -33,8 +34,10 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
     """What 33200 and 33500 boxes have in common."""
 
     AMPLITUDE_IS_WAVEFORM_SPAN = True
-    ARBITRARY_KEYWORD: ClassVar[str] = "ARB"
-    """How the waveform function is called."""
+    ARBITRARY_KEYWORD = "ARB"
+    TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"IMMediate": "IMM", "BUS": "BUS", "EXTernal": "EXT"}
+    FREQUENCY_HEADER = "FREQuency[:CW]"
+    TRIGGER_HEADER = "TRIGger[1]"
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
         super().__init__(generator, now, identity)
@@ -45,10 +48,7 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
         settings = self._generator.settings
         return [
             *self._levels.commands(SOURCE_PATTERN),
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
-            self._numeric_command(
-                SOURCE_PATTERN + "FREQuency[:CW]", "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
-            ),
+            *super().commands,
             self._numeric_command(
                 SOURCE_PATTERN + "FREQuency:STARt", "start_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 100.0
             ),
@@ -56,43 +56,24 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
             self._numeric_command(SOURCE_PATTERN + "SWEep:TIME", "sweep_s", "S", 1e-3, 250e3, 1.0),
             ScpiCommand(SOURCE_PATTERN + "SWEep:SPACing", accept_keywords("LINear"), lambda _: "LIN"),
             self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
-            self._mode_command(SOURCE_PATTERN + "BURSt:STATe", "burst", "sweep"),
-            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
-            ScpiCommand(
-                SOURCE_PATTERN + "BURSt:NCYCles",
-                self._set_cycles,
-                lambda _: self.format_number(self._generator.settings.cycles),
-            ),
             self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", -360.0, 360.0, 0.0),
             self._numeric_command(
                 SOURCE_PATTERN + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s
             ),
-            self._switch_command("OUTPut[1][:STATe]", "on"),
-            ScpiCommand("TRIGger[1]:SOURce", self._set_trigger, lambda _: self._generator.settings.trigger),
-            ScpiCommand("TRIGger[1][:IMMediate]", lambda _: self.trigger()),
             ScpiCommand(SOURCE_PATTERN + "APPLy:SINusoid", self._apply("SIN")),
             ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply("DC")),
             self._keyword_command("UNIT:ANGLe", "DEGree", "RADian"),
             ScpiCommand("FORMat:BORDer", self._set_byte_order, lambda _: "NORM" if self._big_endian else "SWAP"),
         ]
 
-    def _function_keyword(self) -> str:
-        function = self._generator.settings.function
-        return self.ARBITRARY_KEYWORD if function == "ARB" else function
-
-    def _set_function(self, a: Arguments) -> None:
-        function = match_keyword(single_argument(a), "SINusoid", "DC", self.ARBITRARY_KEYWORD)
-        self._select_function("ARB" if function == self.ARBITRARY_KEYWORD else function)
-
     def _set_byte_order(self, a: Arguments) -> None:
         self._big_endian = match_keyword(single_argument(a), "NORMal", "SWAPped") == "NORM"
 
-    def _set_trigger(self, a: Arguments) -> None:
-        source = match_keyword(single_argument(a), "IMMediate", "BUS", "EXTernal")
+    def _select_trigger(self, source: str) -> None:
         if source == "IMM" and np.isinf(self._generator.settings.cycles):
             self.queue_error(ScpiError(-221, "turned off infinite burst to allow immediate trigger source"))
             self._generator.apply_settings(cycles=1.0)
-        self._generator.apply_settings(trigger=source)
+        super()._select_trigger(source)
 
     def _apply(self, function: str) -> Callable[[Arguments], None]:
         """APPLy: frequency, amplitude, offset at once. Modes end, the range goes automatic, the output comes on."""
@@ -164,8 +145,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         return [BUILT_IN_NAME, *self._waveforms]
 
     def _download(self, a: Arguments) -> None:
-        if len(a) != 2:
-            raise ScpiError(-109)
+        check_argument_count(a, 2)
         if a[0].upper() in self._waveforms:
             raise ScpiError(786)
         points = decode_block(a[1], ">f4" if self._big_endian else "<f4", -1.0, 1.0)

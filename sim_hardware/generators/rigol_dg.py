@@ -6,24 +6,24 @@ stretched to 8192; switches are answered ON and OFF; the idle level of a burst i
 """
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
     ScpiError,
+    check_argument_count,
     match_keyword,
     parse_number,
     single_argument,
 )
 
-SOURCE_PATTERN = "[SOURce[1]:]"
 FULL_SCALE = 16383
 PACKET_POINTS = 16_384
 FREQUENCY_MODE_POINTS = 8192
@@ -34,6 +34,9 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
 
     MAX_FREQUENCY_HZ = 25e6
     MAX_BURST_CYCLES = 1e6
+    TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"INTernal": "IMM", "EXTernal": "EXT", "MANual": "BUS"}
+    BURST_HEADER = "BURSt[:STATe]"
+    TRIGGER_HEADER = SOURCE_PATTERN + "BURSt:TRIGger"
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
         super().__init__(generator, now, identity)
@@ -87,7 +90,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
                 lambda _: self.format_switch(core.settings.auto_range),
             ),
             ScpiCommand("OUTPut[1]:IMPedance", levels.set_load, lambda _: self.format_number(levels.load_ohm)),
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
+            *super().commands,
             ScpiCommand(
                 SOURCE_PATTERN + "FUNCtion:ARB:MODE",
                 self._set_rate_mode,
@@ -96,32 +99,17 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
             ScpiCommand(
                 SOURCE_PATTERN + "FUNCtion:ARB:SRATe", self._set_rate, lambda _: self.format_number(self._rate_hz)
             ),
-            self._switch_command("OUTPut[1][:STATe]", "on"),
-            self._numeric_command(
-                SOURCE_PATTERN + "FREQuency[:FIXed]", "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
-            ),
             self._mode_command(SOURCE_PATTERN + "SWEep:STATe", "sweep", "burst"),
-            self._mode_command(SOURCE_PATTERN + "BURSt[:STATe]", "burst", "sweep"),
-            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
-            ScpiCommand(
-                SOURCE_PATTERN + "BURSt:NCYCles", self._set_cycles, lambda _: self.format_number(core.settings.cycles)
-            ),
             self._numeric_command(SOURCE_PATTERN + "BURSt:PHASe", "phase_deg", "DEG", 0.0, 360.0, 0.0),
-            ScpiCommand(SOURCE_PATTERN + "BURSt:TRIGger:SOURce", self._set_trigger, lambda _: self._trigger_source()),
-            ScpiCommand(SOURCE_PATTERN + "BURSt:TRIGger[:IMMediate]", lambda _: self.trigger()),
             ScpiCommand(SOURCE_PATTERN + "BURSt:IDLE", self._set_idle, lambda _: self._idle_keyword),
             ScpiCommand(SOURCE_PATTERN + "TRACe:DATA:DAC[16]", self._download),
             ScpiCommand(SOURCE_PATTERN + "APPLy", None, lambda _: self._query_apply()),
             ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply_dc),
         ]
 
-    def _function_keyword(self) -> str:
-        return {"ARB": "USER"}.get(self._generator.settings.function, self._generator.settings.function)
-
-    def _set_function(self, a: Arguments) -> None:
-        function = match_keyword(single_argument(a), "SINusoid", "DC", "USER")
-        self._select_function("ARB" if function == "USER" else function)
-        if function == "USER":
+    def _select_function(self, function: str) -> None:
+        super()._select_function(function)
+        if function == "ARB":
             self._output_waveform()
 
     def _query_offset(self, _: Arguments) -> str:
@@ -137,18 +125,10 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         return f'"{self._function_keyword()},{self.format_number(rate)},{self.format_number(s.emf_vpp * shown)},{offset},{self.format_number(s.phase_deg)}"'
 
     def _apply_dc(self, a: Arguments) -> None:
-        if len(a) != 3:
-            raise ScpiError(-109)
+        check_argument_count(a, 3)
         self._generator.apply_settings(burst=False, sweep=False, function="DC")
         self._levels.set_offset(a[2])
         self._generator.apply_settings(on=True)
-
-    def _trigger_source(self) -> str:
-        return {"IMM": "INT", "BUS": "MAN"}.get(self._generator.settings.trigger, "EXT")
-
-    def _set_trigger(self, a: Arguments) -> None:
-        source = match_keyword(single_argument(a), "INTernal", "EXTernal", "MANual")
-        self._generator.apply_settings(trigger={"INT": "IMM", "MAN": "BUS"}.get(source, "EXT"))
 
     def _set_idle(self, a: Arguments) -> None:
         self._idle_keyword = match_keyword(single_argument(a), "FPT", "TOP", "CENTER", "BOTTOM")
@@ -156,8 +136,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         self._generator.apply_settings(idle=levels.get(self._idle_keyword))
 
     def _download(self, a: Arguments) -> None:
-        if len(a) != 3:
-            raise ScpiError(-109)
+        check_argument_count(a, 3)
         match_keyword(a[0], "VOLATILE")
         last = match_keyword(a[1], "CON", "END") == "END"
         points = decode_block(a[2], "<u2", 0, FULL_SCALE)

@@ -4,7 +4,7 @@ A dialect's model lists its headers and adds what is its own; what a setting doe
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,8 +21,11 @@ from sim_hardware.wires.scpi_engine import (
     match_keyword,
     parse_boolean,
     parse_number,
+    short_form,
     single_argument,
 )
+
+SOURCE_PATTERN = "[SOURce[1]:]"
 
 
 class SimulatedScpiGenerator:
@@ -39,6 +42,13 @@ class SimulatedScpiGenerator:
     MAX_BURST_CYCLES: ClassVar[float] = 1e8
     AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
     """Whether the amplitude setting means the span of the points as they are, or of the converter."""
+    ARBITRARY_KEYWORD: ClassVar[str] = "USER"
+    """Name of the function that plays the waveform."""
+    TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]]
+    """Names of the trigger sources, each with the setting of `SimulatedGenerator` that it means."""
+    FREQUENCY_HEADER: ClassVar[str] = "FREQuency[:FIXed]"
+    BURST_HEADER: ClassVar[str] = "BURSt:STATe"
+    TRIGGER_HEADER: ClassVar[str]
 
     def __init__(self, generator: SimulatedGenerator, now: Callable[[], float], identity: str) -> None:
         self.identity = identity
@@ -58,7 +68,23 @@ class SimulatedScpiGenerator:
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        raise AttributeError(f"{type(self).__name__} lists no commands")
+        """The commands that the boxes share under headers of their own; a model adds its others."""
+        return [
+            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
+            self._numeric_command(
+                SOURCE_PATTERN + self.FREQUENCY_HEADER, "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
+            ),
+            self._switch_command("OUTPut[1][:STATe]", "on"),
+            self._mode_command(SOURCE_PATTERN + self.BURST_HEADER, "burst", "sweep"),
+            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
+            ScpiCommand(
+                SOURCE_PATTERN + "BURSt:NCYCles",
+                self._set_cycles,
+                lambda _: self.format_number(self._generator.settings.cycles),
+            ),
+            ScpiCommand(self.TRIGGER_HEADER + ":SOURce", self._set_trigger, lambda _: self._trigger_keyword()),
+            ScpiCommand(self.TRIGGER_HEADER + "[:IMMediate]", lambda _: self.trigger()),
+        ]
 
     def reset(self) -> None:
         self._keyword_settings.clear()
@@ -103,8 +129,26 @@ class SimulatedScpiGenerator:
         def setter(a: Arguments) -> None:
             self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
 
-        factory = "".join(c for c in names[0] if not c.islower())
-        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, factory))
+        return ScpiCommand(pattern, setter, lambda _: self._keyword_settings.get(pattern, short_form(names[0])))
+
+    def _function_keyword(self) -> str:
+        function = self._generator.settings.function
+        return short_form(self.ARBITRARY_KEYWORD) if function == "ARB" else function
+
+    def _set_function(self, a: Arguments) -> None:
+        function = match_keyword(single_argument(a), "SINusoid", "DC", self.ARBITRARY_KEYWORD)
+        self._select_function("ARB" if function == short_form(self.ARBITRARY_KEYWORD) else function)
+
+    def _trigger_keyword(self) -> str:
+        source = self._generator.settings.trigger
+        return next(short_form(name) for name, setting in self.TRIGGER_KEYWORDS.items() if setting == source)
+
+    def _set_trigger(self, a: Arguments) -> None:
+        keyword = match_keyword(single_argument(a), *self.TRIGGER_KEYWORDS)
+        self._select_trigger(next(self.TRIGGER_KEYWORDS[n] for n in self.TRIGGER_KEYWORDS if short_form(n) == keyword))
+
+    def _select_trigger(self, source: str) -> None:
+        self._generator.apply_settings(trigger=source)
 
     def _select_function(self, function: str) -> None:
         """Another function: what does not go with it gives way, with an error in the queue."""
@@ -167,12 +211,3 @@ def decode_block(argument: str, dtype: str, low: float, high: float) -> NDArray[
     if not np.all((points >= low) & (points <= high)):
         raise ScpiError(-222, "a point lies outside the converter's range")
     return points
-
-
-def accept_keywords(*names: str) -> Callable[[Arguments], None]:
-    """A setting of which a model knows these values, and to which none of them makes a difference."""
-
-    def setter(a: Arguments) -> None:
-        match_keyword(single_argument(a), *names)
-
-    return setter

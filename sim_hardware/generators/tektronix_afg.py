@@ -4,22 +4,23 @@ Its own traps: a burst is triggered by the internal timer unless told otherwise,
 range to freeze; an AFG1000's built-in DC pays no heed to the offset, and its load is for the front panel only.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
     ScpiError,
+    check_argument_count,
     match_keyword,
     parse_number,
     single_argument,
 )
 
-SOURCE_PATTERN = "[SOURce[1]:]"
 FULL_SCALE = 16382
 
 
@@ -32,6 +33,9 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
 
     MAX_FREQUENCY_HZ = 25e6
     MAX_BURST_CYCLES = 1e6
+    ARBITRARY_KEYWORD = "EMEMory"
+    TRIGGER_KEYWORDS: ClassVar[Mapping[str, str]] = {"TIMer": "IMM", "EXTernal": "BUS"}
+    TRIGGER_HEADER = "TRIGger[:SEQuence]"
 
     def __init__(
         self, generator: SimulatedGenerator, now: Callable[[], float], identity: str, *, high_z: bool = True
@@ -63,22 +67,11 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         return [
             *kept,
             *([] if self._is_afg1000 else [load]),
-            ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
-            self._numeric_command(
-                SOURCE_PATTERN + "FREQuency[:FIXed]", "frequency_hz", "HZ", 1e-6, self.MAX_FREQUENCY_HZ, 1e3
-            ),
+            *super().commands,
             ScpiCommand(
                 SOURCE_PATTERN + "FREQuency:MODE", self._set_sweep, lambda _: "SWE" if core.settings.sweep else "CW"
             ),
-            self._mode_command(SOURCE_PATTERN + "BURSt:STATe", "burst", "sweep"),
-            self._keyword_command(SOURCE_PATTERN + "BURSt:MODE", "TRIGgered", "GATed"),
-            ScpiCommand(
-                SOURCE_PATTERN + "BURSt:NCYCles", self._set_cycles, lambda _: self.format_number(core.settings.cycles)
-            ),
             ScpiCommand(SOURCE_PATTERN + "BURSt:TDELay", self._set_delay, lambda _: self.format_number(self._delay_s)),
-            self._switch_command("OUTPut[1][:STATe]", "on"),
-            ScpiCommand("TRIGger[:SEQuence]:SOURce", self._set_trigger, lambda _: self._trigger_source()),
-            ScpiCommand("TRIGger[:SEQuence][:IMMediate]", lambda _: self.trigger()),
             ScpiCommand("TRACe:DEFine", self._define_edit_memory),
             ScpiCommand("DATA:DEFine", self._define_edit_memory),
             ScpiCommand("DATA[:DATA]", self._download),
@@ -92,13 +85,9 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
             raise ScpiError(-211)
         self._generator.trigger()
 
-    def _function_keyword(self) -> str:
-        return {"ARB": "EMEM"}.get(self._generator.settings.function, self._generator.settings.function)
-
-    def _set_function(self, a: Arguments) -> None:
-        function = match_keyword(single_argument(a), "SINusoid", "DC", "EMEMory")
-        self._select_function("ARB" if function == "EMEM" else function)
-        if function == "EMEM":
+    def _select_function(self, function: str) -> None:
+        super()._select_function(function)
+        if function == "ARB":
             self._load_waveform(self._edit_memory)
         elif function == "DC" and self._is_afg1000:
             self._generator.apply_settings(emf_offset_v=0.0)
@@ -106,20 +95,11 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     def _set_sweep(self, a: Arguments) -> None:
         self._generator.apply_settings(sweep=match_keyword(single_argument(a), "CW", "FIXed", "SWEep") == "SWE")
 
-    def _trigger_source(self) -> str:
-        return "TIM" if self._generator.settings.trigger == "IMM" else "EXT"
-
-    def _set_trigger(self, a: Arguments) -> None:
-        self._generator.apply_settings(
-            trigger="IMM" if match_keyword(single_argument(a), "TIMer", "EXTernal") == "TIM" else "BUS"
-        )
-
     def _set_delay(self, a: Arguments) -> None:
         self._delay_s = self._levels.clip(parse_number(single_argument(a), "S"), 0.0, 85.0)
 
     def _define_edit_memory(self, a: Arguments) -> None:
-        if len(a) != 2:
-            raise ScpiError(-109)
+        check_argument_count(a, 2)
         match_keyword(a[0], "EMEMory")
         size = int(parse_number(a[1], ""))
         if not 2 <= size <= self._memory_points:
@@ -127,8 +107,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         self._set_edit_memory(np.zeros(size))
 
     def _download(self, a: Arguments) -> None:
-        if len(a) != 2:
-            raise ScpiError(-109)
+        check_argument_count(a, 2)
         match_keyword(a[0], "EMEMory")
         points = decode_block(a[1], ">u2", 0, FULL_SCALE)
         if points.size > self._memory_points:

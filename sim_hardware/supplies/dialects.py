@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 
 from sim_hardware.supplies.supply import SimulatedSupply
 from sim_hardware.wires.scpi_engine import (
-    Arguments,
     ScpiCommand,
     ScpiEngine,
     ScpiError,
     ScpiResponse,
+    accept_keywords,
     parse_boolean,
     parse_number,
+    single_argument,
 )
 
 MAX_VOLTAGE_V, MAX_CURRENT_A = 6.18, 5.15
@@ -112,17 +113,17 @@ def _e36300(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
 def _e3631a(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
     s = m.supply
     return (
-        ScpiCommand("INSTrument:NSELect", lambda a: _check_keyword(a, "1", "2", "3"), lambda _: "1"),
+        ScpiCommand("INSTrument:NSELect", accept_keywords("1", "2", "3"), lambda _: "1"),
         ScpiCommand(
-            "[SOURce:]VOLTage[:LEVel]", lambda a: m.set_voltage(_single_argument(a)), lambda _: f"{s.level_v:+.6E}"
+            "[SOURce:]VOLTage[:LEVel]", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:+.6E}"
         ),
         ScpiCommand(
             "[SOURce:]CURRent[:LEVel]",
-            lambda a: m.set_current_limit(_single_argument(a)),
+            lambda a: m.set_current_limit(single_argument(a)),
             lambda _: f"{s.current_limit_a:+.6E}",
         ),
         ScpiCommand("MEASure[:SCALar]:VOLTage[:DC]", None, lambda _: f"{s.measured_v():+.6E}"),
-        ScpiCommand("OUTPut[:STATe]", lambda a: m.set_output(_single_argument(a)), lambda _: str(int(s.output_on))),
+        ScpiCommand("OUTPut[:STATe]", lambda a: m.set_output(single_argument(a)), lambda _: str(int(s.output_on))),
     )
 
 
@@ -130,11 +131,11 @@ def _dp800(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
     s = m.supply
     return (
         ScpiCommand(
-            "[SOURce[1]:]VOLTage[:LEVel]", lambda a: m.set_voltage(_single_argument(a)), lambda _: f"{s.level_v:.3f}"
+            "[SOURce[1]:]VOLTage[:LEVel]", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:.3f}"
         ),
         ScpiCommand(
             "[SOURce[1]:]CURRent[:LEVel]",
-            lambda a: m.set_current_limit(_single_argument(a)),
+            lambda a: m.set_current_limit(single_argument(a)),
             lambda _: f"{s.current_limit_a:.4f}",
         ),
         ScpiCommand("MEASure[:SCALar]:VOLTage[:DC]", None, lambda _: f"{s.measured_v():.4f}"),
@@ -148,9 +149,9 @@ def _dp800(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
 def _spd(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
     s = m.supply
     return (
-        ScpiCommand("CH[1]:VOLTage", lambda a: m.set_voltage(_single_argument(a)), lambda _: f"{s.level_v:.3f}"),
+        ScpiCommand("CH[1]:VOLTage", lambda a: m.set_voltage(single_argument(a)), lambda _: f"{s.level_v:.3f}"),
         ScpiCommand(
-            "CH[1]:CURRent", lambda a: m.set_current_limit(_single_argument(a)), lambda _: f"{s.current_limit_a:.3f}"
+            "CH[1]:CURRent", lambda a: m.set_current_limit(single_argument(a)), lambda _: f"{s.current_limit_a:.3f}"
         ),
         ScpiCommand("MEASure:VOLTage", None, lambda _: f"{s.measured_v():.3f}"),
         ScpiCommand("OUTPut", lambda a: m.set_output(a[1]), None),  # it cannot be asked
@@ -160,17 +161,6 @@ def _spd(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
 
 def _format_switch(on: bool) -> str:
     return "ON" if on else "OFF"
-
-
-def _single_argument(arguments: Arguments) -> str:
-    if len(arguments) != 1:
-        raise ScpiError(-108 if arguments else -109)
-    return arguments[0]
-
-
-def _check_keyword(arguments: Arguments, *choices: str) -> None:
-    if _single_argument(arguments) not in choices:
-        raise ScpiError(-224)
 
 
 def _parse_within(text: str, unit: str, maximum: float) -> float:

@@ -90,13 +90,26 @@ def parse_boolean(text: str) -> bool:
     return parse_number(word, "") != 0
 
 
+def short_form(name: str) -> str:
+    """Return the short form of a keyword in mixed case: `SINusoid` is SIN."""
+    return "".join(c for c in name if not c.islower())
+
+
 def match_keyword(text: str, *names: str) -> str:
-    """The short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is none."""
+    """Return the short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is none."""
     for name in names:
-        short = "".join(c for c in name if not c.islower())
-        if text.strip().upper() in (short, name.upper()):
-            return short
+        if text.strip().upper() in (short_form(name), name.upper()):
+            return short_form(name)
     raise ScpiError(-224)
+
+
+def accept_keywords(*names: str) -> Callable[[Arguments], None]:
+    """Return the setter of a setting that knows these values and to which none of them makes a difference."""
+
+    def setter(a: Arguments) -> None:
+        match_keyword(single_argument(a), *names)
+
+    return setter
 
 
 def format_real(value: float) -> str:
@@ -105,12 +118,16 @@ def format_real(value: float) -> str:
 
 
 def single_argument(arguments: Arguments) -> str:
-    """The only argument of a command. Raises ScpiError if there is none or more than one."""
-    if not arguments:
-        raise ScpiError(-109)
-    if len(arguments) > 1:
-        raise ScpiError(-108)
+    """Return the only argument of a command. Raises ScpiError if there is none or more than one."""
+    if len(arguments) != 1:
+        raise ScpiError(-108 if arguments else -109)
     return arguments[0]
+
+
+def check_argument_count(arguments: Arguments, count: int) -> None:
+    """Raise ScpiError unless there are `count` arguments."""
+    if len(arguments) != count:
+        raise ScpiError(-109)
 
 
 _BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
@@ -219,7 +236,7 @@ def header_regex(pattern: str) -> re.Pattern[str]:
         elif part == ":":
             out.append(":")
         else:
-            short = "".join(c for c in part if not c.islower())
+            short = short_form(part)
             rest = part[len(short) :].upper()
             out.append(re.escape(short) + (f"(?:{rest})?" if rest else ""))
     return re.compile("^" + "".join(out) + "$", re.IGNORECASE)
