@@ -1,25 +1,43 @@
 """The operator of a simulated bench: does with the bench what a person would be asked to do."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from protocols.base.steps import Prompt
 from sim_hardware.plant.setup_state import OPERATOR_ACTIONS
+
+if TYPE_CHECKING:
+    from sim_hardware.plant.history_report import VoltageReport
 
 SLOW_ACTIONS = {"place-weight", "remove-weight"}
 """What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
 
 
 class BenchControls(Protocol):
-    """Whatever hands can reach: a `SimulatedBench`, or a `BenchProcess`."""
+    """Controls of a simulated bench: a `SimulatedBench` in this process, or a `BenchProcess` that serves one."""
 
     def enable_hv(self) -> None: ...
 
     def disable_hv(self) -> None: ...
 
-    def perform_action(self, action: str, values: Mapping[str, float]) -> float: ...
+    def perform_action(self, action: str, values: Mapping[str, float]) -> float:
+        """Perform one of OPERATOR_ACTIONS; return the bench time at which it is done."""
+
+    def inject(self, fault: str) -> None:
+        """Inject one of `sim_hardware.plant.faults.FAULT_DESCRIPTIONS`."""
+
+    def clear(self, fault: str | None = None) -> None:
+        """Clear one fault, or all."""
+
+    def active_faults(self) -> tuple[str, ...]: ...
+
+    def report(self, tolerance_v: float = 0.02) -> "VoltageReport":
+        """Return the voltages at the amplifier's input until now."""
 
     def now(self) -> float: ...
+
+    def laser_reading_m(self) -> float | None:
+        """Return the displacement that the laser sensor displays now; None out of its range."""
 
 
 class SimulatedOperator:

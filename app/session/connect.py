@@ -22,7 +22,7 @@ from drivers.clock import Clock
 from drivers.errors import InstrumentError
 from drivers.interfaces import Digitizer, Identity, Meter, Source
 from drivers.transport.scpi import Link
-from sim_hardware.operator import SimulatedOperator
+from sim_hardware.operator import BenchControls, SimulatedOperator
 
 DRIVE_MARGIN_S = 0.1
 """Wall time for the computer and the bus to rewrite a drive of the card that is to be stopped."""
@@ -139,11 +139,11 @@ UNATTENDED_BLOCK_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class BenchConnection:
-    """A connected bench. `operator` answers prompts on a simulated one; `control` reaches its hidden hands: faults."""
+    """A connected bench. On a simulated one `operator` answers prompts and `control` injects faults."""
 
     bench: Bench
     operator: BuiltInOperator | None = None
-    control: Any = None
+    control: BenchControls | None = None
 
 
 @contextmanager
@@ -186,8 +186,9 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
             from sim_hardware.service.process import BenchProcess
 
             process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
-            see = partial(process.control, "laser_sees")
-            laboratory = _open_instruments(config, stack, HeartbeatClock(speed), process.resource, process.server, see)
+            laboratory = _open_instruments(
+                config, stack, HeartbeatClock(speed), process.resource, process.server, process.laser_reading_m
+            )
             yield BenchConnection(
                 laboratory.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
             )

@@ -6,12 +6,15 @@ A plan is put between the composition root and the session (`wrap`) and among th
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from app.common.errors import UsageError
 from app.session.session import ConnectedBench, SessionEvent
 from protocols.base.events import InjectedFaultChanged, RunStarted
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
+
+if TYPE_CHECKING:
+    from sim_hardware.operator import BenchControls
 
 Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
@@ -75,24 +78,24 @@ class FaultPlan:
             UsageError: the bench is not open, or is a real one.
             BenchError: the simulated bench has died.
         """
-        fault_control = self._fault_control()
-        before = fault_control.active_faults()
-        fault_control.inject(name)
+        controls = self._controls()
+        before = controls.active_faults()
+        controls.inject(name)
         if name not in before:
             self._report_switched(name, active=True)
 
     def clear(self, name: str | None = None) -> None:
         """Mend one fault, or all. As `inject`."""
-        fault_control = self._fault_control()
-        before = fault_control.active_faults()
-        fault_control.clear(name)
+        controls = self._controls()
+        before = controls.active_faults()
+        controls.clear(name)
         for each in before:
             if name in (None, each):
                 self._report_switched(each, active=False)
 
     def active_faults(self) -> tuple[str, ...]:
         """What is broken now, as the bench itself says; nothing where none is open."""
-        return () if self._connection is None else tuple(self._fault_control().active_faults())
+        return () if self._connection is None else self._controls().active_faults()
 
     def __call__(self, event: SessionEvent) -> None:
         if self._connection is None:
@@ -109,18 +112,7 @@ class FaultPlan:
     def _report_switched(self, name: str, active: bool) -> None:
         self.on_switched(InjectedFaultChanged(name, FAULT_DESCRIPTIONS[name], active))
 
-    def _fault_control(self) -> "FaultControl":
+    def _controls(self) -> "BenchControls":
         if self._connection is None or self._connection.control is None:
             raise UsageError("only an open simulated bench can be broken on purpose")
-        fault_control: FaultControl = self._connection.control
-        return fault_control
-
-
-class FaultControl(Protocol):
-    """What reaches into a simulated bench: `sim_hardware.bench.SimulatedBench`, or the process that serves one."""
-
-    def inject(self, fault: str) -> None: ...
-
-    def clear(self, fault: str | None = None) -> None: ...
-
-    def active_faults(self) -> Sequence[str]: ...
+        return self._connection.control

@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
@@ -26,6 +26,7 @@ from protocols.base.steps import Prompt
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun
     from protocols.runfile.writer import RunMetadata
+    from sim_hardware.operator import BenchControls
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +139,8 @@ class ConnectedBench(Protocol):
         """Answers prompts by itself (a simulated operator), or None where a person must."""
 
     @property
-    def control(self) -> Any:
-        """Reaches into a simulated bench, to break and mend it; None for a real one."""
+    def control(self) -> "BenchControls | None":
+        """Controls of a simulated bench: injects and clears faults; None for a real one."""
 
 
 class Session:

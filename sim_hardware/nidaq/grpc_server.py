@@ -16,11 +16,18 @@ from nidaqmx._stubs import nidaqmx_pb2
 
 from drivers.closing import Closeable
 from sim_hardware.nidaq.errors import ERROR_MESSAGES, NiError
-from sim_hardware.nidaq.input_task import FINITE, NiInputTask, SimulatedNiDevice
+from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.properties import device_property, physical_channel_property, system_property, task_property
+from sim_hardware.nidaq.properties import (
+    NiTaskTable,
+    device_property,
+    physical_channel_property,
+    system_property,
+    task_property,
+)
+from sim_hardware.nidaq.task import NiTask, SimulatedNiDevice
+from sim_hardware.wires.port import HOST
 
-HOST = "127.0.0.1"
 _BY_CHANNEL = 0
 _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
@@ -38,7 +45,7 @@ class NiGrpcServer(Closeable):
         self.device = device
         self.port = 0
         self.calls: dict[str, int] = {}
-        self._tasks: dict[str, NiInputTask | NiOutputTask] = {}
+        self._tasks = NiTaskTable(device)
         self._task_numbers = itertools.count(1)
         self._server: Any = None
         self._closed = False
@@ -75,9 +82,7 @@ class NiGrpcServer(Closeable):
 
     def _stop(self) -> None:
         self.device.server_stopping.set()
-        for task in self._tasks.values():
-            task.stop()
-        self._tasks.clear()
+        self._tasks.stop_all()
         self._server.stop(0).wait()
         self._pool.shutdown()
         self._server = None
@@ -102,18 +107,22 @@ class NiGrpcServer(Closeable):
         """The calls that are served."""
         table: dict[str, Callable[[Any], Mapping[str, Any]]] = {
             "CreateTask": self._create,
-            "ClearTask": self._clear,
+            "ClearTask": _without_result(lambda q: self._tasks.clear(q.task.name)),
             "StartTask": _without_result(lambda q: self._task(q).start()),
             "StopTask": _without_result(lambda q: self._task(q).stop()),
             "TaskControl": self._control,
-            "IsTaskDone": lambda q: {"is_task_done": self._is_done(self._task(q))},
+            "IsTaskDone": lambda q: {"is_task_done": self._task(q).is_done()},
             "WaitUntilTaskDone": self._wait_done,
             "CreateAIVoltageChan": _without_result(
                 lambda q: self._input(q).add_voltage_channels(
                     q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
                 )
             ),
-            "CreateAOVoltageChan": _without_result(self._create_output),
+            "CreateAOVoltageChan": _without_result(
+                lambda q: self._tasks.add_output(
+                    q.task.name, q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
+                )
+            ),
             "CfgDigEdgeStartTrig": _without_result(lambda q: self._output(q).configure_trigger(q.trigger_source)),
             "WriteAnalogF64": self._write_f64,
             "WriteAnalogScalarF64": _without_result(lambda q: self._output(q).write(np.array([q.value]), q.auto_start)),
@@ -137,40 +146,19 @@ class NiGrpcServer(Closeable):
                 table[name] = lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
         return table
 
-    def _task(self, request: Any) -> NiInputTask | NiOutputTask:
-        task = self._tasks.get(request.task.name)
-        if task is None:
-            raise NiError(-200088)
-        return task
+    def _task(self, request: Any) -> NiTask:
+        return self._tasks[request.task.name]
 
     def _input(self, request: Any) -> NiInputTask:
-        task = self._task(request)
-        if not isinstance(task, NiInputTask):
-            raise NiError(-200452)
-        return task
+        return self._tasks.input(request.task.name)
 
     def _output(self, request: Any) -> NiOutputTask:
-        task = self._task(request)
-        if not isinstance(task, NiOutputTask):
-            raise NiError(-200452)
-        return task
-
-    def _create_output(self, request: Any) -> None:
-        task = NiOutputTask(self.device, self._task(request).name)
-        task.add_voltage_channels(
-            request.physical_channel, request.name_to_assign_to_channel, request.min_val, request.max_val
-        )
-        self._tasks[task.name] = task
+        return self._tasks.output(request.task.name)
 
     def _create(self, request: Any) -> Mapping[str, Any]:
         name = request.session_name or f"_unnamedTask<{next(self._task_numbers)}>"
-        self._tasks[name] = NiInputTask(self.device, name)
+        self._tasks.create(name, name)
         return {"task": {"name": name}, "new_session_initialized": True}
-
-    def _clear(self, request: Any) -> Mapping[str, Any]:
-        self._task(request).stop()
-        del self._tasks[request.task.name]
-        return {}
 
     def _control(self, request: Any) -> Mapping[str, Any]:
         task, action = self._task(request), request.action_raw or request.action
@@ -184,11 +172,6 @@ class NiGrpcServer(Closeable):
             case _:
                 pass
         return {}
-
-    def _is_done(self, task: NiInputTask | NiOutputTask) -> bool:
-        if isinstance(task, NiOutputTask):
-            return task.is_done()
-        return not task.running or (task.mode == FINITE and task.acquired() >= task.samples_per_channel)
 
     def _wait_done(self, request: Any) -> Mapping[str, Any]:
         task = self._task(request)

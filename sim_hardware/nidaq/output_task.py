@@ -13,23 +13,19 @@ from numpy.typing import NDArray
 from sim_hardware.nidaq.analog_output import FIFO_SAMPLES, RANGE_V, SimulatedAnalogOutput, to_counts
 from sim_hardware.nidaq.card import TIMEBASE_HZ
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import FINITE, SimulatedNiDevice, TaskChannel
+from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice, TaskChannel
 
 FIRST_SAMPLE, CURRENT_WRITE_POSITION = 10424, 10430
-MAX_RATE_HZ = 900e3
 NOT_TRIGGERED = math.inf
 
 
-class NiOutputTask:
+class NiOutputTask(NiTask):
     """One analogue output task on one channel."""
 
+    max_rate_hz = 900e3
+
     def __init__(self, device: SimulatedNiDevice, name: str) -> None:
-        self.name = name
-        self.device = device
-        self.channels: list[TaskChannel] = []
-        self.rate_hz: float | None = None
-        self.mode = FINITE
-        self.samples_per_channel = 0
+        super().__init__(device, name, FINITE, 0)
         self.relative_to = CURRENT_WRITE_POSITION
         self.offset = 0
         self.trigger = ""
@@ -42,7 +38,6 @@ class NiOutputTask:
         return self._start_time_s is not None
 
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
-        """Add the output. Raises NiError for what the card does not have or cannot do."""
         device, _, line = text.partition("/")
         found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)
         if device.lower() != self.device.name.lower():
@@ -54,10 +49,7 @@ class NiOutputTask:
         self.channels = [TaskChannel(name or text, int(found[1]), low_v, high_v)]
 
     def configure_clock(self, rate_hz: float, mode: int, scans: int) -> None:
-        """Set the sample clock. Raises NiError for a rate that the converter can never do."""
-        if not 0 < rate_hz <= MAX_RATE_HZ:
-            raise NiError(-200077, f"Property: SampClk.Rate\nRequested Value: {rate_hz}\nMaximum Value: {MAX_RATE_HZ}")
-        self.rate_hz, self.mode, self.samples_per_channel = rate_hz, mode, scans
+        super().configure_clock(rate_hz, mode, scans)
         self.set_buffer(scans)
 
     def configure_trigger(self, source: str) -> None:
@@ -76,14 +68,10 @@ class NiOutputTask:
             case _:
                 raise NiError(-200452, f"Property: {number:#x}")
 
-    def actual_rate(self) -> float:
-        """The rate the divider makes."""
-        if self.rate_hz is None:
-            raise NiError(-200452, "Property: SampClk.Rate")
-        return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / self.rate_hz * (1 + 1e-12)))
+    def _divided_rate(self, rate_hz: float) -> float:
+        return TIMEBASE_HZ / max(1, math.floor(TIMEBASE_HZ / rate_hz * (1 + 1e-12)))
 
     def set_buffer(self, scans: int) -> None:
-        """Room for this many samples."""
         self._counts = np.zeros(scans, np.int16)
 
     def write(self, volts: NDArray[np.float64], auto_start: bool) -> int:
@@ -127,7 +115,6 @@ class NiOutputTask:
         output.play(self._counts, self.actual_rate(), lambda _: origin)
 
     def start(self) -> None:
-        """Begin, or wait for the trigger. Raises NiError: no samples, in use, or unplugged."""
         if self._start_time_s is not None or self.rate_hz is None:
             return
         output = self._output()
@@ -164,11 +151,9 @@ class NiOutputTask:
         return min(max(played, 0), self._counts.size)
 
     def is_done(self) -> bool:
-        """Whether a finite generation has played its last sample."""
         return self._start_time_s is None or self.samples_generated() >= self._counts.size
 
     def wait_until_done(self, timeout_s: float) -> bool:
-        """Wait until everything is played; whether it is. The time-out is the caller's own, real time."""
         clock, speed = self.device.clock, self.device.speed
         given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
         while not self.is_done():

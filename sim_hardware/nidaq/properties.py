@@ -1,11 +1,13 @@
-"""The properties of NI-DAQmx that `nidaqmx` asks for around analogue tasks, by NI's numbers (nidaqmx source)."""
+"""NI-DAQmx properties of devices and tasks by NI's numbers (nidaqmx source), and the table of a client's tasks."""
 
+from collections.abc import Hashable
 from typing import Any
 
 from sim_hardware.nidaq.card import convert_interval_s
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import FINITE, NiInputTask, SimulatedNiDevice
-from sim_hardware.nidaq.output_task import MAX_RATE_HZ, NiOutputTask
+from sim_hardware.nidaq.input_task import NiInputTask
+from sim_hardware.nidaq.output_task import NiOutputTask
+from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice
 
 DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
 """Major, minor, update: what a driver of that year would say."""
@@ -69,29 +71,39 @@ def physical_channel_property(device: SimulatedNiDevice, name: str, number: int)
     raise NiError(-200452, f"Property: {number:#x}")
 
 
-def task_property(task: NiInputTask | NiOutputTask, number: int, channel: str) -> Any:
-    """A property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
-    if isinstance(task, NiOutputTask):
-        return _output_task_property(task, number)
+def task_property(task: NiTask, number: int, channel: str) -> Any:
+    """Return a property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
     match number:
         case 0x1276:  # name
             return task.name
-        case 0x1273 | 0x1823:  # channels in the task, channels to read
+        case 0x1273:  # channels in the task
             return ", ".join(c.name for c in task.channels)
         case 0x230E:  # devices
             return task.device.name
-        case 0x2181 | 0x217B:  # number of channels
+        case 0x2181:  # number of channels
             return len(task.channels)
         case 0x1344:  # sample rate
             return task.actual_rate()
         case 0x22C8:  # largest sample rate
             return task.max_rate()
-        case 0x1848:  # conversions a second
-            return 1 / convert_interval_s(task.device.card.parameters, task.actual_rate(), len(task.channels))
         case 0x1300:  # mode
             return task.mode
         case 0x1310:  # samples per channel
             return task.samples_per_channel
+    if isinstance(task, NiOutputTask):
+        return _output_task_property(task, number)
+    assert isinstance(task, NiInputTask)
+    return _input_task_property(task, number, channel)
+
+
+def _input_task_property(task: NiInputTask, number: int, channel: str) -> Any:
+    match number:
+        case 0x1823:  # channels to read
+            return ", ".join(c.name for c in task.channels)
+        case 0x217B:  # number of channels
+            return len(task.channels)
+        case 0x1848:  # conversions a second
+            return 1 / convert_interval_s(task.device.card.parameters, task.actual_rate(), len(task.channels))
         case 0x1347:  # timing: on demand, or sample clock
             return 10390 if task.rate_hz is None else 10388
         case 0x186C:  # buffer
@@ -142,24 +154,10 @@ def _channel_property(task: NiInputTask, number: int, name: str) -> Any:
 
 def _output_task_property(task: NiOutputTask, number: int) -> Any:
     match number:
-        case 0x1276:  # name
-            return task.name
-        case 0x1273:  # channels in the task
-            return ", ".join(c.name for c in task.channels)
-        case 0x230E:  # devices
-            return task.device.name
-        case 0x2181 | 0x217E:  # number of channels
+        case 0x217E:  # number of channels
             return len(task.channels)
         case 0x187F:  # kind of channel: AO
             return 10102
-        case 0x1344:  # sample rate
-            return task.actual_rate()
-        case 0x22C8:  # largest sample rate
-            return MAX_RATE_HZ
-        case 0x1300:  # mode
-            return task.mode
-        case 0x1310:  # samples per channel
-            return task.samples_per_channel
         case 0x192B:  # samples generated
             return task.samples_generated()
         case 0x190C:  # where a write begins
@@ -167,3 +165,51 @@ def _output_task_property(task: NiOutputTask, number: int) -> Any:
         case 0x190D:
             return task.offset
     raise NiError(-200452, f"Property: {number:#x}")
+
+
+class NiTaskTable:
+    """The tasks of the gRPC service or of the C library; a task is an input until an output channel is created in it."""
+
+    def __init__(self, device: SimulatedNiDevice) -> None:
+        self._device = device
+        self._tasks: dict[Hashable, NiTask] = {}
+
+    def create(self, key: Hashable, name: str) -> None:
+        self._tasks[key] = NiInputTask(self._device, name)
+
+    def add_output(self, key: Hashable, text: str, name: str, low_v: float, high_v: float) -> None:
+        """Turn a task without channels into an output task and add its channel."""
+        task = NiOutputTask(self._device, self[key].name)
+        task.add_voltage_channels(text, name, low_v, high_v)
+        self._tasks[key] = task
+
+    def __getitem__(self, key: Hashable) -> NiTask:
+        """Return the task. Raises NiError if there is none."""
+        if key not in self._tasks:
+            raise NiError(-200088)
+        return self._tasks[key]
+
+    def input(self, key: Hashable) -> NiInputTask:
+        """Return the task. Raises NiError if it is not an input task."""
+        task = self[key]
+        if not isinstance(task, NiInputTask):
+            raise NiError(-200452)
+        return task
+
+    def output(self, key: Hashable) -> NiOutputTask:
+        """Return the task. Raises NiError if it is not an output task."""
+        task = self[key]
+        if not isinstance(task, NiOutputTask):
+            raise NiError(-200452)
+        return task
+
+    def clear(self, key: Hashable) -> None:
+        """Stop and delete a task."""
+        self[key].stop()
+        del self._tasks[key]
+
+    def stop_all(self) -> None:
+        """Stop and delete all tasks; outputs stay where they are."""
+        for task in self._tasks.values():
+            task.stop()
+        self._tasks.clear()

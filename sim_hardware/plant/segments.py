@@ -182,27 +182,6 @@ class ChirpSegment:
 
 
 @dataclass(frozen=True, slots=True)
-class RampSegment:
-    """A straight line from `start_v` at `origin_s` to `stop_v`, then held: a slow supply, a ramp by waveform."""
-
-    origin_s: float
-    start_v: float
-    stop_v: float
-    duration_s: float
-
-    @property
-    def constant_from_s(self) -> float:
-        return self.origin_s + self.duration_s
-
-    @property
-    def breakpoints_s(self) -> tuple[float, ...]:
-        return (self.constant_from_s,)
-
-    def volts(self, t: Array) -> Array:
-        return np.interp(t, [self.origin_s, self.constant_from_s], [self.start_v, self.stop_v])
-
-
-@dataclass(frozen=True, slots=True)
 class RelayGlitchSegment:
     """The output relay switches: `during_v` until `until_s`, and only then what was asked for."""
 

@@ -18,8 +18,7 @@ from drivers.errors import BenchError
 from drivers.watchdog.subprocesses import terminate
 from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.plant.parameters import SimulationParameters
-
-HOST = "127.0.0.1"
+from sim_hardware.wires.port import HOST
 
 
 class BenchProcess(Closeable):
@@ -101,7 +100,7 @@ class BenchProcess(Closeable):
 
     def perform_action(self, action: str, values: Mapping[str, float]) -> float:
         """Do something by hand; bench time when it is done. Raises BenchError where it makes no sense."""
-        return float(self.control("hands", action=action, values=dict(values)))
+        return float(self.control("perform_action", action=action, values=dict(values)))
 
     def now(self) -> float:
         """Bench time."""
@@ -117,11 +116,16 @@ class BenchProcess(Closeable):
 
     def active_faults(self) -> tuple[str, ...]:
         """Names of the faults that are present."""
-        return tuple(self.control("faults"))
+        return tuple(self.control("active_faults"))
 
     def report(self, tolerance_v: float = 0.02) -> VoltageReport:
         """What the amplifier's input really saw until now."""
         return VoltageReport(**self.control("report", tolerance_v=tolerance_v))
+
+    def laser_reading_m(self) -> float | None:
+        """Return the displacement that the laser sensor displays now; None out of its range."""
+        reading: float | None = self.control("laser_reading_m")
+        return reading
 
     def close(self) -> None:
         """End the process; nothing is left of it afterwards."""

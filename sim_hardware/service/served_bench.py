@@ -6,10 +6,14 @@ from typing import Any
 from drivers.closing import Closeable
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.nidaq.grpc_server import NiGrpcServer
-from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
+from sim_hardware.operator import BenchControls
 from sim_hardware.wires.tcp_server import ScpiTcpServer
 
 DEVICE_NAME = "Dev1"
+
+
+VERBS = tuple(name for name in vars(BenchControls) if not name.startswith("_"))
 
 
 class ServedBench(Closeable):
@@ -23,31 +27,18 @@ class ServedBench(Closeable):
         bench.add_fault_listener(self.card.update_from_faults)
 
     def control(self, verb: str, **arguments: Any) -> Any:
-        """Carry out one verb; its answer as plain values.
-
-        Verbs: enable_hv, disable_hv, hands(action, values), inject(fault), clear(fault), faults, report(tolerance_v), now, laser_sees.
+        """Call a method of `BenchControls` by name; return its result as plain values.
 
         Raises:
             ValueError: unknown verb, wrong arguments, or unknown fault.
         """
-        bench = self.bench
-        verbs = {
-            "enable_hv": bench.enable_hv,
-            "disable_hv": bench.disable_hv,
-            "hands": bench.perform_action,
-            "inject": bench.inject,
-            "clear": bench.clear,
-            "faults": bench.faults.active_faults,
-            "report": lambda **k: asdict(bench.report(**k)),
-            "now": bench.clock.now,
-            "laser_sees": bench.laser_reading_m,
-        }
-        if verb not in verbs:
-            raise ValueError(f"there is no verb {verb!r}: choose from {', '.join(verbs)}")
+        if verb not in VERBS:
+            raise ValueError(f"there is no verb {verb!r}: choose from {', '.join(VERBS)}")
         try:
-            return verbs[verb](**arguments)  # type: ignore[operator]
+            result = getattr(self.bench, verb)(**arguments)
         except TypeError as error:
             raise ValueError(f"{verb}: {error}") from error
+        return asdict(result) if verb == "report" else result
 
     def close(self) -> None:
         """Stop both servers."""

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.wires.scpi_engine import ScpiEngine
 
+HOST = "127.0.0.1"
+"""Where all simulated instruments listen."""
+
 LATE_RESPONSE_S = 4.0
 """How late a late answer is: longer than any driver waits."""
 
@@ -25,6 +28,15 @@ class WireResponse:
     delay_s: float = 0.0
     late_s: float = 0.0
     terminated: bool = True
+
+    @property
+    def data(self) -> bytes:
+        """The bytes on the wire."""
+        return self.text.encode("latin-1", errors="replace") + (b"\n" if self.terminated else b"")
+
+    def wait_s(self, command_s: float, speed: float) -> float:
+        """Return the real seconds until it is sent, each message taking `command_s` of bench time."""
+        return (self.delay_s + command_s) / speed + self.late_s
 
 
 class MessagePort:

@@ -8,10 +8,9 @@ import threading
 import time
 
 from drivers.closing import Closeable
-from sim_hardware.wires.port import MessagePort
+from sim_hardware.wires.port import HOST, MessagePort
 from sim_hardware.wires.scpi_engine import split_received
 
-HOST = "127.0.0.1"
 _MAX_LINE_LENGTH = 1 << 24
 _MIN_WAIT_S = 2e-4
 """The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
@@ -147,12 +146,11 @@ class ScpiTcpServer(Closeable):
             reply = self._instrument.handle(line)
             if reply is None:
                 continue
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
-            wait = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-            if wait > _MIN_WAIT_S:
-                heapq.heappush(self._pending_responses, (time.monotonic() + wait, next(self._sequence), sock, out))
+            if (wait := reply.wait_s(self._command_s, self._speed)) > _MIN_WAIT_S:
+                due = time.monotonic() + wait, next(self._sequence), sock, reply.data
+                heapq.heappush(self._pending_responses, due)
             else:
-                self._send(sock, out)
+                self._send(sock, reply.data)
 
     def _send(self, sock: socket.socket, data: bytes) -> None:
         if sock not in self._partial_lines:

@@ -115,9 +115,9 @@ def test_a_plan_reaches_the_hands_of_an_open_bench_for_the_window() -> None:
     plan = FaultPlan()
     with plan.wrap(lambda: connect(simulated(), None))() as lab:
         plan.inject("sensor-stuck")
-        assert lab.control.faults.active_faults() == ("sensor-stuck",)
+        assert lab.control.active_faults() == ("sensor-stuck",)
         plan.clear()
-        assert lab.control.faults.active_faults() == ()
+        assert lab.control.active_faults() == ()
     with pytest.raises(Exception, match="only an open simulated bench can be broken"):
         plan.inject("sensor-stuck")
 

@@ -10,7 +10,7 @@ from drivers.errors import BenchError
 from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest collects them here, with this module's cards
     DigitizerUnderTest,

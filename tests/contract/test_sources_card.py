@@ -11,7 +11,7 @@ from drivers.errors import BenchError, InstrumentError
 from drivers.nidaq.analog_output import NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
     SourceUnderTest,

@@ -17,7 +17,7 @@ from drivers.nidaq.analog_output import FIFO_SAMPLES, NiAnalogOutput
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.nidaq.analog_output import VOLTS_PER_COUNT
-from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.segments import ConstantSegment
 from tests.helpers.simulated_bench import assert_safe_voltage, installed

@@ -1,6 +1,7 @@
 """The history tells the past as it was, and the report tells what a naive sequence did."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,12 +13,32 @@ from sim_hardware.plant.segments import (
     ConstantSegment,
     OpenOutputSegment,
     PeriodicSegment,
-    RampSegment,
     RelayGlitchSegment,
 )
 from sim_hardware.plant.voltage_history import VoltageHistory
 
 RATE = 100e3
+
+
+@dataclass(frozen=True)
+class RampSegment:
+    """A straight line from `start_v` at `origin_s` to `stop_v`, then held."""
+
+    origin_s: float
+    start_v: float
+    stop_v: float
+    duration_s: float
+
+    @property
+    def constant_from_s(self) -> float:
+        return self.origin_s + self.duration_s
+
+    @property
+    def breakpoints_s(self) -> tuple[float, ...]:
+        return (self.constant_from_s,)
+
+    def volts(self, t):
+        return np.interp(t, [self.origin_s, self.constant_from_s], [self.start_v, self.stop_v])
 
 
 def report(history: VoltageHistory, until: float):

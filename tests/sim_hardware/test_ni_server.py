@@ -18,7 +18,7 @@ from drivers.errors import AcquisitionError, InstrumentError
 from drivers.nidaq.analog_input import NiDigitizer
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.nidaq.grpc_server import NiGrpcServer
-from sim_hardware.nidaq.input_task import SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.plant.parameters import CardParameters, SensorParameters, SimulationParameters
 
 SPEED = 10.0

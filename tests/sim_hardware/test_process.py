@@ -67,9 +67,9 @@ def test_both_wires_share_one_plant():
 def test_faults_by_name_and_refusals_as_errors():
     with BenchProcess() as bench:
         bench.inject("scpi-silent")
-        assert bench.control("faults") == ["scpi-silent"]
+        assert bench.active_faults() == ("scpi-silent",)
         bench.clear()
-        assert bench.control("faults") == []
+        assert bench.active_faults() == ()
         assert bench.control("now") > 0
         with pytest.raises(BenchError, match="choose from"):
             bench.inject("coffee")

@@ -289,7 +289,7 @@ def test_hands_reach_into_a_bench_in_another_process() -> None:
         begun_s = bench.now()
         while bench.now() < begun_s + 5.0:
             pass
-        assert bench.control("laser_sees") == pytest.approx(0.1 * GRAVITY * COMPLIANCE, rel=1e-2)
+        assert bench.laser_reading_m() == pytest.approx(0.1 * GRAVITY * COMPLIANCE, rel=1e-2)
 
 
 def test_every_action_has_been_named() -> None:

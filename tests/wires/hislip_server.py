@@ -9,8 +9,8 @@ import struct
 import threading
 from enum import IntEnum
 
-from sim_hardware.wires.port import MessagePort
-from tests.wires.threaded_server import HOST, ThreadedServer, exactly
+from sim_hardware.wires.port import HOST, MessagePort
+from tests.wires.threaded_server import ThreadedServer, exactly
 
 HEADER = struct.Struct("!2sBBIQ")
 VERSION = 0x0100
@@ -97,14 +97,9 @@ class HislipServer(ThreadedServer):
         reply = self._instrument.handle(message.decode("latin-1"))
         if reply is None:
             return
-        wait_s = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-        if session.clearing.wait(wait_s):
+        if session.clearing.wait(reply.wait_s(self._command_s, self._speed)):
             return  # a device clear empties the output queue
-        out = reply.text.encode("latin-1", errors="replace")
-        if reply.terminated:
-            _send(sock, Kind.DATA_END, 0, number, out + b"\n")
-        else:
-            _send(sock, Kind.DATA, 0, number, out)
+        _send(sock, Kind.DATA_END if reply.terminated else Kind.DATA, 0, number, reply.data)
 
     def _serve_control(self, sock: socket.socket, session: _Session) -> None:
         while True:

@@ -15,9 +15,14 @@ from typing import Any
 import numpy as np
 
 from sim_hardware.nidaq.errors import NiError
-from sim_hardware.nidaq.input_task import NiInputTask, SimulatedNiDevice
-from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.properties import device_property, physical_channel_property, system_property, task_property
+from sim_hardware.nidaq.properties import (
+    NiTaskTable,
+    device_property,
+    physical_channel_property,
+    system_property,
+    task_property,
+)
+from sim_hardware.nidaq.task import SimulatedNiDevice
 
 _WIDE = (0x1310, 0x1808, 0x192A, 0x192B)
 """Properties of 64 bits."""
@@ -41,25 +46,25 @@ class NiLibrary:
 
     def __init__(self, device: SimulatedNiDevice) -> None:
         self.device = device
-        self._tasks: dict[int, NiInputTask | NiOutputTask] = {}
+        self._tasks = NiTaskTable(device)
         self._handles = itertools.count(1)
         self._told = ""
         self._kept: list[Any] = []  # ctypes does not keep what it points to
         table: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
             "CreateTask": (self._create, (_TEXT, ctypes.POINTER(ctypes.c_void_p))),
-            "ClearTask": (self._clear, (_TASK,)),
-            "StartTask": (lambda h: self._task(h).start(), (_TASK,)),
-            "StopTask": (lambda h: self._task(h).stop(), (_TASK,)),
+            "ClearTask": (self._tasks.clear, (_TASK,)),
+            "StartTask": (lambda h: self._tasks[h].start(), (_TASK,)),
+            "StopTask": (lambda h: self._tasks[h].stop(), (_TASK,)),
             "TaskControl": (lambda _h, _action: None, (_TASK, _INT)),
             "IsTaskDone": (self._is_done, (_TASK, ctypes.POINTER(_UINT))),
             "CreateAIVoltageChan": (self._add_input, (_TASK, _TEXT, _TEXT, _INT, _REAL, _REAL, _INT, _TEXT)),
             "CreateAOVoltageChan": (self._add_output, (_TASK, _TEXT, _TEXT, _REAL, _REAL, _INT, _TEXT)),
             "CfgSampClkTiming": (
-                lambda h, _source, rate, _edge, mode, n: self._task(h).configure_clock(rate, mode, n),
+                lambda h, _source, rate, _edge, mode, n: self._tasks[h].configure_clock(rate, mode, n),
                 (_TASK, _TEXT, _REAL, _INT, _INT, ctypes.c_ulonglong),
             ),
             "CfgDigEdgeStartTrig": (
-                lambda h, source, _edge: self._output(h).configure_trigger(source.decode()),
+                lambda h, source, _edge: self._tasks.output(h).configure_trigger(source.decode()),
                 (_TASK, _TEXT, _INT),
             ),
             "ReadBinaryI16": (self._read_i16, (_TASK, _INT, _REAL, _INT, _ANY, _UINT, _COUNT, _ANY)),
@@ -71,10 +76,10 @@ class NiLibrary:
             ),
             "GetErrorString": (self._words, (_INT, _ANY, _UINT)),
             "GetExtendedErrorInfo": (lambda into, size: self._words(0, into, size), (_ANY, _UINT)),
-            "SetBufferAttribute": (lambda h, _number, n: self._task(h).set_buffer(n), (_TASK, _INT, _UINT)),
-            "SetWriteAttribute": (lambda h, k, v: self._output(h).set_property(k, v), (_TASK, _INT, _INT)),
+            "SetBufferAttribute": (lambda h, _number, n: self._tasks[h].set_buffer(n), (_TASK, _INT, _UINT)),
+            "SetWriteAttribute": (lambda h, k, v: self._tasks.output(h).set_property(k, v), (_TASK, _INT, _INT)),
             "GetChanAttribute": (
-                lambda h, name, k, into, size: _give(task_property(self._task(h), k, name.decode()), k, into, size),
+                lambda h, name, k, into, size: _give(task_property(self._tasks[h], k, name.decode()), k, into, size),
                 (_TASK, _TEXT, _INT, _ANY, _UINT),
             ),
             "GetDeviceAttribute": (
@@ -94,7 +99,7 @@ class NiLibrary:
         }
         for kind in ("Task", "Timing", "Read", "Write", "Buffer"):
             table[f"Get{kind}Attribute"] = (
-                lambda h, k, into, size: _give(task_property(self._task(h), k, ""), k, into, size),
+                lambda h, k, into, size: _give(task_property(self._tasks[h], k, ""), k, into, size),
                 (_TASK, _INT, _ANY, _UINT),
             )
         for name, (call, arguments) in table.items():
@@ -102,9 +107,7 @@ class NiLibrary:
 
     def end_process(self) -> None:
         """What NI does when the program that had tasks is gone: they stop, and their outputs stay where they were."""
-        for task in self._tasks.values():
-            task.stop()
-        self._tasks.clear()
+        self._tasks.stop_all()
 
     def _function(self, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         def run(*values: Any) -> int:
@@ -119,66 +122,42 @@ class NiLibrary:
         address = ctypes.cast(pointer, ctypes.c_void_p).value
         return _Function(address)  # type: ignore[arg-type]
 
-    def _task(self, handle: int) -> NiInputTask | NiOutputTask:
-        if handle not in self._tasks:
-            raise NiError(-200088)
-        return self._tasks[handle]
-
-    def _input(self, handle: int) -> NiInputTask:
-        task = self._task(handle)
-        if not isinstance(task, NiInputTask):
-            raise NiError(-200452)
-        return task
-
-    def _output(self, handle: int) -> NiOutputTask:
-        task = self._task(handle)
-        if not isinstance(task, NiOutputTask):
-            raise NiError(-200452)
-        return task
-
     def _create(self, name: bytes, into: Any) -> None:
         handle = next(self._handles)
-        self._tasks[handle] = NiInputTask(self.device, name.decode() or f"_unnamedTask<{handle}>")
+        self._tasks.create(handle, name.decode() or f"_unnamedTask<{handle}>")
         into[0] = handle
 
-    def _clear(self, handle: int) -> None:
-        self._task(handle).stop()
-        del self._tasks[handle]
-
     def _is_done(self, handle: int, into: Any) -> None:
-        task = self._task(handle)
-        into[0] = task.is_done() if isinstance(task, NiOutputTask) else not task.running
+        into[0] = self._tasks[handle].is_done()
 
     def _add_input(
         self, handle: int, text: bytes, name: bytes, _terminal: int, low: float, high: float, *_: Any
     ) -> None:
-        self._input(handle).add_voltage_channels(text.decode(), (name or b"").decode(), low, high)
+        self._tasks.input(handle).add_voltage_channels(text.decode(), (name or b"").decode(), low, high)
 
     def _add_output(self, handle: int, text: bytes, name: bytes, low: float, high: float, *_: Any) -> None:
-        task = NiOutputTask(self.device, self._task(handle).name)
-        task.add_voltage_channels(text.decode(), (name or b"").decode(), low, high)
-        self._tasks[handle] = task
+        self._tasks.add_output(handle, text.decode(), (name or b"").decode(), low, high)
 
     def _read_i16(
         self, handle: int, count: int, timeout: float, fill: int, into: int, size: int, read: Any, _: Any
     ) -> int:
-        raw, status = self._input(handle).read(count, timeout)
+        raw, status = self._tasks.input(handle).read(count, timeout)
         return _fill(raw, fill, into, size, read, ctypes.c_int16) or status
 
     def _read_f64(
         self, handle: int, count: int, timeout: float, fill: int, into: int, size: int, read: Any, _: Any
     ) -> int:
-        raw, status = self._input(handle).read(count, timeout)
+        raw, status = self._tasks.input(handle).read(count, timeout)
         return _fill(self.device.card.scale.to_volts(raw), fill, into, size, read, ctypes.c_double) or status
 
     def _write_f64(
         self, handle: int, count: int, auto: int, _timeout: float, _fill: int, data: int, done: Any, _: Any
     ) -> None:
         volts = np.ctypeslib.as_array((ctypes.c_double * count).from_address(data))
-        done[0] = self._output(handle).write(volts, bool(auto))
+        done[0] = self._tasks.output(handle).write(volts, bool(auto))
 
     def _write_one(self, handle: int, value: float, auto: int) -> None:
-        self._output(handle).write(np.array([value]), bool(auto))
+        self._tasks.output(handle).write(np.array([value]), bool(auto))
 
     def _words(self, _code: int, into: int, size: int) -> None:
         _put_text(self._told, into, size)

@@ -44,6 +44,5 @@ class ScpiPty(PtyServer):
     def _hear(self, line: str) -> None:
         reply = self._instrument.handle(line)
         if reply is not None:
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
-            due_s = time.monotonic() + (reply.delay_s + self._command_s) / self._speed + reply.late_s
-            heapq.heappush(self._due, (due_s, next(self._order), out))
+            due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
+            heapq.heappush(self._due, (due_s, next(self._order), reply.data))

@@ -7,9 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 
 from drivers.closing import Closeable
-from sim_hardware.wires.port import MessagePort
-
-HOST = "127.0.0.1"
+from sim_hardware.wires.port import HOST, MessagePort
 
 
 class ThreadedServer(Closeable):

@@ -151,9 +151,8 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
             message, self._begun, self._answer = self._begun.removesuffix(b"\n"), b"", None
             reply = self._instrument.handle(message.decode("latin-1"))
             if reply is not None:
-                text = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
-                wait_s = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-                self._answer = time.monotonic() + wait_s, text, reply.terminated
+                due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
+                self._answer = due_s, reply.data, reply.terminated
         return len(data)
 
     def bulk_read(self, dev_handle: str, ep: int, intf: int, buff: Any, timeout: int) -> int:

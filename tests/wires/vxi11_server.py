@@ -9,8 +9,8 @@ import threading
 import time
 from enum import IntEnum
 
-from sim_hardware.wires.port import MessagePort
-from tests.wires.threaded_server import HOST, ThreadedServer, exactly
+from sim_hardware.wires.port import HOST, MessagePort
+from tests.wires.threaded_server import ThreadedServer, exactly
 
 CORE, VERSION = 0x0607AF, 1
 LARGEST = 1 << 24
@@ -112,9 +112,8 @@ class _Link:
         message, self._begun = self._begun.removesuffix(b"\n"), b""
         reply = self._instrument.handle(message.decode("latin-1"))
         if reply is not None:
-            out = reply.text.encode("latin-1", errors="replace") + (b"\n" if reply.terminated else b"")
-            wait_s = (reply.delay_s + self._command_s) / self._speed + reply.late_s
-            self._answers.append((time.monotonic() + wait_s, out, reply.terminated))
+            due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
+            self._answers.append((due_s, reply.data, reply.terminated))
 
     def _read(self, most: int, timeout_s: float) -> tuple[Failure, int, bytes]:
         wait_s = self._answers[0][0] - time.monotonic() if self._answers else timeout_s
