@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 MODULES = {
-    "drivers.burst_dialect": "drivers.generators.burst_generator",
+    "drivers.burst_dialect": "drivers.generators.burst_generator BurstDialect=BurstGenerator",
     "drivers.burst_generator": "drivers.generators.burst_generator SMALLEST_VPP=IDLE_AMPLITUDE_VPP",
     "drivers.closing": "drivers.closing Closing=Closeable",
     "drivers.dc_supply": "drivers.supplies.dc_supply",
@@ -39,7 +39,7 @@ MODULES = {
     "drivers.setting": "drivers.generators.expected_setting Setting=ExpectedSetting word=expect_keyword near=expect_value between=expect_range",
     "drivers.siglent_sdg": "drivers.generators.siglent_sdg",
     "drivers.supply_dialects": "drivers.supplies.dialects Dialect=SupplyDialect",
-    "drivers.supply_stairs": "drivers.supplies.dc_supply Steppable=SteppableSupply Stairs=StaircaseThread",
+    "drivers.supply_stairs": "drivers.supplies.dc_supply Stairs=StaircaseThread",
     "drivers.supply_wire": "drivers.supplies.dialects SupplyWire=SupplyChannel",
     "drivers.tektronix_afg": "drivers.generators.tektronix_afg",
     "drivers.visa": "drivers.transport.visa resources=list_resources",
@@ -106,7 +106,7 @@ MODULES = {
     "sim_hardware.scpi_blocks": "sim_hardware.wires.scpi_engine messages_in=split_received lift_blocks=extract_blocks put_back=restore_block",
     "sim_hardware.scpi_box": "sim_hardware.generators.scpi_generator ScpiBox=SimulatedScpiGenerator data_of=decode_block only=accept_keywords",
     "sim_hardware.scpi_values": "sim_hardware.wires.scpi_engine number=parse_number boolean=parse_boolean choice=match_keyword real=format_real one=single_argument",
-    "sim_hardware.segments": "sim_hardware.plant.segments Level=ConstantSegment Open=OpenOutputSegment Wave=ArbitraryWaveform Tone=PeriodicSegment Chirp=ChirpSegment Slope=RampSegment Glitch=RelayGlitchSegment",
+    "sim_hardware.segments": "sim_hardware.plant.segments Level=ConstantSegment Open=OpenOutputSegment Wave=ArbitraryWaveform Tone=PeriodicSegment Chirp=ChirpSegment Glitch=RelayGlitchSegment",
     "sim_hardware.siglent_sdg": "sim_hardware.generators.siglent_sdg SiglentSdg=SimulatedSiglentSdg",
     "sim_hardware.supply": "sim_hardware.supplies.supply Relax=ExponentialSegment Supply=SimulatedSupply",
     "sim_hardware.supply_dialects": "sim_hardware.supplies.dialects SupplyModel=SimulatedScpiSupply SpdEngine=SiglentSpdEngine engine_of=make_supply_engine",

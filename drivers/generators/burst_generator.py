@@ -32,7 +32,6 @@ from drivers.interfaces import Identity
 from drivers.transport.safe_ramp_down import RampDown
 from drivers.transport.scpi import Link, ScpiSession
 
-
 LEVEL_TOLERANCE_V = 1e-3
 IDLE_AMPLITUDE_VPP = 0.01
 """What a box that carries the drive in its amplitude idles with: too little to matter."""

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_hardware.generators.generator import SimulatedGenerator
-from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
+from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, accept_keywords, decode_block
 from sim_hardware.wires.scpi_engine import (
     Arguments,
     ScpiCommand,
     ScpiError,
-    accept_keywords,
     check_argument_count,
     match_keyword,
     parse_number,

@@ -211,3 +211,12 @@ def decode_block(argument: str, dtype: str, low: float, high: float) -> NDArray[
     if not np.all((points >= low) & (points <= high)):
         raise ScpiError(-222, "a point lies outside the converter's range")
     return points
+
+
+def accept_keywords(*names: str) -> Callable[[Arguments], None]:
+    """Return the setter of a setting that knows these values and to which none of them makes a difference."""
+
+    def setter(a: Arguments) -> None:
+        match_keyword(single_argument(a), *names)
+
+    return setter

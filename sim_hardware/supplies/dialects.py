@@ -5,13 +5,13 @@ Limits, error codes and the spelling of answers follow the guides named in `driv
 
 from collections.abc import Callable, Sequence
 
+from sim_hardware.generators.scpi_generator import accept_keywords
 from sim_hardware.supplies.supply import SimulatedSupply
 from sim_hardware.wires.scpi_engine import (
     ScpiCommand,
     ScpiEngine,
     ScpiError,
     ScpiResponse,
-    accept_keywords,
     parse_boolean,
     parse_number,
     single_argument,

@@ -103,15 +103,6 @@ def match_keyword(text: str, *names: str) -> str:
     raise ScpiError(-224)
 
 
-def accept_keywords(*names: str) -> Callable[[Arguments], None]:
-    """Return the setter of a setting that knows these values and to which none of them makes a difference."""
-
-    def setter(a: Arguments) -> None:
-        match_keyword(single_argument(a), *names)
-
-    return setter
-
-
 def format_real(value: float) -> str:
     """A float as Trueform boxes write it; infinity is 9.9E+37."""
     return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
