@@ -17,7 +17,7 @@ from typing import NamedTuple
 from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
 
-SCHEMA = 3
+SCHEMA = 4
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
 
 FILES_PER_COMMIT = 100

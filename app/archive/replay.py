@@ -18,7 +18,7 @@ from protocols.base.quality import usable_mask
 from protocols.base.records import EstimatedQuantity, ResultCurve
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
-from protocols.runfile.reader import LoggedEvent, Run, RunReadError
+from protocols.runfile.reader import LoggedEvent, Run, RunReadError, translate_read_errors
 from protocols.runfile.trace import RunTrace
 
 Array = NDArray[np.float64]
@@ -87,31 +87,27 @@ def load_run(path: Path) -> LoadedRun:
     Raises:
         RunError: it cannot be read; the sentence says why.
     """
-    try:
-        with Run(path) as run:
-            kind = PROTOCOLS.get(run.protocol)
-            points = tuple(_load_points(run, kind))
-            begun = datetime.fromisoformat(run.start_time).astimezone()
-            log = [_log_line(event, begun, kind) for event in run.events()]
-            return LoadedRun(
-                path,
-                run.title,
-                run.protocol,
-                run.specimen,
-                run.state,
-                run.reason,
-                run.start_time,
-                run.simulated,
-                run.parameters,
-                points,
-                run.curves(),
-                run.estimates(),
-                tuple(message for message in log if message is not None),
-                read_trace_window(run.trace),
-                run.trace.duration_s,
-            )
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunReadError(f"{path} is damaged inside: {error}") from None
+    with Run(path) as run, translate_read_errors(path):
+        kind = PROTOCOLS.get(run.protocol)
+        begun = datetime.fromisoformat(run.start_time).astimezone()
+        log = [_log_line(event, begun, kind) for event in run.events()]
+        return LoadedRun(
+            path=path,
+            title=run.title,
+            protocol=run.protocol,
+            specimen=run.specimen,
+            state=run.state,
+            reason=run.reason,
+            start_time=run.start_time,
+            simulated=run.simulated,
+            parameters=run.parameters,
+            points=tuple(_load_points(run, kind)),
+            curves=run.curves(),
+            estimates=run.estimates(),
+            messages=tuple(message for message in log if message is not None),
+            traces=read_trace_window(run.trace),
+            duration_s=run.trace.duration_s,
+        )
 
 
 def read_measured_response(path: Path) -> MeasuredResponse:
@@ -120,28 +116,25 @@ def read_measured_response(path: Path) -> MeasuredResponse:
     Raises:
         RunError: it cannot be read, or has none.
     """
-    try:
-        with Run(path) as run:
-            points = run.points()
-            if not len(points.get("frequency", ())) or "fundamental" not in points:
-                raise RunReadError(f"{path.name} has no points over frequency; take a finished sine dwell")
-            order = np.argsort(points["frequency"], kind="stable")
-            columns = {name: column[order] for name, column in points.items()}
-            return MeasuredResponse(
-                path,
-                f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
-                run.simulated,
-                2 * float(np.median(columns["drive_amplitude"])),
-                columns["frequency"],
-                columns["peak_to_peak"],
-                columns["peak_to_peak_errors"],
-                2 * columns["fundamental"],
-                columns["fundamental_errors"],
-                np.unwrap(columns["phase"]),
-                usable_mask(columns["quality"]),
-            )
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunReadError(f"{path.name} is damaged inside: {error}") from None
+    with Run(path) as run, translate_read_errors(path):
+        points = run.points()
+        if not len(points.get("frequency", ())) or "fundamental" not in points:
+            raise RunReadError(f"{path.name} has no points over frequency; take a finished sine dwell")
+        order = np.argsort(points["frequency"], kind="stable")
+        columns = {name: column[order] for name, column in points.items()}
+        return MeasuredResponse(
+            path=path,
+            label=f"{run.specimen} {run.start_time[:16].replace('T', ' ')}",
+            simulated=run.simulated,
+            peak_to_peak_v=2 * float(np.median(columns["drive_amplitude"])),
+            frequency_hz=columns["frequency"],
+            peak_to_peak=columns["peak_to_peak"],
+            peak_to_peak_errors=columns["peak_to_peak_errors"],
+            twice_fundamental=2 * columns["fundamental"],
+            fundamental_errors=columns["fundamental_errors"],
+            phase=np.unwrap(columns["phase"]),
+            usable=usable_mask(columns["quality"]),
+        )
 
 
 def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) -> TraceWindow:
@@ -172,18 +165,15 @@ def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:
     Raises:
         RunError: it cannot be read; the sentence says why.
     """
-    try:
-        with Run(path) as run:
-            trace = run.trace
-            rows = range(trace.sample_count)
+    with Run(path) as run, translate_read_errors(path):
+        trace = run.trace
+        rows = range(trace.sample_count)
 
-            def scanned(row: int) -> float:
-                return float(trace.time_s(row, row + 1)[0])
+        def scan_time_s(row: int) -> float:
+            return float(trace.time_s(row, row + 1)[0])
 
-            start, stop = bisect_left(rows, from_s, key=scanned), bisect_right(rows, to_s, key=scanned)
-            return read_trace_window(trace, max(start - 1, 0), stop + 1)
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise RunReadError(f"{path} is damaged inside: {error}") from None
+        start, stop = bisect_left(rows, from_s, key=scan_time_s), bisect_right(rows, to_s, key=scan_time_s)
+        return read_trace_window(trace, max(start - 1, 0), stop + 1)
 
 
 def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:

@@ -1,16 +1,20 @@
 """One run in a list: what a person looks for it by, read from its file; and which of many are wanted."""
 
+import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
 from app.common.formatting import format_quantity
+from model.estimate import EstimatedQuantity
 from protocols.base.events import RunStatus
-from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError
+from protocols.registry import PROTOCOLS
+from protocols.resume import measured_points
+from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
 
 STALE_AFTER_S = 600.0
 """A file that says `running` and was not written for so long is told apart."""
@@ -43,22 +47,28 @@ class RunSummary(NamedTuple):
     path: str
     """Within the folder, with slashes."""
     state: str
-    reason: str
-    protocol: str
-    specimen: str
-    start_time: str
+    reason: str = ""
+    protocol: str = ""
+    specimen: str = ""
+    start_time: str = ""
     """ISO, UTC, so that text sorts as time does."""
-    simulated: int
-    points: int
-    seconds: float
-    found: str
-    """What was identified, in words."""
-    tags: str
-    note: str
-    modified_ns: int
-    size: int
-    notes_ns: int
-    words: str
+    simulated: int = 0
+    points: int = 0
+    entries: int = 0
+    """Entries of the plan that have a point."""
+    seconds: float = 0.0
+    parameters_json: str = "{}"
+    estimates_json: str = "[]"
+    failed_checks: str = ""
+    """Verdicts of a wiring check that did not pass."""
+    found: str = ""
+    """Estimates as text."""
+    tags: str = ""
+    note: str = ""
+    modified_ns: int = 0
+    size: int = 0
+    notes_ns: int = 0
+    words: str = ""
     """Everything a search looks at, casefolded."""
 
     @property
@@ -76,6 +86,28 @@ class RunSummary(NamedTuple):
     @property
     def readable(self) -> bool:
         return RunState(self.state).readable
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The protocol's parameters by name, SI."""
+        return dict(json.loads(self.parameters_json))
+
+    @property
+    def completed(self) -> bool:
+        return self.state == RunState.COMPLETED and not self.failed_checks
+
+    @property
+    def running(self) -> bool:
+        return self.state == RunState.RUNNING
+
+    @property
+    def resumable(self) -> bool:
+        """Whether the run was broken off with points that a resumed run keeps."""
+        return self.entries > 0 and self.state in (RunState.STOPPED, RunState.FAILED, RunState.CRASHED)
+
+    @property
+    def estimates(self) -> tuple[EstimatedQuantity, ...]:
+        return tuple(EstimatedQuantity(**record) for record in json.loads(self.estimates_json))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +163,9 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
     A file that cannot be read has an entry too, with the reason.
     """
     try:
-        with Run(file) as run:
+        with Run(file) as run, translate_read_errors(file):
             state = RunState(run.state)
-            found = "; ".join(f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates())
+            estimates = run.estimates()
             reason = run.reason
             if state is RunState.RUNNING and not reason:
                 reason = _running_reason(file)
@@ -149,14 +181,14 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                     start_time=run.start_time,
                     simulated=int(run.simulated),
                     points=run.point_count,
+                    entries=run.entry_count,
                     seconds=run.trace.duration_s,
-                    found=found,
-                    tags="",
-                    note="",
-                    modified_ns=0,
-                    size=0,
-                    notes_ns=0,
-                    words="",
+                    parameters_json=json.dumps(run.parameters),
+                    estimates_json=json.dumps([asdict(estimate) for estimate in estimates]),
+                    failed_checks=", ".join(_failed_checks(run)),
+                    found="; ".join(
+                        f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in estimates
+                    ),
                 )
             )
     except NotARunError as error:
@@ -165,11 +197,17 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
         return entry if entry.start_time else None
     except NewerFormatError as error:
         return summary_from_file_name(path, RunState.NEWER, str(error))
-    except (RunReadError, OSError, KeyError, ValueError, RuntimeError) as error:
-        if not file.exists():
-            return None
-        why = str(error) if isinstance(error, RunReadError) else f"{file} is damaged inside: {error}"
-        return summary_from_file_name(path, RunState.DAMAGED, why)
+    except RunReadError as error:
+        return summary_from_file_name(path, RunState.DAMAGED, str(error)) if file.exists() else None
+
+
+def _failed_checks(run: Run) -> list[str]:
+    kind = PROTOCOLS.get(run.protocol)
+    verdicts = getattr(kind, "verdicts", None)
+    if kind is None or verdicts is None or run.status is not RunStatus.COMPLETED:
+        return []
+    points = [point for _, point in measured_points(run, kind.point_type)]
+    return [verdict.name for verdict in verdicts(kind(**run.parameters), points) if not verdict.passed]
 
 
 def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:
@@ -180,9 +218,7 @@ def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummar
         begun = datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).isoformat(timespec="milliseconds")
     except ValueError:
         begun = specimen = protocol = ""
-    return _with_search_text(
-        RunSummary(path, state, reason, protocol, specimen, begun, 0, 0, 0.0, "", "", "", 0, 0, 0, "")
-    )
+    return _with_search_text(RunSummary(path, state, reason, protocol, specimen, begun))
 
 
 def with_notes(summary: RunSummary, notes: Notes) -> RunSummary:

@@ -14,6 +14,7 @@ from typing import Any, Literal, Self
 
 from pydantic import ValidationError
 
+from app.archive.run_summary import RunState, RunSummary
 from app.campaign.plan import (
     CARRIED_PARAMETERS,
     PAPER_ITEMS,
@@ -27,15 +28,13 @@ from app.campaign.plan import (
 )
 from app.campaign.status import (
     HAS_VALID_RUN,
-    CampaignRun,
-    CampaignRunCache,
+    CampaignRuns,
     ItemState,
     NextAction,
     basis_of,
     evaluate_items,
 )
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import RunStatus
 from protocols.base.protocol import Protocol
 from protocols.base.records import EstimatedQuantity
 from protocols.registry import PROTOCOLS
@@ -51,7 +50,7 @@ class Campaign:
         self.created = str(record["created"])
         self._plan = CampaignPlan(tuple(CampaignItem.from_record(item) for item in record["items"]))
         self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
-        self._run_cache = CampaignRunCache(path.parent)
+        self._runs = CampaignRuns(path.parent)
         self._active_run: tuple[str, Path] | None = None
         """Item ("" for a run that is none of ours) and file that this program is writing: no second hand may open it."""
         self._lock = threading.RLock()
@@ -113,13 +112,15 @@ class Campaign:
         """Every item in order, as the run files have it now."""
         with self._lock:
             name, file = self._active_run or ("", None)
-            made = self._run_cache.runs(self.created, exclude=file)
+            made = self._runs.begun_since(self.created, exclude=file)
             runs = {item.name: self._runs_of(item, made) for item in self.items}
             if file is not None and name:
                 item = self._plan.item(name)
-                runs[name].append(CampaignRun(file, self.specimen, item.protocol, {}, RunStatus.RUNNING))
+                runs[name].append(
+                    RunSummary(file.name, RunState.RUNNING, protocol=item.protocol, specimen=self.specimen)
+                )
             titles = {name: PROTOCOLS.title(name) for name in PROTOCOLS}
-            return evaluate_items(self.items, titles, runs, self._based_on)
+            return evaluate_items(self.path.parent, self.items, titles, runs, self._based_on)
 
     def next_item(self, hands_free: bool = False) -> ItemState | None:
         """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
@@ -246,7 +247,7 @@ class Campaign:
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _runs_of(self, item: CampaignItem, runs: Sequence[CampaignRun]) -> list[CampaignRun]:
+    def _runs_of(self, item: CampaignItem, runs: Sequence[RunSummary]) -> list[RunSummary]:
         """The runs of an item, oldest first."""
         settings = json.loads(
             json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=set(item.settings)))

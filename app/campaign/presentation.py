@@ -21,7 +21,6 @@ from protocols.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
     from app.campaign.summary import CampaignEstimates
-    from model.identification.calibration import EstimatedQuantity as ModelEstimate
 
 
 STATUS_MARKS = {
@@ -37,7 +36,7 @@ ACTION_LABELS = {NextAction.RUN: "Measure", NextAction.REPEAT: "Measure again", 
 """What is done with an item that comes next."""
 
 
-def format_named_estimate(estimate: EstimatedQuantity | ModelEstimate) -> str:
+def format_named_estimate(estimate: EstimatedQuantity) -> str:
     """`k2: 31.2 ± 0.4 N/m`."""
     return f"{estimate.name}: {format_quantity(estimate.value, estimate.standard_error, estimate.unit)}"
 

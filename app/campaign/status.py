@@ -4,118 +4,51 @@ What the run files of a specimen tell a campaign; each is read once, and again o
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from app.archive.run_summary import RunState, RunSummary, read_run_summary
 from app.campaign.plan import CampaignItem
 from app.common.formatting import format_outcome
-from protocols.base.events import RunStatus
 from protocols.base.records import EstimatedQuantity
-from protocols.registry import PROTOCOLS
-from protocols.resume import measured_points
-from protocols.runfile.reader import Run, RunReadError
-
-CRASHED = "crashed"
 
 
-@dataclass(frozen=True, slots=True)
-class CampaignRun:
-    """One run file, as a campaign sees it."""
+class CampaignRuns:
+    """Summaries of a folder's run files, in memory; files are read again when they have changed.
 
-    path: Path
-    specimen: str
-    protocol: str
-    parameters: Mapping[str, Any]
-    state: str
-    reason: str = ""
-    start_time: str = ""
-    points: int = 0
-    estimates: tuple[EstimatedQuantity, ...] = ()
-    simulated: bool = False
-    failed_checks: tuple[str, ...] = ()
-    """What its protocol's own verdicts (a wiring check's) say did not pass."""
-
-    @property
-    def name(self) -> str:
-        return self.path.name
-
-    @property
-    def completed(self) -> bool:
-        return self.state == RunStatus.COMPLETED and not self.failed_checks
-
-    @property
-    def running(self) -> bool:
-        return self.state == RunStatus.RUNNING
-
-    @property
-    def resumable(self) -> bool:
-        """Whether it can be gone on with."""
-        return self.points > 0 and self.state in (RunStatus.STOPPED, RunStatus.FAILED, CRASHED)
-
-
-class CampaignRunCache:
-    """The run files of a folder, in the order in which they were begun."""
+    Not the index of `app.archive.catalogue`: a campaign is evaluated while its run is being made, and must not wait for
+    another thread's lock on a database.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._cache: dict[Path, tuple[tuple[int, int], CampaignRun | None]] = {}
+        self._cache: dict[Path, RunSummary] = {}
 
-    def runs(self, since: str, exclude: Path | None = None) -> list[CampaignRun]:
-        """All runs begun since (ISO, UTC) but `leave`, which this very program is writing.
+    def begun_since(self, since: str, exclude: Path | None = None) -> list[RunSummary]:
+        """Return all runs begun since (ISO, UTC), oldest first; `exclude` is being written and is not opened.
 
-        A file that cannot be read is none: `tactor-bench runs` says why.
+        A file that cannot be read is left out: `tactor-bench runs` says why.
         """
         stamp = since.translate({ord(c): None for c in "-:"})[:15]  # 20261121T091502, as file names begin
-        made = [run for path in self._files(stamp) if path != exclude and (run := self._read_if_changed(path))]
-        return sorted((run for run in made if run.start_time >= since), key=lambda run: (run.start_time, run.name))
+        files = self.folder.glob("*.h5") if self.folder.is_dir() else ()
+        runs = [self._summary(path) for path in files if path != exclude and path.name[: len(stamp)] >= stamp]
+        found = [run for run in runs if run is not None and run.readable and run.start_time >= since]
+        return sorted(found, key=lambda run: (run.start_time, run.name))
 
-    def _files(self, stamp: str) -> Iterator[Path]:
-        if self.folder.is_dir():
-            yield from (path for path in self.folder.glob("*.h5") if path.name[: len(stamp)] >= stamp)
-
-    def _read_if_changed(self, path: Path) -> CampaignRun | None:
+    def _summary(self, path: Path) -> RunSummary | None:
         try:
             stat = path.stat()
         except OSError:
             return None
-        seen = stat.st_mtime_ns, stat.st_size
-        known, made = self._cache.get(path, (None, None))
+        known = self._cache.get(path)
         # A file that says `running` does not change when its writer dies.
-        if known != seen or (made is not None and made.running):
-            try:
-                made = read_campaign_run(path)
-            except (RunReadError, OSError, KeyError, ValueError, RuntimeError):
-                made = None
-            self._cache[path] = seen, made
-        return made
-
-
-def read_campaign_run(path: Path) -> CampaignRun:
-    """A run file. Raises what `Run` raises where it is damaged."""
-    with Run(path) as run:
-        kind = PROTOCOLS.get(run.protocol)
-        points = measured_points(run, kind.point_type) if kind is not None else ()
-        failing: tuple[str, ...] = ()
-        judge = getattr(kind, "verdicts", None)
-        if kind is not None and judge is not None and run.status is RunStatus.COMPLETED:
-            table = judge(kind(**run.parameters), [point for _, point in points])
-            failing = tuple(verdict.name for verdict in table if not verdict.passed)
-        return CampaignRun(
-            path=path,
-            specimen=run.specimen,
-            protocol=run.protocol,
-            parameters=run.parameters,
-            state=run.state,
-            reason=run.reason,
-            start_time=run.start_time,
-            points=len({entry for entry, _ in points}),
-            estimates=run.estimates(),
-            simulated=run.simulated,
-            failed_checks=failing,
-        )
+        if known is None or known.running or (known.modified_ns, known.size) != (stat.st_mtime_ns, stat.st_size):
+            known = read_run_summary(path, path.name) or RunSummary(path.name, RunState.DAMAGED)
+            self._cache[path] = known._replace(modified_ns=stat.st_mtime_ns, size=stat.st_size)
+        return known
 
 
 RELATIVE_TOLERANCE = 1e-9
@@ -178,14 +111,16 @@ class ItemState:
 
 
 def evaluate_items(
+    folder: Path,
     items: Sequence[CampaignItem],
     titles: Mapping[str, str],
-    runs: Mapping[str, Sequence[CampaignRun]],
+    runs: Mapping[str, Sequence[RunSummary]],
     based_on: Mapping[str, Basis],
 ) -> tuple[ItemState, ...]:
     """Every item, in order.
 
     Args:
+        folder: of the runs.
         items: of the campaign; each comes after what it needs.
         titles: of the protocols, by their names.
         runs: of each item by its name, oldest first.
@@ -194,14 +129,15 @@ def evaluate_items(
     found: dict[str, ItemState] = {}
     for item in items:
         title = titles.get(item.protocol, item.protocol)
-        found[item.name] = _evaluate_item(item, title, runs.get(item.name, ()), found, based_on)
+        found[item.name] = _evaluate_item(folder, item, title, runs.get(item.name, ()), found, based_on)
     return tuple(found.values())
 
 
 def _evaluate_item(
+    folder: Path,
     item: CampaignItem,
     title: str,
-    runs: Sequence[CampaignRun],
+    runs: Sequence[RunSummary],
     previous: Mapping[str, ItemState],
     based_on: Mapping[str, Basis],
 ) -> ItemState:
@@ -209,7 +145,9 @@ def _evaluate_item(
         return ItemState(item, title, ItemStatus.SKIPPED, item.skipped, NextAction.NONE)
     last = runs[-1] if runs else None
     if last is not None and last.running:
-        return ItemState(item, title, ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, last.path)
+        return ItemState(
+            item, title, ItemStatus.RUNNING, f"{last.name} is being written", NextAction.WAIT, folder / last.path
+        )
     waits = [need for need in item.needs if previous[need].status not in (ItemStatus.DONE, ItemStatus.SKIPPED)]
     do = NextAction.WAIT if waits else NextAction.REPEAT
     if done := next((run for run in reversed(runs) if run.completed), None):
@@ -222,7 +160,7 @@ def _evaluate_item(
             standing,
             reason + later,
             do if why else NextAction.NONE,
-            done.path,
+            folder / done.path,
             done.start_time,
             done.estimates,
         )  # fmt: skip
@@ -231,20 +169,21 @@ def _evaluate_item(
             return ItemState(item, title, ItemStatus.WAITING, f"needs {', '.join(waits)}", NextAction.WAIT)
         return ItemState(item, title, ItemStatus.MISSING, "not measured yet", NextAction.RUN)
     if last.resumable:
-        reason = f"{last.state} with {last.points} points: {last.reason or 'its program is gone'}"
+        why = "its program is gone" if last.state == RunState.CRASHED else last.reason
+        reason = f"{last.state} with {last.entries} points: {why}"
         do = NextAction.WAIT if waits else NextAction.RESUME
-        return ItemState(item, title, ItemStatus.UNFINISHED, reason, do, last.path, last.start_time)
+        return ItemState(item, title, ItemStatus.UNFINISHED, reason, do, folder / last.path, last.start_time)
     reason = (
-        f"did not pass: {', '.join(last.failed_checks)}"
+        f"did not pass: {last.failed_checks}"
         if last.failed_checks
-        else format_outcome(last.state, last.reason)
+        else format_outcome(last.state, "" if last.state == RunState.CRASHED else last.reason)
     )
-    standing = ItemStatus.MISSING if last.state in (RunStatus.STOPPED, CRASHED) else ItemStatus.FAILED
-    return ItemState(item, title, standing, reason, do, last.path, last.start_time)
+    standing = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
+    return ItemState(item, title, standing, reason, do, folder / last.path, last.start_time)
 
 
 def _stale_reason(
-    item: CampaignItem, completed: CampaignRun, previous: Mapping[str, ItemState], basis: Basis | None
+    item: CampaignItem, completed: RunSummary, previous: Mapping[str, ItemState], basis: Basis | None
 ) -> str:
     """Why a run does not hold any more, from what it was based on; empty where it does."""
     for need in item.needs:

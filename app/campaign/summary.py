@@ -14,9 +14,8 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus, NextAction
-from app.config.tables import AmplifierTable
 from app.identification.identify import IdentificationResult, identify
-from app.identification.observations import ObservationError
+from app.identification.observations import ObservationError, amplifier_of
 from drivers.errors import BenchError
 from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
@@ -25,11 +24,10 @@ from model.parameter_spec import ParameterError
 from model.parameters import Tactor
 from protocols.base.records import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.reader import RunReadError
 
 if TYPE_CHECKING:
     from drivers.bench.bench import Bench
-    from model.identification.calibration import EstimatedQuantity as ModelEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +109,7 @@ class CampaignSummary:
 class CampaignEstimates:
     """What the runs of a campaign tell together about the specimen."""
 
-    estimates: tuple[ModelEstimate, ...]
+    estimates: tuple[EstimatedQuantity, ...]
     tactor: Tactor
     problem: str = ""
     """Why they tell nothing, or not more."""
@@ -171,18 +169,12 @@ def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = 
     runs, why = campaign.valid_runs(), "no run of this campaign counts yet"
     for last in range(len(runs), 0, -1):
         try:
-            found = identify(runs[:last], "chain", FitOptions(amplifier=amplifier or _amplifier_of_run(runs[0])))
+            found = identify(runs[:last], "chain", FitOptions(amplifier=amplifier or amplifier_of(runs[:1])))
         except (RunReadError, ObservationError, PaperChainError, ParameterError) as error:
             why = str(error)
         else:
             return found if last == len(runs) else replace(found, notes=(*found.notes, why))
     return why
-
-
-def _amplifier_of_run(path: Path) -> AmplifierMap:
-    """The amplifier as it was in a run: its map is copied into every run file."""
-    with Run(path) as run:
-        return AmplifierTable.from_configuration(run.configuration).amplifier_map
 
 
 def identified_tactor(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Tactor:

@@ -18,7 +18,7 @@ from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration
 from app.common.inputs import path_argument
 from app.common.progress import terminal_progress
-from protocols.runfile.reader import Run, RunReadError
+from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 DEFAULT_ROWS = 40
 """Runs a person is shown without asking for more."""
@@ -60,7 +60,7 @@ def export_command(options: argparse.Namespace) -> int:
     failed = False
     for run_path in options.runs:
         try:
-            with Run(run_path) as run, terminal_progress(run_path.name) as tell:
+            with Run(run_path) as run, terminal_progress(run_path.name) as tell, translate_read_errors(run_path):
                 written = export_run(
                     run,
                     options.out or run_path.parent,
@@ -71,10 +71,6 @@ def export_command(options: argparse.Namespace) -> int:
         except (RunReadError, ExportError) as error:
             failed = True
             sys.stderr.write(f"{error}\n")
-            continue
-        except (OSError, KeyError, ValueError, RuntimeError) as error:
-            failed = True
-            sys.stderr.write(f"{run_path} is damaged inside and is skipped: {error}\n")
             continue
         for file in written:
             print(file)  # noqa: T201

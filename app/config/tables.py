@@ -5,10 +5,9 @@ A table of a bench file: frozen, units understood, unknown keys refused.
 What drives the amplifier, and what else is read: the tables [source], [supply] and [meters] of a bench file.
 """
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
@@ -71,11 +70,6 @@ class AmplifierTable(ConfigTable):
     specimen_capacitance_f: Annotated[
         float, Unit("F"), Interval(ge=0), "of specimen and cable; 0: not told. A M2814-P1 has about 1.2 nF"
     ] = 0.0
-
-    @classmethod
-    def from_configuration(cls, configuration: Mapping[str, Any]) -> Self:
-        """The amplifier as it was in a run: its table is copied into every run file's configuration."""
-        return cls.model_validate(configuration.get("amplifier", {}))
 
     @property
     def amplifier_map(self) -> AmplifierMap:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.identification.observations import read_observations, shape_count_of_file
+from model.estimate import EstimatedQuantity
 from model.identification.adequacy import Adequacy, assess_adequacy
-from model.identification.calibration import EstimatedQuantity
 from model.identification.fit_options import FitOptions
 from model.identification.fit_result import JointFit
 from model.identification.joint_fit import joint_fit

@@ -12,7 +12,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from app.config.tables import AmplifierTable
 from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
 from model.identification.observations import (
@@ -88,7 +87,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
     maps = []
     for path in paths:
         with Run(path) as run:
-            maps.append(AmplifierTable.from_configuration(run.configuration).amplifier_map)
+            maps.append(run.amplifier_map)
     if any(each != maps[0] for each in maps):
         raise ObservationError(
             "these runs were made with differently configured amplifiers: identify them by themselves"
@@ -140,7 +139,7 @@ def _response(
     )
     good = sine if sine.any() else width  # an imported table may have one of them only
     amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
-    map_ = AmplifierTable.from_configuration(run.configuration).amplifier_map
+    map_ = run.amplifier_map
     # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
     room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
     amplitude_v = np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)

@@ -78,7 +78,7 @@ class Correction:
         with Run(path) as run:
             if run.imported:
                 return f"{path.name} was imported and has no raw samples: it stays as it is"
-            was, map_ = run.sensor, AmplifierTable.from_configuration(run.configuration).amplifier_map
+            was, map_ = run.sensor, run.amplifier_map
         changed = [
             f"{name} {_format_value(old)} -> {_format_value(new)}"
             for before, after in ((was, self.sensor), (map_, self.amplifier and self.amplifier.amplifier_map))

@@ -14,7 +14,7 @@ from protocols.base.quality import Quality
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from model.identification.calibration import EstimatedQuantity
+    from model.estimate import EstimatedQuantity
     from model.identification.live_fit import LiveFit
 
 BUDGET_S = 0.2

@@ -9,8 +9,6 @@ import numpy as np
 
 from app.common.formatting import format_quantity
 from app.common.units import display_unit
-from app.config.tables import AmplifierTable
-from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
 from model.response.perception import THRESHOLD_M
@@ -75,7 +73,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     amplitude_v = float(run.parameters["peak_to_peak_v"]) / 2
     top = max(float(f.max()) if f.size else 250.0, 250.0)
     curve_f = np.linspace(5.0, 1.05 * top, 500)
-    amplifier = _amplifier_of_run(run)
+    amplifier = run.amplifier_map
     curve = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier)
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
@@ -111,7 +109,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
 
     points = run.points()
     good = usable_mask(points["quality"])
-    amplifier, amplitude_v = _amplifier_of_run(run), float(run.parameters["peak_to_peak_v"]) / 2
+    amplifier, amplitude_v = run.amplifier_map, float(run.parameters["peak_to_peak_v"]) / 2
     parts = np.unique(points["part"])
     curve_f = np.linspace(5.0, 1.05 * max(float(points["frequency"].max(initial=0.0)), 100.0), 300)
     for colour, part in zip(_curve_colors(len(parts)), parts, strict=True):
@@ -137,7 +135,7 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
 def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
     """The curves of the entries; a frequency response with the model's beneath it."""
     curves, points = run.curves(), run.points()
-    amplifier, amplitude_v = _amplifier_of_run(run), float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
+    amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
         x, y = curve.columns[curve.x], curve.columns[curve.y]
         factor, unit = display_unit(y.unit)
@@ -202,11 +200,6 @@ def _curve_colors(count: int) -> Any:
 def _axis_label(column: str, unit: str) -> str:
     words = column.replace("_", " ")
     return f"{words} ({unit})" if unit else words
-
-
-def _amplifier_of_run(run: Run) -> AmplifierMap:
-    """The amplifier's map as it was then."""
-    return AmplifierTable.from_configuration(run.configuration).amplifier_map
 
 
 def _draw_trace(axes: Any, run: Run) -> None:

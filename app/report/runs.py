@@ -9,7 +9,6 @@ from typing import Any
 
 from app.archive.catalogue import Catalogue
 from app.archive.run_summary import RunFilter
-from app.config.tables import AmplifierTable
 from app.identification.observations import run_observations, shape_count_of_run
 from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
@@ -151,7 +150,7 @@ def _report_run_of(run: Run, name: str) -> ReportRun:
         flag_counts=dict(counts),
         instruments=tuple(_instrument_records(run)),
         software=", ".join(f"{name} {version}" for name, version in run.software.items()),
-        amplifier=AmplifierTable.from_configuration(run.configuration).amplifier_map,
+        amplifier=run.amplifier_map,
         observations=told,
         continues=continues.resolve() if continues else None,
         exclusion_reason=left_out,

@@ -8,23 +8,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from model.estimate import EstimatedQuantity
 from model.parameter_spec import ParameterError, parameter_specs
 from model.parameters import Membrane, Tactor
 from model.specimen import variable_specs
 from model.studies.uncertainty import EstimateSet
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatedQuantity:
-    """An identified parameter: value and standard error in `unit`, and the labels of the runs it comes from."""
-
-    name: str
-    value: float
-    standard_error: float
-    unit: str
-    source: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

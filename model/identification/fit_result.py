@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from model.estimate import EstimatedQuantity
 from model.identification import parameters as known
-from model.identification.calibration import EstimatedQuantity
 from model.identification.fit_options import FitOptions, Loss
 from model.identification.observations import ObservationSet, observed_values
 from model.identification.residuals import LeastSquaresProblem

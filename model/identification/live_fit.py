@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from model.identification.calibration import EstimatedQuantity
+from model.estimate import EstimatedQuantity
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.fit_result import JointFit, UnidentifiedCombination
 from model.identification.joint_fit import joint_fit

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.identification.calibration import EstimatedQuantity
+from model.estimate import EstimatedQuantity
 from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel
 from model.identification.observations import (

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.drive import Drive
+from model.estimate import EstimatedQuantity as EstimatedQuantity
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 
@@ -77,17 +78,6 @@ class StreamedRecording(Recording):
     def displacement_m(self) -> Array:
         """(samples,), as the sensor tells it."""
         return self._read(False)
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatedQuantity:
-    """An identified quantity: value and standard error in `unit`, and what it was identified from."""
-
-    name: str
-    value: float
-    standard_error: float
-    unit: str
-    source: str
 
 
 @dataclass(frozen=True, slots=True)

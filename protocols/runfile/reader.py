@@ -4,7 +4,7 @@ import json
 import os
 import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.closing import Closeable
 from drivers.sensors.laser_sensor import LaserSensor
+from model.amplifier_map import AmplifierMap
 from protocols.base.events import EntryStarted, RunStatus
 from protocols.base.records import CurveColumn, EstimatedQuantity, Recording, ResultCurve
 from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
@@ -139,6 +140,12 @@ class Run(Closeable):
         return dict(json.loads(self._text("configuration")))
 
     @property
+    def amplifier_map(self) -> AmplifierMap:
+        """The amplifier's static map as it was then."""
+        table = self.configuration.get("amplifier", {})
+        return AmplifierMap(**{f.name: float(table[f.name]) for f in fields(AmplifierMap) if f.name in table})
+
+    @property
     def software(self) -> dict[str, str]:
         """Versions of everything that had a hand in the numbers, by name."""
         return dict(json.loads(self._text("software")))
@@ -177,6 +184,12 @@ class Run(Closeable):
     def point_count(self) -> int:
         """How many points there are, without reading any."""
         return next((int(column.shape[0]) for column in self._entry["points"].values()), 0)
+
+    @property
+    def entry_count(self) -> int:
+        """How many entries of the plan have a point."""
+        entries = self._entry["points"].get(ENTRY_COLUMN)
+        return self.point_count if entries is None else len(set(entries[: self.point_count].tolist()))
 
     @property
     def axes(self) -> tuple[str, str]:

@@ -1,26 +1,37 @@
 """How each item of a campaign stands, told from its runs alone: done, stale, missing, failed, and what is next."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
+from app.archive.run_summary import RunSummary
 from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
-from app.campaign.status import CampaignRun, ItemStatus, NextAction, evaluate_items
+from app.campaign.status import ItemStatus, NextAction, evaluate_items
 from protocols.base.records import EstimatedQuantity
 
 A, B, C = CampaignItem("a", "p"), CampaignItem("b", "q", needs=("a",)), CampaignItem("c", "r", needs=("b",))
 
 
-def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> CampaignRun:
-    found = tuple(EstimatedQuantity(key, value, 0.1, "1", "") for key, value in estimates.items())
-    return CampaignRun(Path(f"{name}{at}.h5"), "T1", "p", {}, state, "why", f"2026-11-21T12:{at:02d}", points, found)
+def made(name: str, at: int, state: str = "completed", points: int = 3, **estimates: float) -> RunSummary:
+    found = [asdict(EstimatedQuantity(key, value, 0.1, "1", "")) for key, value in estimates.items()]
+    return RunSummary(
+        f"{name}{at}.h5",
+        state,
+        "why",
+        "p",
+        "T1",
+        f"2026-11-21T12:{at:02d}",
+        entries=points,
+        estimates_json=json.dumps(found),
+    )
 
 
 def standings(
     runs: dict, based_on: dict | None = None, items: tuple[CampaignItem, ...] = (A, B, C)
 ) -> list[tuple[str, str]]:
-    return [(line.status, line.next_action) for line in evaluate_items(items, {}, runs, based_on or {})]
+    return [(line.status, line.next_action) for line in evaluate_items(Path(), items, {}, runs, based_on or {})]
 
 
 def basis(need: str, run: str, **estimates: float) -> dict:
@@ -49,14 +60,14 @@ def test_how_a_run_ended_says_how_an_item_stands(state: str, points: int, expect
 
 
 def test_a_run_that_was_broken_off_later_does_not_undo_a_good_one() -> None:
-    (line, *_) = evaluate_items((A,), {}, {"a": [made("a", 1), made("a", 2, "stopped")]}, {})
+    (line, *_) = evaluate_items(Path(), (A,), {}, {"a": [made("a", 1), made("a", 2, "stopped")]}, {})
     assert line.status is ItemStatus.DONE
     assert line.run == Path("a1.h5")
     assert "a later run is stopped" in line.reason
 
 
 def test_what_its_own_verdicts_fail_is_not_done() -> None:
-    (line, *_) = evaluate_items((A,), {}, {"a": [replace(made("a", 1), failed_checks=("polarity",))]}, {})
+    (line, *_) = evaluate_items(Path(), (A,), {}, {"a": [made("a", 1)._replace(failed_checks="polarity")]}, {})
     assert (line.status, line.next_action, line.reason) == (
         ItemStatus.FAILED,
         NextAction.REPEAT,
@@ -67,7 +78,7 @@ def test_what_its_own_verdicts_fail_is_not_done() -> None:
 def test_what_came_before_was_measured_again() -> None:
     runs = {"a": [made("a", 1, k2=7.0), made("a", 5, k2=7.0)], "b": [made("b", 2)], "c": [made("c", 3)]}
     based = {"b2.h5": basis("a", "a1.h5", k2=7.0), "c3.h5": basis("b", "b2.h5")}
-    lines = evaluate_items((A, B, C), {}, runs, based)
+    lines = evaluate_items(Path(), (A, B, C), {}, runs, based)
     assert [(line.status, line.reason) for line in lines] == [
         (ItemStatus.DONE, "why"),
         (ItemStatus.STALE, "a was measured again"),
@@ -78,7 +89,7 @@ def test_what_came_before_was_measured_again() -> None:
 
 def test_what_came_before_tells_another_number_now() -> None:
     runs = {"a": [made("a", 1, k2=7.5)], "b": [made("b", 2)]}
-    line = evaluate_items((A, B), {}, runs, {"b2.h5": basis("a", "a1.h5", k2=7.0)})[1]
+    line = evaluate_items(Path(), (A, B), {}, runs, {"b2.h5": basis("a", "a1.h5", k2=7.0)})[1]
     assert line.reason == "k2 of a changed from 7 to 7.5"
     assert standings(runs, {"b2.h5": basis("a", "a1.h5", k2=7.5)}, (A, B))[1] == ("done", "")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from app.archive.catalogue import Catalogue, ScanResult, index_path
+from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
@@ -65,7 +65,7 @@ def test_the_index_can_be_thrown_away(damage: str, catalogue: Catalogue) -> None
         catalogue.index.write_bytes(b"nothing of the kind" * 500)
     else:
         with catalogue._connection() as db:
-            db.execute("PRAGMA user_version = 999")
+            db.execute(f"PRAGMA user_version = {SCHEMA - 1}")  # of the version of this program before
     assert catalogue.entries() == []
     catalogue.scan()
     assert catalogue.entries() == before

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from model.identification.calibration import Calibration, EstimatedQuantity
+from model.estimate import EstimatedQuantity
+from model.identification.calibration import Calibration
 from model.identification.fit_options import FitOptions
 
 
