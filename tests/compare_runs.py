@@ -441,7 +441,7 @@ def _program(options: argparse.Namespace) -> tuple[list[str], dict[str, str]]:
     if options.checkout is None:
         return shlex.split(options.program), {}
     root = options.checkout.resolve()
-    project = tomllib.loads((root / "pyproject.toml").read_text_table("utf-8"))["project"]
+    project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))["project"]
     module, _, function = project["scripts"]["tactor-bench"].partition(":")
     start = f"import sys; from {module} import {function}; sys.argv[0] = 'tactor-bench'; sys.exit({function}())"
     return [sys.executable, "-c", start], {"PYTHONPATH": str(root)}
