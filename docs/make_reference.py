@@ -23,7 +23,7 @@ sys.path.insert(0, str(HERE.parent))
 import h5py  # noqa: E402
 
 import tactor_bench as tb  # noqa: E402
-from app.cli.main import _parser  # noqa: E402
+from app.cli.main import complete_parser  # noqa: E402
 from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
 from protocols.base.protocol import Protocol  # noqa: E402
@@ -72,7 +72,7 @@ def protocol(kind: type[Protocol]) -> str:
 def commands() -> Iterator[str]:
     """The help of every command, as the program prints it."""
     os.environ["COLUMNS"] = "100"
-    for name, parser in every_parser("tactor-bench", _parser()):
+    for name, parser in every_parser("tactor-bench", complete_parser()):
         yield f"## `{name}`\n\n```text\n{parser.format_help().rstrip()}\n```\n"
 
 

@@ -1,9 +1,13 @@
-"""What `tactor-bench calibration` does: show a version of what was accepted of a specimen, compare two, use another."""
+"""The command `calibration`: accept, show, compare and activate versions of a specimen's estimates."""
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from app.cli.identify import IdentifyOptions, identify_runs
 from app.cli.identify_tables import estimate_table
+from app.cli.options import JSON_OBJECT, define_command, folder_option, option, switch
 from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
 from app.identification import calibrations
@@ -11,19 +15,48 @@ from app.identification.calibrations import CalibrationError, Calibrations
 from model.identification.calibration import Calibration, compare_calibrations
 
 
-def calibration(options: argparse.Namespace) -> int:
-    """`tactor-bench calibration show|diff|use SPECIMEN`."""
+@dataclass(frozen=True)
+class ShowOptions:
+    """Options of `calibration show`."""
+
+    specimen: str = option()
+    version: int | None = option("--version", type=int)
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+@dataclass(frozen=True)
+class DiffOptions:
+    """Options of `calibration diff`."""
+
+    specimen: str = option()
+    first: int = option(type=int)
+    second: int = option(type=int)
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+@dataclass(frozen=True)
+class UseOptions:
+    """Options of `calibration use`."""
+
+    specimen: str = option()
+    version: int = option(type=int)
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+def calibration(options: ShowOptions | DiffOptions | UseOptions) -> int:
+    """Run `tactor-bench calibration show|diff|use SPECIMEN`."""
     try:
         known = calibrations.read_calibrations(options.folder, options.specimen)
-        match options.what:
-            case "show":
-                return render(_version_result(known.get(options.version), known), options)
-            case "diff":
-                return render(_difference_result(known.get(options.first), known.get(options.second)), options)
-            case _:
-                chosen = known.get(options.version)
-                calibrations.write_calibrations(options.folder, options.specimen, replace(known, active=chosen.version))
-                return render(_version_result(chosen, replace(known, active=chosen.version)), options)
+        if isinstance(options, DiffOptions):
+            return render(_difference_result(known.get(options.first), known.get(options.second)), options.json)
+        chosen = known.get(options.version)
+        if isinstance(options, UseOptions):
+            known = replace(known, active=chosen.version)
+            calibrations.write_calibrations(options.folder, options.specimen, known)
+        return render(_version_result(chosen, known), options.json)
     except CalibrationError as error:
         raise UsageError(f"specimen {options.specimen}: {error}") from None
 
@@ -46,7 +79,7 @@ def _version_result(version: Calibration, calibrations: Calibrations) -> Command
 
 
 def _version_lines(calibrations: Calibrations) -> list[str]:
-    """All versions in a line, where there are several."""
+    """Return one line that lists all versions, if there are several."""
     if len(calibrations.versions) < 2:
         return []
     each = (
@@ -58,13 +91,13 @@ def _version_lines(calibrations: Calibrations) -> list[str]:
 
 
 def _correction_lines(version: Calibration) -> list[str]:
-    """Which corrected calibration of the instruments a version rests on."""
+    """Return the corrected instrument calibration that a version is based on."""
     if not version.reduced:
         return []
     sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
     words = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
     if sensor:
-        when = sensor["calibrated"] or "nobody tells when"
+        when = sensor["calibrated"] or "date not recorded"
         words.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
     if amplifier:
         words.append(
@@ -87,3 +120,36 @@ def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
         ),
     )
     return CommandResult("calibration diff", {}, (table,))
+
+
+def _define_calibration(parser: argparse.ArgumentParser) -> None:
+    parser.description = "What was accepted of a specimen: one version after the other, one of them active."
+    parser.epilog = "example: tactor-bench calibration show T7"
+    verbs = parser.add_subparsers(title="what", metavar="WHAT", required=True)
+    define_command(
+        verbs.add_parser("accept", help="identify these runs and keep the result: identify --accept"),
+        IdentifyOptions,
+        lambda options: identify_runs(options, accept=True),
+        epilog="example: calibration accept runs/*_T7_*.h5 --by 'K. Tanaka'",
+    )
+    define_command(
+        verbs.add_parser("show", help="one version, the active one by default"),
+        ShowOptions,
+        calibration,
+        epilog="example: calibration show T7",
+    )
+    define_command(
+        verbs.add_parser("diff", help="what changed between two versions"),
+        DiffOptions,
+        calibration,
+        epilog="example: calibration diff T7 1 2",
+    )
+    define_command(
+        verbs.add_parser("use", help="make another version the active one"),
+        UseOptions,
+        calibration,
+        epilog="example: calibration use T7 1",
+    )
+
+
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"calibration": _define_calibration}

@@ -1,13 +1,10 @@
-"""What `tactor-bench campaign` does.
-
-The parser of `tactor-bench campaign`. What it runs is imported when it runs.
-"""
+"""The command `campaign`: the measurements of one specimen in their order."""
 
 import argparse
-import json
 import sys
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,54 +20,88 @@ from app.campaign.queue import (
     rehearse_campaign,
 )
 from app.campaign.status import ItemState
-from app.cli.bench import add_fault_option
-from app.cli.headless import exit_code, headless_session
-from app.cli.run import selected_bench
+from app.cli.headless import exit_code, headless_session, select_bench
+from app.cli.options import BenchOptions, define_command, faults_option, option, switch
+from app.cli.output import print_json, print_line
 from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration, format_uncertain
 from drivers.errors import BenchError
-from protocols.base.jsonable import to_jsonable
 from protocols.runfile.reader import RunReadError
 
 
-def campaign(options: argparse.Namespace) -> int:
-    """`tactor-bench campaign VERB`."""
+@dataclass(frozen=True)
+class CampaignOptions(BenchOptions):
+    """Options of `campaign new`, `status` and `rehearse`."""
+
+    json: bool = switch("--json", "one JSON object on standard output, SI units")
+
+
+@dataclass(frozen=True)
+class ItemOptions(CampaignOptions):
+    """Options of the verbs for one item."""
+
+    item: str = option(help="name of the item, as in 'status'")
+
+
+@dataclass(frozen=True)
+class SkipOptions(ItemOptions):
+    """Options of `campaign skip`."""
+
+    reason: str = option("--reason", default="skipped", help="why; kept in the campaign. '' takes it in again")
+
+
+@dataclass(frozen=True)
+class MoveOptions(ItemOptions):
+    """Options of `campaign move`."""
+
+    before: str = option("--before", required=True, metavar="ITEM", help="the item it shall stand before")
+
+
+@dataclass(frozen=True)
+class RunItemOptions(CampaignOptions):
+    """Options of `campaign run` and `resume`."""
+
+    item: str = option(nargs="?", default="", help="name of the item, as in 'status'")
+    all: bool = switch("--all", "go on with what comes next until all is done")
+    hands_free: bool = switch("--hands-free", "like --all, but only what nobody must touch the specimen for")
+    faults: Sequence[str] = faults_option()
+
+
+def campaign(verb: str, options: CampaignOptions) -> int:
+    """Run `tactor-bench campaign VERB`."""
     folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
     try:
-        if options.verb == "new":
-            begun = Campaign.create(folder, specimen, selected_bench(options)[0].simulated)
-            return _print_campaign(begun, options.json)
+        if verb == "new":
+            return _print_campaign(
+                Campaign.create(folder, specimen, select_bench(options).config.simulated), options.json
+            )
         known = Campaign.open(folder, specimen)
-        match options.verb:
-            case "rehearse":
-                return _rehearse(known, options)
-            case "run" | "resume":
-                return _run(known, options)
-            case "skip":
+        match options:
+            case RunItemOptions():
+                return _run(known, options, verb == "resume")
+            case SkipOptions():
                 known.skip(options.item, options.reason)
-            case "accept":
-                known.accept(options.item)
-            case "repeat":
-                known.repeat(options.item)
-            case "reject":
-                known.reject(options.item)
-            case "move":
+            case MoveOptions():
                 known.move(options.item, options.before)
+            case ItemOptions():
+                {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[verb](options.item)
+            case _ if verb == "rehearse":
+                return _rehearse(known, options)
         return _print_campaign(known, options.json)
     except (CampaignError, RunReadError) as error:
         raise UsageError(str(error)) from None
 
 
-def _run(campaign_: Campaign, options: argparse.Namespace) -> int:
-    config, speed = selected_bench(options)
-    check_bench_kind(campaign_, config.simulated)
-    line: ItemState | None = first_item(campaign_, options.item or "", options.hands_free, options.verb == "resume")
+def _run(campaign_: Campaign, options: RunItemOptions, resume: bool) -> int:
+    bench = select_bench(options)
+    check_bench_kind(campaign_, bench.config.simulated)
+    line: ItemState | None = first_item(campaign_, options.item, options.hands_free, resume)
     conductor, on = CampaignRunner(campaign_), options.all or options.hands_free
-    with headless_session(config, speed, options, [conductor], options.faults) as front:
+    with headless_session(bench, options.json, [conductor], options.faults) as front:
         while line is not None:
             if not options.json:
-                does = ACTION_LABELS[line.next_action].lower()
-                sys.stderr.write(f"campaign of {campaign_.specimen}: {does} {line.item.name} ({line.title})\n")
+                action = ACTION_LABELS[line.next_action].lower()
+                sys.stderr.write(f"campaign of {campaign_.specimen}: {action} {line.item.name} ({line.title})\n")
             conductor.start(front.session, line)
             front.wait()
             if exit_code(front.session) != ExitCode.DONE or front.interrupted.is_set() or not on:
@@ -81,23 +112,22 @@ def _run(campaign_: Campaign, options: argparse.Namespace) -> int:
     return exit_code(front.session)
 
 
-def _rehearse(campaign_: Campaign, options: argparse.Namespace) -> int:
+def _rehearse(campaign_: Campaign, options: CampaignOptions) -> int:
     from app.campaign.summary import identified_tactor
     from app.session.connect import connect
 
-    config, speed = selected_bench(options)
+    bench = select_bench(options)
     try:
-        with connect(config, None if config.simulated else speed) as lab:
-            told = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
+        with connect(bench.config, None if bench.config.simulated else bench.speed) as lab:
+            rehearsal = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
     except BenchError as error:
         raise UsageError(str(error)) from None
-    print(_rehearsal_record(told) if options.json else _rehearsal_text(told))  # noqa: T201 - the command line speaks here
+    if options.json:
+        items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
+        print_json({**asdict(rehearsal), "items": items})
+    else:
+        print_line(_rehearsal_text(rehearsal))
     return ExitCode.DONE
-
-
-def _rehearsal_record(rehearsal: CampaignRehearsal) -> str:
-    items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
-    return json.dumps(to_jsonable({**asdict(rehearsal), "items": items}), allow_nan=False)
 
 
 def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
@@ -123,18 +153,18 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     if as_json:
         record = {"specimen": campaign_.specimen, "simulated": campaign_.simulated, "path": str(campaign_.path)}
         record["identified"] = [asdict(estimate) for estimate in estimates]
-        print(json.dumps(to_jsonable({**record, "items": [_item_record(line) for line in lines]}), allow_nan=False))  # noqa: T201
+        print_json({**record, "items": [_item_record(line) for line in lines]})
         return ExitCode.DONE
-    print(  # noqa: T201
+    print_line(
         f"campaign of {campaign_.specimen}" + ("   SIMULATED" if campaign_.simulated else "") + f"   {campaign_.path}"
     )
     for line in lines:
-        print(_item_text(line))  # noqa: T201
+        print_line(_item_text(line))
     if estimates:
-        print("identified so far, by the paper's chain ('tactor-bench identify' for more):")  # noqa: T201
+        print_line("identified so far, by the paper's chain ('tactor-bench identify' for more):")
     for estimate in estimates:
         value = format_uncertain(estimate.value, estimate.standard_error, estimate.unit)
-        print(f"    {estimate.name}: {value}")  # noqa: T201
+        print_line(f"    {estimate.name}: {value}")
     return ExitCode.DONE
 
 
@@ -163,56 +193,36 @@ def _item_text(state: ItemState) -> str:
     return "\n".join(words)
 
 
-AddOptions = Callable[[argparse.ArgumentParser], None]
-
-VERBS: dict[str, tuple[str, str]] = {
-    "new": ("begin a campaign of a specimen: the paper's measurements in their order", ""),
-    "status": ("what is done, stale, missing or failed, and what comes next", ""),
-    "rehearse": ("go through what is left without moving anything: time, prompts, volts, bytes", ""),
-    "run": ("measure the next item, or the one that is named", "ITEM"),
-    "resume": ("go on with the item that was broken off", "ITEM"),
-    "skip": ("leave an item out", "ITEM!"),
-    "repeat": ("measure an item again: its runs until now do not count", "ITEM!"),
-    "accept": ("say that what the run of an item found has been looked at and is taken", "ITEM!"),
-    "reject": ("do not accept the run of an item that counts now", "ITEM!"),
-    "move": ("put an item before another one", "ITEM!"),
+VERBS: Mapping[str, tuple[type[CampaignOptions], str]] = {
+    "new": (CampaignOptions, "begin a campaign of a specimen: the paper's measurements in their order"),
+    "status": (CampaignOptions, "what is done, stale, missing or failed, and what comes next"),
+    "rehearse": (CampaignOptions, "go through what is left without moving anything: time, prompts, volts, bytes"),
+    "run": (RunItemOptions, "measure the next item, or the one that is named"),
+    "resume": (RunItemOptions, "go on with the item that was broken off"),
+    "skip": (SkipOptions, "leave an item out"),
+    "repeat": (ItemOptions, "measure an item again: its runs until now do not count"),
+    "accept": (ItemOptions, "say that what the run of an item found has been looked at and is taken"),
+    "reject": (ItemOptions, "do not accept the run of an item that counts now"),
+    "move": (MoveOptions, "put an item before another one"),
 }
 
 
-def add_campaign_command(subparsers: Any, add_bench_options: AddOptions) -> None:
-    """Register the command with the subparsers of the command; the options are those of `run`."""
-    campaign = subparsers.add_parser(
-        "campaign",
-        help="the measurements of one specimen in their order: new, status, run, resume ...",
-        description="All measurements of one specimen, each after what it is based on. How they stand is read from the run "
-        "files; a campaign can be stopped, killed and gone on with at any time.",
-        epilog="example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
+def _define_campaign(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "All measurements of one specimen, each after what it is based on. How they stand is read from the run "
+        "files; a campaign can be stopped, killed and gone on with at any time."
     )
-    verbs = campaign.add_subparsers(title="what to do", metavar="VERB", required=True, parser_class=type(campaign))
-    for verb, (words, item) in VERBS.items():
-        one = verbs.add_parser(
-            verb,
-            help=words,
-            description=f"{words[0].upper()}{words[1:]}.",
-            epilog=f"example: tactor-bench campaign {verb} {'dwell ' if item else ''}--specimen T7",
+    parser.epilog = "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7"
+    verbs = parser.add_subparsers(title="what to do", metavar="VERB", required=True)
+    for verb, (kind, text) in VERBS.items():
+        item = "" if kind is CampaignOptions else "dwell "
+        define_command(
+            verbs.add_parser(verb, help=text),
+            kind,
+            partial(campaign, verb),
+            f"{text[0].upper()}{text[1:]}.",
+            f"example: tactor-bench campaign {verb} {item}--specimen T7",
         )
-        add_bench_options(one)
-        if item:
-            one.add_argument("item", nargs=None if item.endswith("!") else "?", help="name of the item, as in 'status'")
-        one.add_argument("--json", action="store_true", help="one JSON object on standard output, SI units")
-        if verb in ("run", "resume"):
-            one.add_argument("--all", action="store_true", help="go on with what comes next until all is done")
-            one.add_argument(
-                "--hands-free", action="store_true", help="like --all, but only what nobody must touch the specimen for"
-            )
-            add_fault_option(one)
-        if verb == "skip":
-            one.add_argument("--reason", default="skipped", help="why; kept in the campaign. '' takes it in again")
-        if verb == "move":
-            one.add_argument("--before", required=True, metavar="ITEM", help="the item it shall stand before")
-        one.set_defaults(command=_campaign, verb=verb)
 
 
-def _campaign(options: argparse.Namespace) -> int:
-
-    return campaign(options)
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"campaign": _define_campaign}

@@ -1,14 +1,18 @@
-"""What `tactor-bench compare` does: two runs of one kind, point by point, at the same settings."""
+"""The command `compare`: two runs of one protocol, point by point at the same settings."""
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.special import chdtrc
 
+from app.cli.options import JSON_OBJECT, define_command, option, switch
 from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
+from app.common.inputs import path_argument
 from model.identification.fit_result import format_p_value
 from protocols.base.quality import usable_mask
 from protocols.runfile.reader import Run, RunReadError
@@ -19,11 +23,20 @@ MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
 Point = dict[str, float]
 
 
-def compare_runs(options: argparse.Namespace) -> int:
-    """`tactor-bench compare A B`."""
+@dataclass(frozen=True)
+class CompareOptions:
+    """Options of `compare`."""
+
+    first: Path = option(type=path_argument)
+    second: Path = option(type=path_argument)
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+def compare_runs(options: CompareOptions) -> int:
+    """Compare two runs of one protocol point by point."""
     try:
         with Run(options.first) as a, Run(options.second) as b:
-            return render(_comparison_result(a, b), options)
+            return render(_comparison_result(a, b), options.json)
     except (RunReadError, ValueError) as error:
         raise UsageError(str(error)) from None
 
@@ -119,3 +132,14 @@ def _usable_points(run: Run) -> list[Point]:
         {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}
         for at in np.flatnonzero(usable_mask(columns["quality"]))
     ]
+
+
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
+    "compare": lambda parser: define_command(
+        parser,
+        CompareOptions,
+        compare_runs,
+        "Points of two runs side by side: values, difference, and the difference in standard errors.",
+        "example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5",
+    )
+}

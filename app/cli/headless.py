@@ -1,6 +1,5 @@
 """A session with the terminal as its front end: progress, prompts, signals, exit codes."""
 
-import argparse
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -9,8 +8,10 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
 
+from app.cli.options import BenchOptions
 from app.common.errors import ExitCode, UsageError
 from app.config.bench_file import BenchConfig
+from app.session.request import choose_bench
 from app.session.session import Session
 from protocols.base.events import RunStatus
 
@@ -19,38 +20,55 @@ EXIT_CODES = {RunStatus.COMPLETED: ExitCode.DONE, RunStatus.UNSAFE: ExitCode.UNS
 
 @dataclass
 class HeadlessSession:
-    """A session that is open; `stopped` is set when somebody pressed Ctrl-C: then nothing new is begun."""
+    """An open session; `interrupted` is set by Ctrl-C: then no further run is started."""
 
     session: Session
     interrupted: threading.Event = field(default_factory=threading.Event)
 
     def wait(self) -> None:
-        """Until the run that was asked for has ended, or there is no bench."""
-        # In slices, because a wait without end would keep Python from seeing the signal.
+        """Wait until the run has ended, or the bench failed."""
+        # In slices, because an endless wait would keep Python from handling the signal.
         while not self.session.finished.wait(0.1):
             pass
 
 
 def exit_code(session: Session) -> int:
-    """What the last run of a session tells the caller of the program."""
+    """Return the exit code for the last run of a session."""
     return ExitCode.FAILED if session.outcome is None else EXIT_CODES.get(session.outcome[0], ExitCode.FAILED)
+
+
+@dataclass(frozen=True)
+class SelectedBench:
+    """The bench that the options choose, and its speed: None is the virtual clock."""
+
+    name: str
+    config: BenchConfig
+    speed: float | None
+
+
+def select_bench(options: BenchOptions) -> SelectedBench:
+    """Return the bench of the options.
+
+    Raises:
+        UsageError: the bench file is wrong, or an option does not fit the bench.
+    """
+    return SelectedBench(options.bench, *choose_bench(options.bench, options.speed, options.seed, option="--"))
 
 
 @contextmanager
 def headless_session(
-    config: BenchConfig,
-    speed: float | None,
-    options: argparse.Namespace,
+    bench: SelectedBench,
+    as_json: bool,
     observers: Sequence[Callable[[Any], None]] = (),
     planned_faults: Sequence[str] = (),
 ) -> Iterator[HeadlessSession]:
-    """A bench that is being opened; let go of at the end, at rest.
+    """Open a bench as a session with the terminal as its front end; at the end it is closed at rest.
 
     Raises:
         UsageError: faults were planned for a real bench.
     """
-    if planned_faults and not config.simulated:
-        raise UsageError(f"--fault is for a simulated bench; {options.bench} is a real one")
+    if planned_faults and not bench.config.simulated:
+        raise UsageError(f"--fault is for a simulated bench; {bench.name} is a real one")
     from app.cli.console import ConsoleObserver, JsonObserver, StderrConsole
     from app.cli.prompts import KEY_HELP, ConsoleOperator, can_poll_keyboard
     from app.session.connect import UNATTENDED_BLOCK_S, connect
@@ -59,10 +77,10 @@ def headless_session(
     plan = FaultPlan([parse_planned_fault(text) for text in planned_faults])
     operator = ConsoleOperator()
     keys = KEY_HELP if can_poll_keyboard() else ""
-    observer = JsonObserver() if options.json else ConsoleObserver(StderrConsole(), keys)
+    observer = JsonObserver() if as_json else ConsoleObserver(StderrConsole(), keys)
     with observer:
-        way = plan.wrap(lambda: connect(config, speed, UNATTENDED_BLOCK_S))
-        front = HeadlessSession(Session(way, [observer, operator, plan, *observers], operator))
+        opener = plan.wrap(lambda: connect(bench.config, bench.speed, UNATTENDED_BLOCK_S))
+        front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator))
         plan.on_switched = front.session.inject_event
         with _stop_on_signal(front), operator.listening(front.session):
             front.session.start()
@@ -74,7 +92,7 @@ def headless_session(
 
 @contextmanager
 def _stop_on_signal(headless: HeadlessSession) -> Iterator[None]:
-    """Ctrl-C and SIGTERM ask the run to go to rest; asking again changes nothing, because rest comes first."""
+    """Stop the run at Ctrl-C or SIGTERM; a second signal changes nothing, because rest comes first."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         headless.interrupted.set()

@@ -1,15 +1,13 @@
-"""The command `tactor-bench import`.
-
-The parser of `tactor-bench import`. What it runs is imported when it runs.
-"""
+"""The command `import`: tables and time series as run files."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from app.archive.importing.importer import ImportOptions, import_files, read_time
 from app.archive.importing.points import ImportedRun
+from app.cli.options import JSON_OBJECT, define_command, option, repeated, switch
 from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument, specimen_argument
@@ -19,15 +17,96 @@ from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
 
 
-def import_command(options: argparse.Namespace) -> int:
-    """`tactor-bench import FILE...`."""
+@dataclass(frozen=True)
+class ImportArguments:
+    """Options of `import` as they are written."""
+
+    files: Sequence[Path] = option(
+        nargs="+",
+        type=path_argument,
+        metavar="FILE",
+        help="CSV (any delimiter, decimal comma or point) or MAT files",
+    )
+    kind: str | None = option(
+        "--as",
+        metavar="KIND",
+        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency), or another protocol; "
+        "(default: what the columns say)",
+    )
+    column: Sequence[str] = repeated(
+        "--column",
+        "QUANTITY=HEAD",
+        "which column is which quantity, e.g. peak_to_peak=A; where its name does not tell; may be given often",
+    )
+    unit: Sequence[str] = repeated(
+        "--unit",
+        "COLUMN=UNIT",
+        "the unit of a column, e.g. A=um; instead of what its head says; may be given often",
+    )
+    uncertainty: Sequence[str] = repeated(
+        "--uncertainty",
+        "QUANTITY=SIZE",
+        "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'; may be given often",
+    )
+    settings: Sequence[str] = repeated(
+        "--set",
+        "NAME=VALUE",
+        "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'; may be given often",
+    )
+    specimen: str = option(
+        "--specimen", type=specimen_argument, default="unnamed", help="name of the specimen (default: unnamed)"
+    )
+    membrane_elongation: str | None = option(
+        "--membrane-elongation",
+        metavar="LENGTH",
+        help="by how much the membrane was stretched, e.g. '1.27 mm'; free without it",
+    )
+    sensor: str = option(
+        "--sensor",
+        default="",
+        metavar="NAME",
+        help="the displacement sensor's name and serial number; runs of one sensor share its gain's error",
+    )
+    gain_error: str | None = option(
+        "--gain-error",
+        metavar="SHARE",
+        help="standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'",
+    )
+    sensor_delay: str | None = option(
+        "--sensor-delay", metavar="TIME", help="how late the sensor's output was, e.g. '100 us'; for time series"
+    )
+    bench: str = option(
+        "--bench",
+        default="sim",
+        metavar="FILE",
+        help="bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)",
+    )
+    measured: str | None = option(
+        "--measured",
+        metavar="WHEN",
+        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run says it is not told)",
+    )
+    simulated: bool = switch("--simulated", "these values come from a simulation; the run will say so")
+    out: Path = option(
+        "--out",
+        type=path_argument,
+        default=Path("runs"),
+        metavar="FOLDER",
+        help="folder for the run files (default: runs)",
+    )
+    dry_run: bool = switch("--dry-run", "tell what would be read, and write nothing")
+    json: bool = switch("--json", JSON_OBJECT)
+
+
+def import_command(options: ImportArguments) -> int:
+    """Import tables and time series as run files."""
     words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
-    with terminal_progress(words, options.json) as tell:
-        taken, written = import_files(_options(options), _load_amplifier(options.bench), tell)
-    return render(_import_result(taken, written), options)
+    with terminal_progress(words, options.json) as progress:
+        taken, written = import_files(_options(options), _load_amplifier(options.bench), progress)
+    return render(_import_result(taken, written), options.json)
 
 
-def _options(options: argparse.Namespace) -> ImportOptions:
+def _options(options: ImportArguments) -> ImportOptions:
     elongation = _parse_number("--membrane-elongation", options.membrane_elongation, "m")
     if elongation is not None and not 0 <= elongation <= 0.05:
         raise UsageError(f"--membrane-elongation {options.membrane_elongation}: it must lie between 0 and 50 mm")
@@ -112,102 +191,16 @@ def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> Comm
     return CommandResult("import", {}, tuple(tables), tuple(notes), extra=more)
 
 
-def add_import_command(subparsers: Any) -> None:
-    """Register `import` with the subparsers of the command."""
-    command = subparsers.add_parser(
-        "import",
-        help="old tables and time series as run files: CSV or MAT",
-        description="Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
+    "import": lambda parser: define_command(
+        parser,
+        ImportArguments,
+        import_command,
+        "Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
         "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each says that it was "
         "imported, from which file and which columns, and has no raw samples. Units stand in the header ('frequency [Hz]', "
         "'amplitude_um', 'Load (g)') or in --unit.",
-        epilog="example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
+        "example: tactor-bench import fig4.csv --as sine-dwell --specimen T7 --set 'peak_to_peak_v=5 V' --column peak_to_peak=amplitude_um "
         "--uncertainty 'peak_to_peak=1 %'",
     )
-    command.add_argument(
-        "files",
-        nargs="+",
-        type=path_argument,
-        metavar="FILE",
-        help="CSV (any delimiter, decimal comma or point) or MAT files",
-    )
-    command.add_argument(
-        "--as",
-        dest="kind",
-        metavar="KIND",
-        help="sine-dwell, static-loading, voltage-steps, mass-resonance, raw (time series, a file a frequency), or another protocol; "
-        "(default: what the columns say)",
-    )
-    for option, name, words in (
-        (
-            "--column",
-            "QUANTITY=HEAD",
-            "which column is which quantity, e.g. peak_to_peak=A; where its name does not tell",
-        ),
-        ("--unit", "COLUMN=UNIT", "the unit of a column, e.g. A=um; instead of what its head says"),
-        (
-            "--uncertainty",
-            "QUANTITY=SIZE",
-            "standard uncertainty of every value, e.g. 'deflection=2 um' or 'peak_to_peak=1 %%'",
-        ),
-        ("--set", "NAME=VALUE", "a parameter of the protocol that is known, e.g. 'peak_to_peak_v=5 V'"),
-    ):
-        command.add_argument(
-            option,
-            dest={"--set": "settings"}.get(option, option[2:]),
-            action="append",
-            default=[],
-            metavar=name,
-            help=f"{words}; may be given often",
-        )
-    command.add_argument(
-        "--specimen", type=specimen_argument, default="unnamed", help="name of the specimen (default: unnamed)"
-    )
-    command.add_argument(
-        "--membrane-elongation",
-        metavar="LENGTH",
-        help="by how much the membrane was stretched, e.g. '1.27 mm'; free without it",
-    )
-    command.add_argument(
-        "--sensor",
-        default="",
-        metavar="NAME",
-        help="the displacement sensor's name and serial number; runs of one sensor share its gain's error",
-    )
-    command.add_argument(
-        "--gain-error",
-        metavar="SHARE",
-        help="standard uncertainty of the sensor's gain, common to all values, e.g. '0.5 %%'",
-    )
-    command.add_argument(
-        "--sensor-delay", metavar="TIME", help="how late the sensor's output was, e.g. '100 us'; for time series"
-    )
-    command.add_argument(
-        "--bench",
-        default="sim",
-        metavar="FILE",
-        help="bench file of the amplifier it was driven with (default: AMT2012-CE3, 2.5 V is rest)",
-    )
-    command.add_argument(
-        "--measured",
-        metavar="WHEN",
-        help="when it was measured: 2019-05-04, or 2019-05-04T15:30 (default: now, and the run says it is not told)",
-    )
-    command.add_argument(
-        "--simulated", action="store_true", help="these values come from a simulation; the run will say so"
-    )
-    command.add_argument(
-        "--out",
-        type=path_argument,
-        default=Path("runs"),
-        metavar="FOLDER",
-        help="folder for the run files (default: runs)",
-    )
-    command.add_argument("--dry-run", action="store_true", help="tell what would be read, and write nothing")
-    command.add_argument("--json", action="store_true", help="as one JSON object, SI units")
-    command.set_defaults(command=_import)
-
-
-def _import(options: argparse.Namespace) -> int:
-
-    return import_command(options)
+}

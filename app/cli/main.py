@@ -9,16 +9,57 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any, NoReturn
 
+from app.cli.options import BenchOptions, add_options, read_options
 from app.common.errors import ExitCode, UsageError
-from app.common.inputs import path_argument, seed_argument, specimen_argument, truncate_text
+from app.common.inputs import truncate_text
 
 PROGRAM = "tactor-bench"
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "run": ("app.cli.run", "run a protocol without a window"),
+    "window": ("app.cli.run", "open the window (also what happens without a command)"),
+    "demo": (
+        "app.cli.run",
+        "a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
+    ),
+    "show": ("app.cli.run", "tell what a run file holds"),
+    "check": ("app.cli.bench", "check the wiring with small voltages: a table of pass and fail"),
+    "devices": ("app.cli.bench", "find what is connected: VISA instruments, NI cards, serial ports"),
+    "bench": ("app.cli.bench", "write a first bench file"),
+    "faults": ("app.cli.bench", "list what can be broken on a simulated bench"),
+    "campaign": ("app.cli.campaign", "the measurements of one specimen in their order: new, status, run, resume ..."),
+    "model": (
+        "app.cli.model",
+        "ask the model: parameters, modes, statics, frequency response, step, membrane, convergence",
+    ),
+    "study": ("app.cli.study", "vary any parameters over any values: curves, HDF5 and CSV files, sensitivity"),
+    "figures": (
+        "app.cli.study",
+        "the theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11, 12 as pictures and CSV",
+    ),
+    "runs": ("app.cli.runs", "list the runs of a folder; find some by specimen, protocol, date, status or words"),
+    "export": ("app.cli.runs", "a run as CSV, JSON or MAT files"),
+    "import": ("app.cli.import_", "old tables and time series as run files: CSV or MAT"),
+    "protocols": ("app.cli.run", "list what can be measured, and the parameters of each"),
+    "resume": (
+        "app.cli.run",
+        "go on with a run that was stopped or crashed, or measure some of its points again",
+    ),
+    "identify": ("app.cli.identify", "parameters of a specimen from its runs, with errors"),
+    "compare": ("app.cli.compare", "what differs between two runs of the same kind"),
+    "calibration": (
+        "app.cli.calibration",
+        "the accepted estimates of a specimen: accept, show, diff, use another version",
+    ),
+    "report": ("app.cli.report", "the report of a specimen: PDF and HTML"),
+}
+"""The module that defines each command, and one line of help. A module is imported only for its own commands."""
+
 GC_THRESHOLD = 50_000
 """Objects made between two looks for garbage. Python's own 700 is a seventh of the time to a window: imports leave none."""
-PROTOCOL_HELP = "a protocol, such as sine-dwell ('tactor-bench protocols' lists them)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -35,15 +76,24 @@ class _Version(argparse.Action):
         parser.exit(message=f"{PROGRAM} {version()}\n")
 
 
-def _deferred_command(name: str) -> Callable[[argparse.Namespace], int]:
-    """A function of `app.cli.run`, imported when it runs: a help text or the model need none of its half second."""
+class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: SLF001
+    """The commands; the module of the one that is asked for is imported to define its options."""
 
-    def command(options: argparse.Namespace) -> int:
-        from app.cli import run as commands
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        self.define(values[0])
+        super().__call__(parser, namespace, values, option_string)
 
-        return int(getattr(commands, name)(options))
-
-    return command
+    def define(self, name: str) -> None:
+        """Add the options of a command to its parser, once."""
+        parser = self.choices[name]
+        if parser.get_default("command") is None and parser.description is None:
+            import_module(COMMANDS[name][0]).COMMANDS[name](parser)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -94,15 +144,7 @@ def entry() -> NoReturn:
 
 @functools.cache
 def _parser() -> argparse.ArgumentParser:
-    """Everything that is understood; made once, since it takes longer than many a command."""
-    from app.cli.bench import add_bench_commands, add_fault_option
-    from app.cli.campaign import add_campaign_command
-    from app.cli.identify import add_identify_commands, add_report_command
-    from app.cli.import_ import add_import_command
-    from app.cli.model import add_model_commands
-    from app.cli.run import add_protocol_commands
-    from app.cli.runs import add_run_commands
-
+    """Return the parser; it is made once, because that takes longer than many a command."""
     parser = _Parser(
         prog=PROGRAM,
         description="Drive, measure, model and identify macro-fiber-composite tactors.",
@@ -110,102 +152,28 @@ def _parser() -> argparse.ArgumentParser:
         "3 UNSAFE: rest could not be confirmed.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="the program's version")
-    _add_bench_options(parser)
-    parser.set_defaults(
-        command=_deferred_command("window"),
-        protocol="sine-dwell",
-        settings=[],
-        autostart=False,
-        bench="sim",
-        speed=None,
-        seed=None,
-        out=None,
-        specimen=None,
-    )
-    known = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_Parser)
-
-    run = known.add_parser(
-        "run",
-        help="run a protocol without a window",
-        description="Run a protocol: progress on the terminal, one HDF5 file as result.",
-        epilog="example: tactor-bench run sine-dwell --set frequencies_hz=100,150,160,170,200 --set peak_to_peak_v='4 V'",
-    )
-    run.add_argument("protocol", help=f"{PROTOCOL_HELP}, or a lab's own file: ./my_protocol.py")
-    _add_bench_options(run)
-    _add_setting_option(run)
-    run.add_argument("--json", action="store_true", help="one JSON object per event on standard output, SI units")
-    add_fault_option(run)
-    run.set_defaults(command=_deferred_command("run"))
-
-    window = known.add_parser(
-        "window",
-        help="open the window (also what happens without a command)",
-        description="Open the window, with a protocol's form filled in and, if asked, started.",
-        epilog="example: tactor-bench window sine-dwell --start --set peak_to_peak_v=4",
-    )
-    window.add_argument("protocol", nargs="?", default="sine-dwell", help=PROTOCOL_HELP)
-    _add_bench_options(window)
-    _add_setting_option(window)
-    window.add_argument(
-        "--start", dest="autostart", action="store_true", help="start the run as soon as the bench is there"
-    )
-    window.set_defaults(command=_deferred_command("window"))
-
-    demo = known.add_parser(
-        "demo",
-        help="a sine dwell on the simulated bench: in the window, or without a screen as a file and a picture",
-        description="The main job on the simulated bench: the window running a sine dwell; where no window can be "
-        "opened, the same run with a progress bar, leaving the run file and a picture.",
-        epilog="example: tactor-bench demo --out runs",
-    )
-    _add_bench_options(demo)
-    demo.add_argument("--no-window", action="store_true", help="do without the window even where there is a screen")
-    demo.set_defaults(command=_deferred_command("demo"))
-
-    show = known.add_parser(
-        "show",
-        help="tell what a run file holds",
-        description="What a run file holds: how the run ended, its points and estimates.",
-        epilog="example: tactor-bench show runs/20261121T091502Z_unnamed_sine-dwell.h5 --picture run.png",
-    )
-    show.add_argument("run", type=path_argument, help="a run file")
-    show.add_argument("--json", action="store_true", help="as one JSON object, SI units")
-    show.add_argument("--picture", type=path_argument, metavar="PNG", help="also draw it into this PNG file")
-    show.set_defaults(command=_deferred_command("show"))
-    add_bench_commands(known, _add_bench_options, _add_setting_option)
-    add_campaign_command(known, _add_bench_options)
-    add_model_commands(known)
-    add_run_commands(known)
-    add_import_command(known)
-    add_protocol_commands(known, _add_bench_options)
-    add_identify_commands(known)
-    add_report_command(known)
+    add_options(parser, BenchOptions)
+    parser.set_defaults(command=_open_window)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", action=_Commands, parser_class=_Parser)
+    for name, (_, text) in COMMANDS.items():
+        commands.add_parser(name, help=text)
     return parser
 
 
-def _add_bench_options(parser: argparse.ArgumentParser) -> None:
-    # SUPPRESS: a command's own default must not overwrite what stood before the command.
-    add = functools.partial(parser.add_argument, default=argparse.SUPPRESS)
-    add("--bench", metavar="FILE|sim", help="bench file, or 'sim' (default) for the simulated bench")
-    add("--speed", metavar="N|max", help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)")
-    add("--seed", type=seed_argument, help="simulated bench only: seed of its noise")
-    add("--out", type=path_argument, help="folder for run files (default: runs; the window: the one used last)")
-    add(
-        "--specimen",
-        type=specimen_argument,
-        help="name of the specimen (default: unnamed; the window: the one used last)",
-    )
+def complete_parser() -> argparse.ArgumentParser:
+    """Return the parser with the options of every command."""
+    parser = _parser()
+    for action in parser._actions:  # noqa: SLF001 - argparse has no public access to its commands
+        if isinstance(action, _Commands):
+            for name in COMMANDS:
+                action.define(name)
+    return parser
 
 
-def _add_setting_option(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--set",
-        dest="settings",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a parameter of the protocol, with or without a unit; may be given often",
-    )
+def _open_window(namespace: argparse.Namespace) -> int:
+    from app.cli.run import WindowOptions, window
+
+    return window(read_options(WindowOptions, namespace))
 
 
 if __name__ == "__main__":

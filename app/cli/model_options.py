@@ -1,4 +1,4 @@
-"""What a person writes for the model, read and checked: `--set`, numbers with units, lists and ranges of them."""
+"""Options of the model's commands: `--set`, numbers with units, lists and ranges."""
 
 import argparse
 import json
@@ -7,13 +7,16 @@ import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from annotated_types import Interval
 
+from app.cli.options import option, repeated, switch
 from app.common.errors import UsageError
-from app.common.units import UnitError, read_number, to_number
+from app.common.units import PEAK_TO_PEAK, UnitError, read_number, to_number
 from model.membrane import GRAVITY
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
@@ -29,6 +32,14 @@ DENSITY = ParameterSpec("density", "kg/m^3", Interval(gt=0), "density of the mem
 
 MAX_VALUES = 100_000
 """Longest list that a range may stand for."""
+
+SET_HELP = (
+    "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
+    "'tactor-bench model parameters' lists them. @FILE takes many from a TOML or JSON file, as the Explore page copies them"
+)
+
+NEGATIVE_NUMBER = re.compile(r"-\.?\d")
+"""What argparse takes for a negative number instead of an option; before Python 3.14 it does not recognise `-500V`."""
 
 NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
 
@@ -111,25 +122,73 @@ def read_settings(settings: Sequence[str]) -> dict[str, float]:
     return values
 
 
-def read_specimen(options: argparse.Namespace, on_membrane: bool = False) -> Specimen:
-    """The specimen of a command's `--set`, `--pre-stretch` and `--elongation`.
+@dataclass(frozen=True)
+class ParameterOptions:
+    """Parameters of the model, and JSON output."""
 
-    The tactor is free until something of the membrane is given, or the command is about one.
+    settings: Sequence[str] = repeated("--set", "NAME=VALUE", SET_HELP)
+    json: bool = switch("--json", "one JSON object on standard output, SI units")
+
+
+@dataclass(frozen=True)
+class SpecimenOptions(ParameterOptions):
+    """Parameters and pre-stretch of a specimen."""
+
+    pre_stretch: str | None = option(
+        "--pre-stretch",
+        metavar="DELTA",
+        help="of the membrane, e.g. 0.0075 or '0.75 %%'; puts the tactor on the membrane",
+    )
+    elongation: str | None = option(
+        "--elongation", metavar="LENGTH", help="of the membrane, e.g. '1.27 mm'; puts the tactor on the membrane"
+    )
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """The drive at the amplifier's input."""
+
+    peak_to_peak: str = option(
+        "--peak-to-peak", default="5 V", metavar="VOLTS", help="at the amplifier's input (default: 5 V)"
+    )
+    offset: str = option("--offset", default="2.5 V", metavar="VOLTS", help="at the amplifier's input (default: 2.5 V)")
+
+    def read(self) -> tuple[float, float]:
+        """Return amplitude and offset in volts.
+
+        Raises:
+            UnitError, ParameterError: a value is not a voltage, or not admitted.
+        """
+        return read_number(self.peak_to_peak, PEAK_TO_PEAK) / 2, read_number(self.offset, OFFSET)
+
+
+def shapes_option(default: int | None = 7) -> Any:
+    """Declare `-n`."""
+    return option("-n", type=int, default=default, help="number of shape functions, 3 to 300 (default: 7)")
+
+
+def allow_negative_values(parser: argparse.ArgumentParser) -> None:
+    """Let values such as `-500V` follow an option."""
+    parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - argparse has no public access to it
+
+
+def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specimen:
+    """Return the specimen of `--set`, `--pre-stretch` and `--elongation`.
+
+    The tactor is free unless a parameter of the membrane is given, or `on_membrane`.
     """
     values = read_settings(options.settings)
     given = [
-        f"--{name}"
-        for name in ("pre-stretch", "elongation")
-        if getattr(options, name.replace("-", "_"), None) is not None
-    ] + [f"--set {name}" for name in ("delta",) if name in values]
+        f"--{name}" for name in ("pre-stretch", "elongation") if getattr(options, name.replace("-", "_")) is not None
+    ]
+    given += [f"--set {name}" for name in ("delta",) if name in values]
     if len(given) > 1:
         raise UsageError(f"the pre-stretch is given twice, by {' and '.join(given)}; leave one out")
-    if getattr(options, "pre_stretch", None) is not None:
+    if options.pre_stretch is not None:
         values["delta"] = read_number(options.pre_stretch, PRE_STRETCH)
-    elongation = getattr(options, "elongation", None)
-    if elongation is not None:
+    if options.elongation is not None:
         specimen = replace_variables(Specimen(membrane=Membrane()), values)
-        values["delta"] = read_number(elongation, ELONGATION) / specimen.value("L_m")
+        values["delta"] = read_number(options.elongation, ELONGATION) / specimen.value("L_m")
     return replace_variables(Specimen(membrane=Membrane() if on_membrane else None), values)
 
 

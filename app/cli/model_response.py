@@ -1,10 +1,6 @@
-"""What `tactor-bench model frequency-response` and `model step` do: the tactor under the amplifier, and in time.
+"""Topics of the command `model` under a drive: frequency response, latency, and the membrane."""
 
-What `tactor-bench model membrane` does: the sag of the rubber that stands for skin, and the skin it makes.
-"""
-
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from annotated_types import Interval
@@ -14,23 +10,26 @@ from app.cli.model_options import (
     DENSITY,
     DURATION,
     ELONGATION,
-    OFFSET,
     VOLTAGE,
+    DriveOptions,
+    SpecimenOptions,
     describe_specimen,
     read_settings,
     read_specimen,
     read_values,
+    shapes_option,
 )
+from app.cli.options import FileOptions, group, option, switch
 from app.cli.output import CommandResult, ResultColumn, ResultTable
 from app.common.errors import UsageError
-from app.common.units import PEAK_TO_PEAK, read_number
+from app.common.units import read_number
 from model.amplifier_map import AmplifierMap
 from model.membrane import LOAD_SPEC as WEIGHT
 from model.membrane import SagSolution, sag, weight_per_length
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.response.closed_form import exact_response
-from model.response.drive_spectrum import fourier_series
+from model.response.drive_spectrum import Waveform, fourier_series
 from model.response.frequency_response import (
     PERIODIC_FREQUENCY_SPEC,
     amplifier_response,
@@ -51,13 +50,33 @@ CURVE_HZ = "1:250:250"
 POINTS = 2001
 
 
-def frequency_response(options: argparse.Namespace) -> CommandResult:
+@dataclass(frozen=True)
+class FrequencyResponseOptions(SpecimenOptions):
+    """Options of `model frequency-response`."""
+
+    n: int = shapes_option()
+    drive: DriveOptions = group(DriveOptions)
+    frequencies: str | None = option(
+        "--frequencies",
+        metavar="LIST",
+        help="e.g. '25,50,75 Hz', '1:500:500' or '1:1000:100:log' (default: the paper's 18 from 25 to 250 Hz; "
+        "1:250:250 where a file is written)",
+    )
+    waveform: Waveform = option(
+        "--waveform", choices=("sine", "square"), default="sine", help="drive (default: %(default)s)"
+    )
+    at: str | None = option("--at", metavar="X", help="distance from the clamp, e.g. '8 mm' (default: the centre)")
+    exact: bool = switch("--exact", "the closed-form solution beside the n shape functions")
+    files: FileOptions = group(FileOptions, "the response")
+
+
+def frequency_response(options: FrequencyResponseOptions) -> CommandResult:
     """Fundamental and max - min under the amplifier's drive, and the margin over what can be felt."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
-    usual = CURVE_HZ if options.csv or options.picture else DWELL_HZ
+    usual = CURVE_HZ if options.files.csv or options.files.picture else DWELL_HZ
     f = np.array(read_values(usual if options.frequencies is None else options.frequencies, PERIODIC_FREQUENCY_SPEC))
-    amplitude, offset = _read_drive(options)
+    amplitude, offset = options.drive.read()
     at = None if options.at is None else read_number(options.at, _position_spec(specimen))
     got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=options.waveform, n=n, x=at)
     twice = 2 * np.abs(got.fundamental)
@@ -92,12 +111,26 @@ def frequency_response(options: argparse.Namespace) -> CommandResult:
     )
 
 
-def step(options: argparse.Namespace) -> CommandResult:
+@dataclass(frozen=True)
+class StepOptions(SpecimenOptions):
+    """Options of `model step`."""
+
+    n: int = shapes_option()
+    drive: DriveOptions = group(DriveOptions)
+    voltage: str = option("--voltage", default="1500 V", help="step on the specimen (default: %(default)s)")
+    frequency: str = option("--frequency", default="160 Hz", help="of the sine that begins (default: %(default)s)")
+    threshold: str = option("--threshold", default="50 um", help="deflection that is felt (default: %(default)s)")
+    tolerance: str = option("--tolerance", default="2 %", help="settling band (default: %(default)s)")
+    duration: str | None = option("--duration", help="of the curves (default: until both have settled)")
+    files: FileOptions = group(FileOptions, "both curves")
+
+
+def step(options: StepOptions) -> CommandResult:
     """Latency of a step and of a sine's onset."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
     volts, hz = read_number(options.voltage, VOLTAGE), read_number(options.frequency, PERIODIC_FREQUENCY_SPEC)
-    amplitude, offset = _read_drive(options)
+    amplitude, offset = options.drive.read()
     threshold, tolerance = (
         read_number(options.threshold, THRESHOLD_SPEC),
         read_number(options.tolerance, TOLERANCE_SPEC),
@@ -132,10 +165,6 @@ def step(options: argparse.Namespace) -> CommandResult:
     lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
     figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
     return CommandResult("model step", specimen_record(specimen), tables, csv_table=curve, figures=(figure,))
-
-
-def _read_drive(options: argparse.Namespace) -> tuple[float, float]:
-    return read_number(options.peak_to_peak, PEAK_TO_PEAK) / 2, read_number(options.offset, OFFSET)
 
 
 def _position_spec(specimen: Specimen) -> ParameterSpec:
@@ -174,7 +203,22 @@ ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
 ELONGATION_CURVE = "0:6.35 mm:64"
 
 
-def membrane(options: argparse.Namespace) -> CommandResult:
+@dataclass(frozen=True)
+class MembraneOptions(SpecimenOptions):
+    """Options of `model membrane`."""
+
+    pre_stretch: str | None = option(
+        "--pre-stretch", metavar="DELTA", help="of the membrane, e.g. 0.0075 or '0.75 %%', one or a list"
+    )
+    elongation: str | None = option(
+        "--elongation", metavar="LENGTH", help="of the membrane, e.g. '1.27 mm', one or a list"
+    )
+    density: str = option("--density", default="1000", help="of the membrane, kg/m^3 (default: %(default)s)")
+    load: str | None = option("--load", help="weight per length in its place, e.g. '0.906 N/m'")
+    files: FileOptions = group(FileOptions, "the table")
+
+
+def membrane(options: MembraneOptions) -> CommandResult:
     """Sag under its own weight and the skin it makes, at each pre-stretch asked for."""
     values = read_settings(options.settings)
     if "delta" in values:
@@ -186,7 +230,7 @@ def membrane(options: argparse.Namespace) -> CommandResult:
     if options.pre_stretch is not None:
         delta = np.array(read_values(options.pre_stretch, PRE_STRETCH))
     else:
-        usual = ELONGATION_CURVE if options.csv or options.picture else ELONGATIONS
+        usual = ELONGATION_CURVE if options.files.csv or options.files.picture else ELONGATIONS
         wanted = usual if options.elongation is None else options.elongation
         delta = np.array(read_values(wanted, ELONGATION)) / m.L_m
     q = (

@@ -1,13 +1,11 @@
 """One answer of the model, told four ways: a table for a person, JSON for a machine, CSV for a sheet, a picture."""
 
-import argparse
 import csv
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from math import pi
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,26 +14,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from app.cli.options import FileOptions
 from app.common.errors import ExitCode, UsageError
+from app.common.units import DISPLAY_SCALES
 from model.studies.paper_figures import PaperFigure
 from protocols.base.jsonable import to_jsonable
 from protocols.runfile.schema import is_hdf5
 
-DISPLAY_SCALES = {
-    "µm": 1e6,
-    "mm": 1e3,
-    "ms": 1e3,
-    "%": 1e2,
-    "°": 180 / pi,
-    "nm/V": 1e9,
-    "µm/N": 1e6,
-    "g": 1e3,
-    "krad/s": 1e-3,
-}
-"""What a number in SI is multiplied by to be read in one of these."""
-
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """What a picture's name may end in."""
+
+NO_FILES = FileOptions()
 
 CellValue = float | int | str | None
 
@@ -118,27 +107,27 @@ class CommandResult:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-def render(result: CommandResult, options: argparse.Namespace) -> int:
-    """Write what was asked for and tell the rest.
+def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) -> int:
+    """Write the files that were asked for and print the result as tables or as JSON.
 
     Raises:
         UsageError: a file cannot be written.
     """
-    if getattr(options, "csv", None):
-        with writing_output(options.csv):
-            (result.csv_table or result.tables[0]).to_csv(options.csv)
-    if getattr(options, "picture", None):
+    if files.csv:
+        with writing_output(files.csv):
+            (result.csv_table or result.tables[0]).to_csv(files.csv)
+    if files.picture:
         from app.plotting.charts import draw_figure
 
-        with writing_output(options.picture, PICTURE_SUFFIXES):
-            draw_figure(result.figures, options.picture, log=result.log_scale)
-    if options.json:
-        print_line(json.dumps(to_jsonable(result_record(result)), allow_nan=False))
-    else:
-        for table in result.tables:
-            print_table(table)
-        for note in result.notes:
-            print_line(note)
+        with writing_output(files.picture, PICTURE_SUFFIXES):
+            draw_figure(result.figures, files.picture, log=result.log_scale)
+    if as_json:
+        print_json(result_record(result))
+        return ExitCode.DONE
+    for table in result.tables:
+        print_table(table)
+    for note in result.notes:
+        print_line(note)
     return ExitCode.DONE
 
 
@@ -152,12 +141,12 @@ def result_record(result: CommandResult) -> dict[str, Any]:
     return {"command": result.command, "specimen": dict(result.specimen), **tables, **result.extra, "units": units}
 
 
-def check_output_files(options: argparse.Namespace) -> None:
+def check_output_files(files: FileOptions) -> None:
     """Refuse what `render` could not write, before anything is computed."""
-    if getattr(options, "csv", None):
-        check_output_file(options.csv)
-    if getattr(options, "picture", None):
-        check_output_file(options.picture, PICTURE_SUFFIXES)
+    if files.csv:
+        check_output_file(files.csv)
+    if files.picture:
+        check_output_file(files.picture, PICTURE_SUFFIXES)
 
 
 def check_output_file(path: Path, suffixes: Sequence[str] = ()) -> None:
@@ -220,8 +209,13 @@ def print_table(table: ResultTable) -> None:
 
 
 def print_line(text: str) -> None:
-    """A line on standard output."""
+    """Print a line on standard output."""
     sys.stdout.write(text + "\n")
+
+
+def print_json(record: Any) -> None:
+    """Print a record as one line of JSON."""
+    print_line(json.dumps(to_jsonable(record), allow_nan=False))
 
 
 def _cell_value(value: Any) -> CellValue:

@@ -1,15 +1,16 @@
-"""What `tactor-bench report` does."""
+"""The command `report`: the PDF and HTML report of a specimen."""
 
 import argparse
-import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.cli.output import check_output_file, print_line, writing_output
+from app.cli.options import define_command, folder_option, option, switch
+from app.cli.output import check_output_file, print_json, writing_output
 from app.common.errors import ExitCode, UsageError
+from app.common.inputs import path_argument
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -18,20 +19,44 @@ from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_lim
 from app.report.pdf import PdfReport, lay_out_figure
 from app.report.runs import ReportProgress, ReportRun
 from app.report.specimen import SpecimenModel
-from protocols.base.jsonable import to_jsonable
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.schema import safe_name
 
 
-def report_command(options: argparse.Namespace) -> int:
-    """`tactor-bench report SPECIMEN`."""
+@dataclass(frozen=True)
+class ReportOptions:
+    """Options of `report`."""
+
+    specimen: str | None = option(nargs="?")
+    folder: Path = folder_option()
+    out: Path = option(
+        "--out", type=path_argument, default=Path(), metavar="FOLDER", help="where it goes (default: here)"
+    )
+    limits: Path | None = option(
+        "--limits",
+        type=path_argument,
+        metavar="FILE",
+        help="limits to be met (default: limits.toml beside the runs, if it is there)",
+    )
+    golden: str | None = option("--golden", metavar="SPECIMEN", help="the specimen that the limits compare with")
+    new_limits: Path | None = option(
+        "--new-limits",
+        type=path_argument,
+        metavar="FILE",
+        help="write a commented example of limits into this file, and nothing else",
+    )
+    json: bool = switch("--json", "its numbers as one JSON object, SI units")
+
+
+def report_command(options: ReportOptions) -> int:
+    """Write the report of a specimen."""
     if options.new_limits is not None:
         return _write_example_limits(options.new_limits)
     if options.specimen is None:
         raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
     if not options.folder.is_dir():
         raise UsageError(f"there is no folder {options.folder}; name the one your runs are in with --folder")
-    out: Path = options.out
+    out = options.out
     try:
         limits = _read_limits(options)
         out.mkdir(parents=True, exist_ok=True)
@@ -45,7 +70,7 @@ def report_command(options: argparse.Namespace) -> int:
     for path in files:
         sys.stderr.write(f"wrote {path}\n")
     if options.json:
-        print_line(json.dumps(to_jsonable({**content.record, "files": [str(path) for path in files]}), allow_nan=False))
+        print_json({**content.record, "files": [str(path) for path in files]})
     for outcome in content.limit_outcomes:
         if outcome.verdict != "pass":
             why = f" ({outcome.why})" if outcome.why else ""
@@ -80,7 +105,7 @@ def write_report(
     return files
 
 
-def _read_limits(options: argparse.Namespace) -> Limits | None:
+def _read_limits(options: ReportOptions) -> Limits | None:
     """The limits asked for, or those that lie beside the runs; None where there are none.
 
     Raises:
@@ -123,3 +148,17 @@ def _progress_bar() -> Iterator[ReportProgress]:
     with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
         bar = progress.add_task("", total=None)
         yield lambda words, done, of: progress.update(bar, description=words, completed=done, total=of)
+
+
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
+    "report": lambda parser: define_command(
+        parser,
+        ReportOptions,
+        report_command,
+        "One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
+        "with errors beside the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
+        "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be told to be. The same "
+        "files give the same bytes.",
+        "example: tactor-bench report T7 --limits limits.toml --out reports",
+    )
+}

@@ -1,19 +1,19 @@
-"""What `tactor-bench runs` and `tactor-bench export` do.
-
-The parsers of `tactor-bench runs` and `tactor-bench export`. What they run is imported when it runs.
-"""
+"""The commands `runs` and `export`: the runs of a folder, and runs as files for other programs."""
 
 import argparse
 import json
 import sqlite3
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.archive.catalogue import Catalogue
-from app.archive.export import PARTS, ExportError, Part, export_run
+from app.archive.export import PARTS, ExportError, Format, Part, export_run
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
+from app.cli.options import define_command, option, repeated, switch
+from app.cli.output import print_line
 from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration
 from app.common.inputs import path_argument
@@ -21,12 +21,33 @@ from app.common.progress import terminal_progress
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 DEFAULT_ROWS = 40
-"""Runs a person is shown without asking for more."""
+"""Runs that are listed without --all."""
 
 
-def list_runs(options: argparse.Namespace) -> int:
-    """`tactor-bench runs [FOLDER]`."""
-    folder: Path = options.folder
+@dataclass(frozen=True)
+class RunsOptions:
+    """Options of `runs`."""
+
+    folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="(default: runs)")
+    specimen: str = option("--specimen", default="", help="runs of this specimen")
+    protocol: str = option("--protocol", default="", help="runs of this protocol, e.g. sine-dwell")
+    status: str = option(
+        "--status",
+        default="",
+        help="completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged",
+    )
+    since: str = option("--since", default="", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
+    search: str = option(
+        "--search", default="", metavar="WORDS", help="all these words, in names, reasons, results, tags or notes"
+    )
+    all: bool = switch("--all", "all of them, not only the newest 40")
+    rebuild: bool = switch("--rebuild", "throw the index away and read every file again")
+    json: bool = switch("--json", "one JSON list on standard output, SI units")
+
+
+def list_runs(options: RunsOptions) -> int:
+    """List the runs of a folder."""
+    folder = options.folder
     if not folder.is_dir():
         raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
     wanted = _run_filter(options)
@@ -45,14 +66,30 @@ def list_runs(options: argparse.Namespace) -> int:
         sys.stderr.write(f"{sentence}\n")
     found = wanted.apply(entries)
     if options.json:
-        print(json.dumps([_run_record(folder, entry) for entry in found]))  # noqa: T201 - the command line speaks here
+        print_line(json.dumps([_run_record(folder, entry) for entry in found]))
     else:
         _print_runs(found, len(entries), options.all)
     return ExitCode.DONE
 
 
-def export_command(options: argparse.Namespace) -> int:
-    """`tactor-bench export RUN...`."""
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of `export`."""
+
+    runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
+    format: Format = option("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
+    out: Path | None = option(
+        "--out", type=path_argument, metavar="FOLDER", help="where the files go (default: beside the run)"
+    )
+    parts: Sequence[str] = repeated(
+        "--part",
+        "PART",
+        "only this part: about, points, estimates, events or raw; may be given often (default: all)",
+    )
+
+
+def export_command(options: ExportOptions) -> int:
+    """Write runs as files for other programs."""
     parts: Sequence[Part] = tuple(p for p in PARTS if p in options.parts) if options.parts else PARTS
     unknown = [p for p in options.parts if p not in PARTS]
     if unknown:
@@ -73,11 +110,11 @@ def export_command(options: argparse.Namespace) -> int:
             sys.stderr.write(f"{error}\n")
             continue
         for file in written:
-            print(file)  # noqa: T201
+            print_line(str(file))
     return ExitCode.FAILED if failed else ExitCode.DONE
 
 
-def _run_filter(options: argparse.Namespace) -> RunFilter:
+def _run_filter(options: RunsOptions) -> RunFilter:
     try:
         since = read_since(options.since) if options.since else ""
     except ValueError:
@@ -86,7 +123,7 @@ def _run_filter(options: argparse.Namespace) -> RunFilter:
         ) from None
     if options.status and options.status not in list(RunState):
         raise UsageError(f"there is no status '{options.status}'; there are: {', '.join(RunState)}")
-    return RunFilter(options.search or "", options.specimen or "", options.protocol or "", options.status or "", since)
+    return RunFilter(options.search, options.specimen, options.protocol, options.status, since)
 
 
 def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> None:
@@ -122,7 +159,7 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
 
 
 def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
-    """An entry for a machine, SI units."""
+    """Return a run for JSON, SI units."""
     return {
         "path": str(folder / summary.path),
         "state": str(summary.state),
@@ -140,56 +177,21 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
     }
 
 
-def add_run_commands(subparsers: Any) -> None:
-    """Register the commands with the subparsers of the command."""
-    runs = subparsers.add_parser(
-        "runs",
-        help="list the runs of a folder; find some by specimen, protocol, date, status or words",
-        description="The runs in a folder and below, newest first. An index in the user's cache makes it quick; the files "
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
+    "runs": lambda parser: define_command(
+        parser,
+        RunsOptions,
+        list_runs,
+        "The runs in a folder and below, newest first. An index in the user's cache makes it quick; the files "
         "are what counts, and what was moved, added or deleted is noticed.",
-        epilog="example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
-    )
-    runs.add_argument("folder", nargs="?", type=path_argument, default=Path("runs"), help="(default: runs)")
-    runs.add_argument("--specimen", help="runs of this specimen")
-    runs.add_argument("--protocol", help="runs of this protocol, e.g. sine-dwell")
-    runs.add_argument(
-        "--status", help="completed, imported, stopped, failed, unsafe, running, crashed, 'newer version' or damaged"
-    )
-    runs.add_argument("--since", metavar="WHEN", help="begun since 2026-11-21, 2026-11, today, 12h or 7d")
-    runs.add_argument("--search", metavar="WORDS", help="all these words, in names, reasons, results, tags or notes")
-    runs.add_argument("--all", action="store_true", help="all of them, not only the newest 40")
-    runs.add_argument("--rebuild", action="store_true", help="throw the index away and read every file again")
-    runs.add_argument("--json", action="store_true", help="one JSON list on standard output, SI units")
-    runs.set_defaults(command=_runs)
-
-    export = subparsers.add_parser(
-        "export",
-        help="a run as CSV, JSON or MAT files",
-        description="Points, estimates, events and raw samples with their times, SI units in every header. What comes "
+        "example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
+    ),
+    "export": lambda parser: define_command(
+        parser,
+        ExportOptions,
+        export_command,
+        "Points, estimates, events and raw samples with their times, SI units in every header. What comes "
         "from a simulated bench has SIMULATED in its name.",
-        epilog="example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
-    )
-    export.add_argument("runs", nargs="+", type=path_argument, metavar="RUN", help="run files")
-    export.add_argument("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
-    export.add_argument(
-        "--out", type=path_argument, default=None, metavar="FOLDER", help="where the files go (default: beside the run)"
-    )
-    export.add_argument(
-        "--part",
-        dest="parts",
-        action="append",
-        default=[],
-        metavar="PART",
-        help="only this part: about, points, estimates, events or raw; may be given often (default: all)",
-    )
-    export.set_defaults(command=_export)
-
-
-def _runs(options: argparse.Namespace) -> int:
-
-    return list_runs(options)
-
-
-def _export(options: argparse.Namespace) -> int:
-
-    return export_command(options)
+        "example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",
+    ),
+}

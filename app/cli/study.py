@@ -1,21 +1,13 @@
-"""`tactor-bench study`: the response for every combination of values, on this computer or a cluster; and what matters most.
-
-How a study is told: a table of its peaks, a picture, its result for JSON.
-
-Where a study is computed: here, or on a Dask cluster; and how far it is.
-
-What `tactor-bench figures` does: the paper's figures as PNG, PDF and CSV.
-"""
+"""The commands `study` and `figures`: parameter studies, and the theory curves of the paper's figures."""
 
 import argparse
 import importlib.util
-import json
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import prod
 from pathlib import Path
@@ -24,30 +16,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.cli.model_options import OFFSET, read_settings, read_specimen, read_values, read_vary, translate_model_errors
+from app.cli.model_options import (
+    DriveOptions,
+    ParameterOptions,
+    SpecimenOptions,
+    allow_negative_values,
+    read_settings,
+    read_specimen,
+    read_values,
+    read_vary,
+    shapes_option,
+    translate_model_errors,
+)
+from app.cli.options import FileOptions, define_command, group, option, repeated, switch
 from app.cli.output import (
     CommandResult,
     ResultColumn,
     ResultTable,
     check_output_files,
-    print_line,
+    print_json,
     progress_bar,
     render,
     writing_output,
 )
 from app.common.errors import ExitCode, UsageError
-from app.common.units import PEAK_TO_PEAK, read_number
+from app.common.inputs import path_argument
+from app.common.units import display_unit
 from app.plotting.charts import draw_figure
 from model.response.frequency_response import FREQUENCY_SPEC
 from model.specimen import replace_variables
-from model.studies.paper_figures import FigureCurve, PaperFigure
-from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Study, StudyResult
+from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
+from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
 from protocols.runfile.errors import StorageError
 from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path
 
 MAX_CURVES = 8
 """Combinations that a picture can hold."""
-DISPLAY_UNITS = {"m": "µm", "m/V": "nm/V"}
 
 
 def study_result(study: Study, values: NDArray[Any]) -> StudyResult:
@@ -72,7 +76,7 @@ def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultC
         for axis, i in zip(study.axes[:-1], index, strict=False)
     )
     unit = MEASURE_UNITS[study.measure]
-    shown = DISPLAY_UNITS[unit]
+    shown = "nm/V" if unit == "m/V" else display_unit(unit)[1]
     ends = (
         (f"at_{f[0]:g}_hz", amplitude[:, 0], f"at {f[0]:g} Hz"),
         (f"at_{f[-1]:g}_hz", amplitude[:, -1], f"at {f[-1]:g} Hz"),
@@ -173,8 +177,44 @@ MAX_NUMBERS = 50_000_000
 """Numbers that are held in memory for CSV, JSON or a picture; HDF5 is written chunk by chunk."""
 
 
-def study(options: argparse.Namespace) -> int:
-    """`tactor-bench study`."""
+@dataclass(frozen=True)
+class StudyOptions:
+    """Options of `study`."""
+
+    preset: str | None = option(nargs="?", metavar="PRESET", help="fig10, fig11 or fig12: a study of the paper")
+    vary: Sequence[str] = repeated(
+        "--vary",
+        "NAME=VALUES",
+        "a parameter and its values: a list, START:STOP:COUNT, or START:STOP:COUNT:log; may be given often",
+    )
+    frequencies: str | None = option("--frequencies", metavar="LIST", help="(default: 1:250:250)")
+    quantity: Measure | None = option(
+        "--quantity",
+        choices=("fundamental", "peak_to_peak", "receptance"),
+        help="twice the fundamental (default), max - min, or the complex deflection per volt on the specimen",
+    )
+    drive: DriveOptions = group(DriveOptions)
+    n: int | None = shapes_option(None)
+    specimen: SpecimenOptions = group(SpecimenOptions)
+    out: Path | None = option(
+        "--out", inherited=True, type=path_argument, metavar="FILE.h5", help="HDF5 (NeXus) file to write"
+    )
+    files: FileOptions = group(FileOptions, "the result")
+    sensitivity: bool = switch(
+        "--sensitivity",
+        "Sobol indices instead: what share of the variance each parameter explains between its lowest and highest value",
+    )
+    samples: int = option(
+        "--samples", type=int, default=1024, help="for the indices, a power of two (default: %(default)s)"
+    )
+    seed: int = option("--seed", inherited=True, type=int, default=1, help="for the indices (default: 1)")
+    cluster: str | None = option(
+        "--cluster", metavar="ADDRESS|local", help="compute on a Dask cluster, or on one started here"
+    )
+
+
+def study(options: StudyOptions) -> int:
+    """Compute a study, or its sensitivity."""
     with translate_model_errors():
         wanted = read_study(options)
         _check_output_paths(options)
@@ -187,16 +227,16 @@ def study(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("tactor-bench: stopped; nothing was written\n")
         return ExitCode.FAILED
-    return render(answer, options)
+    return render(answer, options.specimen.json, options.files)
 
 
-def read_study(options: argparse.Namespace) -> Study:
+def read_study(options: StudyOptions) -> Study:
     """The study the options describe.
 
     Raises:
         UsageError, ParameterError: it cannot be computed.
     """
-    vary = dict(map(read_vary, options.vary))
+    vary, frequencies = dict(map(read_vary, options.vary)), options.frequencies
     if options.preset is None and not vary:
         raise UsageError(
             f"say what to study: a preset ({', '.join(STUDY_PRESETS)}), or --vary NAME=VALUES, for example --vary delta=0:0.04:9"
@@ -205,41 +245,44 @@ def read_study(options: argparse.Namespace) -> Study:
         raise UsageError(f"{options.preset} says itself what is varied; leave out --vary, or the preset")
     if options.preset is None:
         values = {name: v[0] for name, v in vary.items()}
-        on_membrane = replace_variables(read_specimen(options), values).membrane is not None
-        base = Study(vary, (1.0,), read_specimen(options, on_membrane=on_membrane))
-        frequencies = CURVE_HZ if options.frequencies is None else options.frequencies
+        on_membrane = replace_variables(read_specimen(options.specimen), values).membrane is not None
+        base = Study(vary, (1.0,), read_specimen(options.specimen, on_membrane=on_membrane))
+        frequencies = CURVE_HZ if frequencies is None else frequencies
     elif options.preset in STUDY_PRESETS:
-        base, frequencies = STUDY_PRESETS[options.preset](), options.frequencies
-        base = replace(base, specimen=replace_variables(base.specimen, read_settings(options.settings)))
+        base = STUDY_PRESETS[options.preset]()
+        base = replace(base, specimen=replace_variables(base.specimen, read_settings(options.specimen.settings)))
     else:
         raise UsageError(f"there is no study '{options.preset}'; the presets are: {', '.join(STUDY_PRESETS)}")
     _check_overlap(base, options)
+    amplitude_v, offset_v = options.drive.read()
     return replace(
         base,
         frequency_hz=read_values(frequencies, FREQUENCY_SPEC) if frequencies is not None else base.frequency_hz,
         measure=options.quantity or base.measure,
-        amplitude_v=read_number(options.peak_to_peak, PEAK_TO_PEAK) / 2,
-        offset_v=read_number(options.offset, OFFSET),
+        amplitude_v=amplitude_v,
+        offset_v=offset_v,
         n=base.n if options.n is None else options.n,
     )
 
 
-def _check_overlap(base: Study, options: argparse.Namespace) -> None:
+def _check_overlap(base: Study, options: StudyOptions) -> None:
     """Refuse a value for what is varied: it would have no effect."""
-    given = {f"--set {name}": name for name in read_settings(options.settings)}
+    given = {f"--set {name}": name for name in read_settings(options.specimen.settings)}
     given |= {
-        f"--{o}": "delta" for o in ("pre-stretch", "elongation") if getattr(options, o.replace("-", "_")) is not None
+        f"--{o}": "delta"
+        for o in ("pre-stretch", "elongation")
+        if getattr(options.specimen, o.replace("-", "_")) is not None
     }
-    for option, name in given.items():
+    for source, name in given.items():
         if name in base.vary:
-            raise UsageError(f"{name} is what the study varies; leave out {option}")
+            raise UsageError(f"{name} is what the study varies; leave out {source}")
     if options.preset is not None and "delta" in given.values():
         raise UsageError(f"{options.preset} has its own pre-stretch; leave it out, or write the study with --vary")
 
 
-def _check_output_paths(options: argparse.Namespace) -> None:
+def _check_output_paths(options: StudyOptions) -> None:
     """Refuse now what could not be written in the end."""
-    check_output_files(options)
+    check_output_files(options.files)
     if options.out is not None:
         try:
             check_output_path(options.out)
@@ -247,9 +290,9 @@ def _check_output_paths(options: argparse.Namespace) -> None:
             raise UsageError(str(error)) from None
 
 
-def _compute_study(request: Study, options: argparse.Namespace) -> CommandResult:
+def _compute_study(request: Study, options: StudyOptions) -> CommandResult:
     sets, points = prod(request.shape), len(request.frequency_hz)
-    keep = options.csv is not None or options.picture is not None or options.json
+    keep = options.files.csv is not None or options.files.picture is not None or options.specimen.json
     if keep and sets * points > MAX_NUMBERS:
         raise UsageError(
             f"the study has {sets * points:g} numbers, more than the {MAX_NUMBERS:g} that --csv, --picture and --json hold; "
@@ -278,8 +321,8 @@ def _compute_study(request: Study, options: argparse.Namespace) -> CommandResult
         (told,),
         tuple(notes),
         csv_table=found,
-        figures=(study_figure(request, kept),) if options.picture is not None else (),
-        extra=study_record(found) if found is not None and options.json else {},
+        figures=(study_figure(request, kept),) if options.files.picture is not None else (),
+        extra=study_record(found) if found is not None and options.specimen.json else {},
     )
 
 
@@ -307,20 +350,19 @@ def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress.advance(task, done)
 
 
-def _sensitivity(request: Study, options: argparse.Namespace) -> CommandResult:
+def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
     """Sobol indices over the range of each variable's values."""
     from model.studies.sensitivity import sobol_indices_of
 
-    if options.out is not None or options.picture is not None:
+    if options.out is not None or options.files.picture is not None:
         raise UsageError(
             "--sensitivity gives a table of indices; write it with --csv or --json, not --out or --picture"
         )
-    seed = 1 if options.seed is None else options.seed
-    if seed < 0:
-        raise UsageError(f"--seed {seed}: give a number from 0 on")
+    if options.seed < 0:
+        raise UsageError(f"--seed {options.seed}: give a number from 0 on")
     ranges = {name: (min(values), max(values)) for name, values in request.vary.items()}
     with study_executor(options.cluster) as pool, _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
-        got = sobol_indices_of(request, ranges, options.samples, seed, CountingExecutor(pool, advance))
+        got = sobol_indices_of(request, ranges, options.samples, options.seed, CountingExecutor(pool, advance))
     columns = [ResultColumn("output", "", got.outputs)]
     for order, indices in (("first", got.first_order), ("total", got.total_order)):
         columns += [
@@ -337,22 +379,35 @@ def _sensitivity(request: Study, options: argparse.Namespace) -> CommandResult:
     )
 
 
-def write_figures(options: argparse.Namespace) -> int:
-    """`tactor-bench figures`."""
-    from model.studies.paper_figures import paper_figures as theory
+@dataclass(frozen=True)
+class FiguresOptions:
+    """Options of `figures`."""
 
-    folder = options.out or Path("figures")
+    out: Path = option(
+        "--out",
+        inherited=True,
+        default=Path("figures"),
+        type=path_argument,
+        help="folder to write to (default: figures)",
+    )
+    only: Sequence[str] = repeated("--only", "FIG", "one of them, e.g. fig9; may be given often")
+    pdf: bool = switch("--pdf", "PDF beside PNG")
+    parameters: ParameterOptions = group(ParameterOptions)
+
+
+def write_figures(options: FiguresOptions) -> int:
+    """Draw the theory curves of the paper's figures and write them as CSV."""
+    folder = options.out
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
     with translate_model_errors():
-        specimen = read_specimen(options, on_membrane=True)
-        if own := [
-            name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(options.settings)
-        ]:
+        settings = options.parameters.settings
+        specimen = read_specimen(SpecimenOptions(settings), on_membrane=True)
+        if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(settings)]:
             raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
-        everything = theory(specimen.tactor, specimen.membrane)
+        everything = paper_figures(specimen.tactor, specimen.membrane)
     chosen = _select_panels(everything, options.only)
     suffixes = (".png", ".pdf") if options.pdf else (".png",)
     written = []
@@ -366,12 +421,12 @@ def write_figures(options: argparse.Namespace) -> int:
             curves_table(panels).to_csv(sheet)
         files = [str(path) for path in (*paths, sheet)]
         written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
-    if options.json:
-        print_line(json.dumps({"command": "figures", "figures": written}))
+    if options.parameters.json:
+        print_json({"command": "figures", "figures": written})
     return ExitCode.DONE
 
 
-def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str] | None) -> dict[str, list[PaperFigure]]:
+def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> dict[str, list[PaperFigure]]:
     """Panels by the figure they belong to; one panel alone where its own name is asked for."""
     groups = {name: list(panels) for name, panels in groupby(all_panels, lambda figure: figure.name.rstrip("abcdef"))}
     if not names:
@@ -391,3 +446,31 @@ def curves_table(panels: Sequence[PaperFigure]) -> ResultTable:
         before = f"{panel.name} " if len(panels) > 1 else ""
         columns += [ResultColumn(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
     return ResultTable(first.name, first.name, tuple(columns))
+
+
+def _define_study(parser: argparse.ArgumentParser) -> None:
+    allow_negative_values(parser)
+    define_command(
+        parser,
+        StudyOptions,
+        study,
+        "The response for every combination of the values given, or one of the paper's studies.",
+        "examples: tactor-bench study fig10 --csv fig10.csv;  "
+        "tactor-bench study --vary E_m=1e3:1e9:25:log --vary delta=0:0.04:9 --out skin.h5;  "
+        "tactor-bench study --sensitivity --vary k2=6e-3,8e-3 --vary 'm_add=6,9 g'",
+    )
+
+
+def _define_figures(parser: argparse.ArgumentParser) -> None:
+    allow_negative_values(parser)
+    define_command(
+        parser,
+        FiguresOptions,
+        write_figures,
+        "The theory curves of the paper's figures. Where the text's claim and the equations differ, the "
+        "caption in the picture says so.",
+        "example: tactor-bench figures --out figures --only fig9 --pdf",
+    )
+
+
+COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"study": _define_study, "figures": _define_figures}

@@ -1,6 +1,5 @@
 """The terminal: what is typed and when, what is printed as it is, what a machine reads, and nobody listening."""
 
-import argparse
 import io
 import json
 import os
@@ -17,7 +16,7 @@ import pytest
 from rich.console import Console
 
 from app.cli.console import ConsoleObserver, JsonObserver
-from app.cli.headless import headless_session
+from app.cli.headless import SelectedBench, headless_session
 from app.cli.prompts import KEY_HELP, ConsoleOperator
 from app.plotting.run_figure import run_figure
 from app.session.session import BenchOpened, RunRejected
@@ -142,8 +141,7 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
         elif kinds[-1] == "Paused":
             keyboard("\n")
 
-    options = argparse.Namespace(json=False, bench="sim")
-    with headless_session(simulated(), None, options, [watch]) as front:
+    with headless_session(SelectedBench("sim", simulated(), None), False, [watch]) as front:
         front.session.run(SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5), tmp_path, "T1")
         front.wait()
         assert front.session.outcome == ("completed", "all points measured")

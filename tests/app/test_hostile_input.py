@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.cli import run as commands
-from app.cli.main import _parser, main
+from app.cli.main import complete_parser, main
 from app.common.errors import ExitCode
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run
@@ -43,7 +43,7 @@ def commands_of(parser: argparse.ArgumentParser, name: str = "") -> Iterator[tup
             yield from commands_of(inner, f"{name} {word}".strip())
 
 
-COMMANDS = dict(commands_of(_parser()))
+COMMANDS = dict(commands_of(complete_parser()))
 LEAVES = [
     name for name, p in COMMANDS.items() if not any(isinstance(a, argparse._SubParsersAction) for a in p._actions)
 ]
@@ -96,7 +96,7 @@ def attacks(name: str) -> Iterator[list[str]]:
         if not action.option_strings or action.nargs == 0:
             continue
         option = action.option_strings[-1]
-        values = FILES if getattr(action.type, "__name__", "") in ("path", "Path") else TEXTS
+        values = FILES if getattr(action.type, "__name__", "") == "path_argument" else TEXTS
         at, first = FIRST[option, action.type]
         for value in values if first == name else values[at % len(values) :][:1]:
             yield [*base, f"{option}={value}"] if option.startswith("--") else [*base, option, value]

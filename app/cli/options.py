@@ -1,0 +1,145 @@
+"""Typed command options: dataclass fields that declare the arguments of a command, and groups that commands share."""
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from app.common.inputs import path_argument, seed_argument, specimen_argument
+
+T = TypeVar("T")
+
+
+def option(*flags: str, default: Any = None, inherited: bool = False, **keywords: Any) -> Any:
+    """Declare a field as a command-line argument: positional without flags, keywords as for `add_argument`.
+
+    An `inherited` option may also precede the command, so its own default must not overwrite that value.
+    """
+    if keywords.get("action") != "append":  # argparse would append to the default
+        keywords["default"] = argparse.SUPPRESS if inherited else default
+    return field(default=default, metadata={"flags": flags, "keywords": keywords})
+
+
+def switch(name: str, text: str) -> Any:
+    """Declare a field as an option without a value."""
+    return option(name, default=False, action="store_true", help=text)
+
+
+def repeated(name: str, metavar: str, text: str) -> Any:
+    """Declare a field as an option that may be given often."""
+    return option(name, default=(), action="append", metavar=metavar, help=text)
+
+
+def group(kind: type[Any], what: str = "") -> Any:
+    """Declare a field as a group of options; WHAT in their help texts is replaced by `what`."""
+    return field(default_factory=kind, metadata={"group": kind, "what": what})
+
+
+def add_options(parser: argparse.ArgumentParser, kind: Any, what: str = "") -> None:
+    """Add the options that a dataclass declares."""
+    for each in fields(kind):
+        if "group" in each.metadata:
+            add_options(parser, each.metadata["group"], each.metadata["what"])
+            continue
+        keywords = dict(each.metadata["keywords"])
+        keywords["help"] = keywords.get("help", "").replace("WHAT", what) or None
+        if flags := each.metadata["flags"]:
+            keywords["dest"] = each.name
+        parser.add_argument(*(flags or (each.name,)), **keywords)
+
+
+def read_options(kind: type[T], namespace: argparse.Namespace) -> T:
+    """Return the options of a command as its dataclass; what was not given has the default of its field."""
+    declared: Any = kind
+    values = {
+        each.name: read_options(each.metadata["group"], namespace)
+        if "group" in each.metadata
+        else getattr(namespace, each.name, None)
+        for each in fields(declared)
+    }
+    return kind(**{name: value for name, value in values.items() if value is not None})
+
+
+def define_command(
+    parser: argparse.ArgumentParser,
+    kind: type[T],
+    run: Callable[[T], int],
+    description: str | None = None,
+    epilog: str | None = None,
+) -> None:
+    """Give a command's parser its options, its help text and the function that runs it."""
+    add_options(parser, kind)
+    parser.description, parser.epilog = description or parser.description, epilog or parser.epilog
+    parser.set_defaults(command=lambda namespace: run(read_options(kind, namespace)))
+
+
+JSON_OBJECT = "as one JSON object, SI units"
+JSON_EVENTS = "one JSON object per event on standard output, SI units"
+JSON_PLAIN = "as one JSON object on standard output"
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """Options that choose the bench, the specimen and the folder of run files."""
+
+    bench: str = option(
+        "--bench",
+        default="sim",
+        inherited=True,
+        metavar="FILE|sim",
+        help="bench file, or 'sim' (default) for the simulated bench",
+    )
+    speed: str | None = option(
+        "--speed",
+        inherited=True,
+        metavar="N|max",
+        help="simulated bench only: 1 to 20 times real speed, or 'max' (virtual clock)",
+    )
+    seed: int | None = option(
+        "--seed", inherited=True, type=seed_argument, help="simulated bench only: seed of its noise"
+    )
+    out: Path | None = option(
+        "--out",
+        inherited=True,
+        type=path_argument,
+        help="folder for run files (default: runs; the window: the one used last)",
+    )
+    specimen: str | None = option(
+        "--specimen",
+        inherited=True,
+        type=specimen_argument,
+        help="name of the specimen (default: unnamed; the window: the one used last)",
+    )
+
+
+@dataclass(frozen=True)
+class ProtocolOptions(BenchOptions):
+    """Options of a run: bench and parameters of the protocol."""
+
+    settings: Sequence[str] = repeated(
+        "--set", "NAME=VALUE", "a parameter of the protocol, with or without a unit; may be given often"
+    )
+
+
+def folder_option() -> Any:
+    """Declare `--folder` of the run files."""
+    return option("--folder", type=path_argument, default=Path("runs"), help="of the runs (default: runs)")
+
+
+def faults_option() -> Any:
+    """Declare `--fault`."""
+    return repeated(
+        "--fault",
+        "NAME[@SECONDS]",
+        "simulated bench only: break this so many bench seconds after the run began (default 0); may be given "
+        "often. 'tactor-bench faults' lists them",
+    )
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """Options that write a result into files."""
+
+    csv: Path | None = option("--csv", type=path_argument, metavar="FILE", help="write WHAT as CSV, SI units")
+    picture: Path | None = option("--picture", type=path_argument, metavar="PNG", help="draw WHAT")
