@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
 from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
@@ -16,6 +16,7 @@ from app.gui.main_window_stack import CentralStack
 from app.gui.session_controller import SessionController
 from app.gui.tabs import CAMPAIGN, MEASURE, MainTabs
 from app.gui.widgets.actions import add_actions, update_actions
+from app.gui.widgets.layouts import Item, column
 from app.gui.widgets.theme import Theme, style_sheet, system_theme
 from app.live.session_link import SessionAdapter
 from app.session.session import unreported_watchdog_messages
@@ -241,15 +242,11 @@ class MainWindow(QMainWindow):
     def _build(self, bench: str) -> None:
         self.setWindowTitle(f"Tactor Bench – {bench}")
         centre = QWidget()
-        layout = QVBoxLayout(centre)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(6)
-        layout.addWidget(self.status_bar)
         if self.faults is not None:
-            layout.addWidget(self.faults)
             self.tabs.setCornerWidget(self.faults.corner)
-        layout.addWidget(self.notices)
-        layout.addWidget(self.central, 1)
+        faults = () if self.faults is None else (self.faults,)
+        parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (self.central, 1))
+        column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
         self.setCentralWidget(centre)
         self.controller.changed.connect(self._show_state)
         self.status_bar.stop_pressed.connect(self.controller.stop)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QSizePolicy, QStackedWidget, QWidget
 from shiboken6 import isValid
 
 from app.gui.help.hint import FirstRunHint
@@ -12,6 +12,7 @@ from app.gui.help.welcome import WelcomePage
 from app.gui.tabs import MainTabs
 from app.gui.widgets.actions import add_actions, shortcuts_by_group
 from app.gui.widgets.file_dialog import choose_files
+from app.gui.widgets.layouts import column
 
 
 class CentralStack(QWidget):
@@ -29,11 +30,7 @@ class CentralStack(QWidget):
             self.stack.addWidget(widget)
         for cover in (self.shortcut_sheet, self.welcome):  # what covers the pages makes no window larger
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 0, 10, 8)
-        layout.setSpacing(6)
-        layout.addWidget(self.hint)
-        layout.addWidget(self.stack, 1)
+        column(self.hint, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
         self.shortcut_sheet.closed.connect(self.show_pages)
         self.shortcut_sheet.welcome_requested.connect(self.show_welcome)

@@ -22,6 +22,7 @@ from app.gui.widgets import splitters
 from app.gui.widgets.actions import ACTIONS, add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import column
 from app.gui.widgets.theme import Theme
 from app.live.overlay import Overlay
 from app.live.session_link import SessionAdapter
@@ -93,9 +94,7 @@ class MainTabs(QTabWidget):
         self.setTabBarAutoHide(True)
         for index, title in enumerate(TITLES):
             place = QWidget()
-            layout = QVBoxLayout(place)
-            layout.setContentsMargins(0, 0, 0, 0)
-            self._page_layouts.append(layout)
+            self._page_layouts.append(column(parent=place, margins=(0, 0, 0, 0)))
             self.addTab(place, title)
             action_id = f"page.{title.lower()}"
             self.setTabToolTip(index, ACTIONS[action_id].shortcut)

@@ -6,12 +6,10 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QFrame,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QPushButton,
     QScrollArea,
     QSizePolicy,
-    QVBoxLayout,
     QWidget,
 )
 from shiboken6 import isValid
@@ -19,6 +17,7 @@ from shiboken6 import isValid
 from app.gui.widgets.actions import add_actions, name_button, shortcut_label
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import column, row
 from app.session.fault_injection import FaultPlan
 from app.session.state import WindowState
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
@@ -115,10 +114,7 @@ class FaultPanel(QWidget):
         self.setVisible(bool(self.active_faults) or self.open_button.isChecked())
 
     def _build(self) -> None:
-        row = QHBoxLayout(self.band)
-        row.setContentsMargins(12, 4, 8, 4)
-        row.addWidget(self.band_label, 1)
-        row.addWidget(self.clear_button)
+        row((self.band_label, 1), self.clear_button, parent=self.band, margins=(12, 4, 8, 4))
         grid = QGridLayout(self._sheet)
         grid.setContentsMargins(12, 6, 12, 6)
         grid.setVerticalSpacing(2)
@@ -139,13 +135,7 @@ class FaultPanel(QWidget):
         self.list.setMinimumHeight(48)  # a notice above it may need the room: then it is scrolled
         self.list.setMaximumHeight(self._sheet.sizeHint().height() + 4)
         self.list.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 0, 10, 0)
-        layout.setSpacing(4)
-        layout.addWidget(self.band)
-        layout.addWidget(self.list)
+        column(self.band, self.list, parent=self, margins=(10, 0, 10, 0), spacing=4)
         self.list.hide()
-        corner = QVBoxLayout(self.corner)
-        corner.setContentsMargins(0, 0, 0, 5)
-        corner.addWidget(self.open_button)
+        column(self.open_button, parent=self.corner, margins=(0, 0, 0, 5))
         self._update_visibility()

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent, QPalette
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import column, make_button, make_label, row
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,31 +47,17 @@ class Notice(QFrame):
         self, choices: tuple[NoticeButton, ...], kind: str, symbol: str, parent: QWidget | None = None
     ) -> None:
         super().__init__(parent)
-        self.message_label = QLabel()
-        self.detail_label = QLabel()
-        self.detail_label.setProperty("kind", "detail")
+        self.message_label, self.detail_label = make_label(), make_label(kind="detail")
         for label in (self.message_label, self.detail_label):
-            label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             label.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)
-        self.text_layout = text = QVBoxLayout()
-        text.setSpacing(4)
-        text.addWidget(self.message_label)
-        text.addWidget(self.detail_label)
+        self.text_layout = column(self.message_label, self.detail_label, spacing=4)
         self.symbol = SymbolIcon(self)
         self.symbol.name = symbol
-        self.row = layout = QHBoxLayout(self)
-        layout.setContentsMargins(16, 10, 12, 10)
-        layout.setSpacing(14)
-        layout.addWidget(self.symbol)
-        layout.addLayout(text, 1)
-        self.buttons = [QPushButton(choice.label) for choice in choices]
-        for button, choice in zip(self.buttons, choices, strict=True):
-            if choice.kind:
-                button.setProperty("kind", choice.kind)
-            button.clicked.connect(choice.callback)
-            layout.addWidget(button)
+        self.buttons = [make_button(choice.label, choice.callback, choice.kind) for choice in choices]
+        self.row = row(
+            self.symbol, (self.text_layout, 1), *self.buttons, parent=self, margins=(16, 10, 12, 10), spacing=14
+        )
         set_style_kind(self, kind)
         self.hide()
 

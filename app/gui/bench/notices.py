@@ -3,11 +3,12 @@
 import time
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.prompt import PromptNotice
 from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_label
+from app.gui.widgets.layouts import column
 from app.session.state import WindowState
 from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base.events import PromptShown
@@ -59,11 +60,8 @@ class NoticeArea(QWidget):
             "cross",
             self,
         )
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 0, 10, 0)
-        layout.setSpacing(6)
-        for notice in (self.unsafe, self.closing, self.prompt, self.problem):
-            layout.addWidget(notice)
+        notices = (self.unsafe, self.closing, self.prompt, self.problem)
+        column(*notices, parent=self, margins=(10, 0, 10, 0), spacing=6)
         self._shown_at_s = 0.0
         self._no_bench = False
         self._answer_action = add_action(parent, ACTIONS["answer"], self._on_enter)

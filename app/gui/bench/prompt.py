@@ -2,12 +2,12 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.setup_drawing import SetupDrawing
 from app.gui.widgets.actions import ActionInfo, add_action, shortcut_label
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, make_label, row
 from protocols.base.events import PromptShown
 
 
@@ -25,16 +25,13 @@ class PromptNotice(Notice):
         self._prompt: PromptShown | None = None
         self._answer_actions: list[QAction] = []
         self.drawing = SetupDrawing()
-        self.laser_label = QLabel()
-        set_style_kind(self.laser_label, "laser")
+        self.laser_label = make_label(kind="laser", wrap=False)
         self.laser_label.setMinimumWidth(self.laser_label.fontMetrics().horizontalAdvance("laser −0000.0 µm") * 2)
         self.laser_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.row.insertWidget(1, self.drawing)
         self.row.insertWidget(3, self.laser_label)
-        self._answer_row = QHBoxLayout()
-        self._answer_row.addStretch()
         self.row.removeWidget(self._stop_button)
-        self._answer_row.addWidget(self._stop_button)
+        self._answer_row = row(STRETCH, self._stop_button)
         self.text_layout.addLayout(self._answer_row)
 
     def show_prompt(self, event: PromptShown | None) -> bool:

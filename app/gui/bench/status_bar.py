@@ -2,11 +2,12 @@
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
 
 from app.common.formatting import format_duration
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
+from app.gui.widgets.layouts import Item, column, row
 from app.gui.widgets.theme import LIGHT, Theme
 from app.session.state import BenchState, InstrumentStatus, Lamp, WindowState
 
@@ -113,22 +114,12 @@ class BenchStatusBar(QWidget):
         self.pause_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.pause_button.clicked.connect(self.pause_pressed)
         self.lamps: list[InstrumentLamp] = []
-        self._lamp_row = QHBoxLayout()
-        self._lamp_row.setSpacing(16)
+        self._lamp_row = row(spacing=16)
         self._build()
         self.set_theme(theme)
 
     def _build(self) -> None:
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        run = QVBoxLayout()
-        run.setSpacing(4)
-        run.addWidget(self.task_sign, 1)
-        run.addWidget(self.progress_bar)
-        top = QHBoxLayout()
-        top.setSpacing(18)
-        top.addWidget(self.state_sign, 9)
-        top.addWidget(self.voltage_sign, 8)
-        top.addLayout(run, 9)
         for widget in (
             self.simulated_label,
             self.pause_button,
@@ -136,14 +127,10 @@ class BenchStatusBar(QWidget):
         ):  # else their large writing would keep a window large
             widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
             widget.setMinimumWidth(72)
-        top.addWidget(self.simulated_label)
-        top.addWidget(self.pause_button)
-        top.addWidget(self.stop_button)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 8, 10, 4)
-        layout.setSpacing(4)
-        layout.addLayout(top)
-        layout.addLayout(self._lamp_row)
+        run = column((self.task_sign, 1), self.progress_bar, spacing=4)
+        signs: tuple[Item, ...] = ((self.state_sign, 9), (self.voltage_sign, 8), (run, 9))
+        top = row(*signs, self.simulated_label, self.pause_button, self.stop_button, spacing=18)
+        column(top, self._lamp_row, parent=self, margins=(10, 8, 10, 4), spacing=4)
 
     def scale_to_window(self, window: QSize) -> None:
         """Signs grow with the window: who has a large screen stands further away."""

@@ -10,16 +10,12 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QFrame,
-    QHBoxLayout,
-    QLabel,
     QProgressBar,
-    QPushButton,
     QSplitter,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -28,6 +24,7 @@ from app.gui.campaign.item_list import CampaignList
 from app.gui.plots.live_pane import LivePane
 from app.gui.widgets.actions import add_actions, shortcut_label, update_actions
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState
 from protocols.measurements.sine_dwell import SineDwell
@@ -56,30 +53,16 @@ class NextStepPane(QFrame):
     def __init__(self) -> None:
         super().__init__()
         set_style_kind(self, "panel")
-        self.heading, self.reason, self.detail = QLabel(), QLabel(), QLabel()
-        set_style_kind(self.heading, "step")
-        set_style_kind(self.reason, "step-why")
-        set_style_kind(self.detail, "step-detail")
-        text = QVBoxLayout()
-        text.setSpacing(4)
-        for label in (self.heading, self.reason, self.detail):
-            label.setTextFormat(Qt.TextFormat.PlainText)
-            label.setWordWrap(True)
-            text.addWidget(label)
-        text.addStretch()
-        self.buttons = {what: QPushButton(words) for what, words in ACTION_BUTTON_LABELS.items()}
-        column = QVBoxLayout()
-        column.setSpacing(6)
-        for what, button in self.buttons.items():
-            button.clicked.connect(lambda _=False, what=what: self.pressed.emit(what))
+        self.heading, self.reason, self.detail = (make_label(kind=kind) for kind in ("step", "step-why", "step-detail"))
+        self.buttons = {
+            action: make_button(text, partial(self.pressed.emit, action))
+            for action, text in ACTION_BUTTON_LABELS.items()
+        }
+        for button in self.buttons.values():
             button.hide()
-            column.addWidget(button)
-        column.addStretch()
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(16, 10, 12, 10)
-        layout.setSpacing(20)
-        layout.addLayout(text, 1)
-        layout.addLayout(column)
+        text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
+        buttons = column(*self.buttons.values(), STRETCH, spacing=6)
+        row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
 
     def show_step(self, step: NextStep, blocked_reason: str) -> None:
         """Show a step; `why_not` tells why no run may begin now, and is empty where one may."""
@@ -107,33 +90,17 @@ class CampaignHeader(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.name_label, self.progress_label, self.message_label = QLabel(), QLabel(), QLabel()
-        set_style_kind(self.name_label, "heading")
-        set_style_kind(self.message_label, "fault")
-        self.message_label.setWordWrap(True)
+        self.name_label, self.progress_label = make_label(kind="heading", wrap=False), make_label(wrap=False)
+        self.message_label = make_label(kind="fault")
         self.message_label.hide()
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
         self.bar.setTextVisible(False)
         self.bar.setFixedHeight(10)
-        another, other = (
-            QPushButton(shortcut_label("New …", "campaign.new")),
-            QPushButton(shortcut_label("Open …", "campaign.open")),
-        )
-        row = QHBoxLayout()
-        row.setSpacing(12)
-        row.addWidget(self.name_label)
-        row.addWidget(self.progress_label)
-        row.addWidget(self.bar, 1)
-        for button, signal in ((another, self.another_pressed), (other, self.open_pressed)):
-            button.setProperty("kind", "choice")
-            button.clicked.connect(signal)
-            row.addWidget(button)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(4)
-        layout.addLayout(row)
-        layout.addWidget(self.message_label)
+        new = make_button(shortcut_label("New …", "campaign.new"), self.another_pressed.emit, "choice")
+        open_ = make_button(shortcut_label("Open …", "campaign.open"), self.open_pressed.emit, "choice")
+        line = row(self.name_label, self.progress_label, (self.bar, 1), new, open_, spacing=12)
+        column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
         """How far campaign and present run are."""
@@ -179,12 +146,7 @@ class CampaignBoard(QWidget):
         self.live_pane.setObjectName("campaign/rows")
         columns.setChildrenCollapsible(False)
         self.item_list.setMinimumWidth(330)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 4, 0, 0)
-        layout.setSpacing(8)
-        layout.addWidget(self.header)
-        layout.addWidget(self.step_pane)
-        layout.addWidget(columns, 1)
+        column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.item_moved.connect(self.item_moved)
         self.item_list.selected_item_changed.connect(self._show_details)
         self.item_list.enter_pressed.connect(lambda: self._request_action("accept"))

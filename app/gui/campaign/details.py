@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QScrollArea, QWidget
 
 from app.gui.widgets.actions import name_button
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
 
 if TYPE_CHECKING:
     from app.campaign.summary import CampaignEstimates, ItemSummary
@@ -24,30 +25,18 @@ class ItemDetailsPane(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.heading_label = QLabel()
-        set_style_kind(self.heading_label, "running")
-        self.buttons = {}
-        row = QHBoxLayout()
-        row.setSpacing(4)
+        self.heading_label = make_label(kind="running", wrap=False)
+        self.buttons: dict[str, QPushButton] = {}
         for what, text in BUTTONS.items():
-            button = QPushButton()
+            self.buttons[what] = button = make_button(text, partial(self.pressed.emit, what), "choice")
             name_button(button, f"campaign.item.{what}", text)
-            button.setProperty("kind", "choice")
-            button.clicked.connect(lambda _=False, what=what: self.pressed.emit(what))
-            row.addWidget(button)
-            self.buttons[what] = button
-        row.addStretch()
         self.details_area = QScrollArea()
         self.details_area.setWidgetResizable(True)
         self.details_area.setFrameShape(QFrame.Shape.NoFrame)
         self.details_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.details_area.viewport().setAutoFillBackground(False)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(10, 4, 0, 0)
-        layout.setSpacing(6)
-        layout.addWidget(self.heading_label)
-        layout.addLayout(row)
-        layout.addWidget(self.details_area, 1)
+        buttons = row(*self.buttons.values(), STRETCH, spacing=4)
+        column(self.heading_label, buttons, (self.details_area, 1), parent=self, margins=(10, 4, 0, 0), spacing=6)
         self._shown_state: object = None
 
     def show_item(
@@ -77,20 +66,12 @@ class ItemDetailsPane(QWidget):
 
         paper = QWidget()
         paper.setAutoFillBackground(False)
-        column = QVBoxLayout(paper)
-        column.setContentsMargins(0, 0, 8, 0)
-        column.setSpacing(2)
+        sections: list[Item] = []
         for section in item_details(item, estimates, specimen):
-            heading = QLabel(section.heading)
-            set_style_kind(heading, "caption")
-            lines = QLabel("\n".join(section.lines))
-            lines.setTextFormat(Qt.TextFormat.PlainText)
-            lines.setWordWrap(True)
+            lines = make_label("\n".join(section.lines))
             lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-            column.addWidget(heading)
-            column.addWidget(lines)
-            column.addSpacing(8)
-        column.addStretch()
+            sections += [make_label(section.heading, "caption", wrap=False), lines, 8]
+        column(*sections, STRETCH, parent=paper, margins=(0, 0, 8, 0), spacing=2)
         self.details_area.setWidget(paper)  # deletes the one before
 
 

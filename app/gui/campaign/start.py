@@ -7,17 +7,15 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
-    QLabel,
     QLineEdit,
     QListWidget,
     QListWidgetItem,
-    QPushButton,
-    QVBoxLayout,
     QWidget,
 )
 
 from app.gui.widgets.actions import shortcut_label
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after what it rests on. "
@@ -35,56 +33,38 @@ class CampaignStart(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        heading = QLabel("Begin a campaign")
-        set_style_kind(heading, "heading")
-        about = QLabel(CAMPAIGN_INTRODUCTION)
-        about.setWordWrap(True)
-        set_style_kind(about, "large")
-        self.location_label = QLabel()
-        set_style_kind(self.location_label, "note-size")
-        self.location_label.setWordWrap(True)
+        self.location_label = make_label(kind="note-size")
         self.specimen_edit = QLineEdit()
         self.specimen_edit.setPlaceholderText("name of the specimen, for example T7")
         self.specimen_edit.setAccessibleName("specimen of the new campaign")
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
-        self.begin_button = QPushButton("Begin   (Enter)")
-        self.begin_button.setProperty("kind", "go")
-        self.begin_button.clicked.connect(self._request_create)
-        self.message_label = QLabel()
-        self.message_label.setWordWrap(True)
-        set_style_kind(self.message_label, "fault")
+        self.begin_button = make_button("Begin   (Enter)", self._request_create, "go")
+        self.message_label = make_label(kind="fault")
         self.message_label.hide()
-        self.existing_label = QLabel("Or go on with one that is there")
-        set_style_kind(self.existing_label, "running")
+        self.existing_label = make_label("Or go on with one that is there", "running", wrap=False)
         self.campaign_list = QListWidget()
         self.campaign_list.setAccessibleName("campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
-        browse = QPushButton(shortcut_label("Open another …", "campaign.open"))
-        browse.clicked.connect(self.browse_pressed)
-        row = QHBoxLayout()
-        row.addWidget(self.specimen_edit, 1)
-        row.addWidget(self.begin_button)
-        row.setSpacing(10)
-        last = QHBoxLayout()
-        last.addWidget(browse)
-        last.addStretch()
+        browse = make_button(shortcut_label("Open another …", "campaign.open"), self.browse_pressed.emit)
         frame = QFrame()
         set_style_kind(frame, "panel")
         frame.setMaximumWidth(760)
-        column = QVBoxLayout(frame)
-        column.setContentsMargins(28, 22, 28, 22)
-        column.setSpacing(10)
-        for widget in (heading, about):
-            column.addWidget(widget)
-        column.addLayout(row)
-        column.addWidget(self.message_label)
-        column.addWidget(self.location_label)
-        column.addSpacing(14)
-        column.addWidget(self.existing_label)
-        column.addWidget(self.campaign_list, 1)
-        column.addLayout(last)
+        column(
+            make_label("Begin a campaign", "heading", wrap=False),
+            make_label(CAMPAIGN_INTRODUCTION, "large"),
+            row((self.specimen_edit, 1), self.begin_button, spacing=10),
+            self.message_label,
+            self.location_label,
+            14,
+            self.existing_label,
+            (self.campaign_list, 1),
+            row(browse, STRETCH),
+            parent=frame,
+            margins=(28, 22, 28, 22),
+            spacing=10,
+        )
         layout = QHBoxLayout(self)
         layout.setContentsMargins(0, 10, 0, 10)
         layout.addStretch(1)

@@ -1,8 +1,8 @@
 """A line that leads a newcomer through the first run; it goes by itself when that run has been looked at."""
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QWidget
 
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import make_button, make_label, row
 from app.session.state import WindowState
 from protocols.base.events import RunStatus
 
@@ -21,16 +21,8 @@ class FirstRunHint(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._run_finished = False
-        self.label = QLabel()
-        self.label.setWordWrap(True)
-        set_style_kind(self.label, "hint")
-        close = QPushButton("Got it")
-        close.setProperty("kind", "choice")
-        close.clicked.connect(self.hide)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(6, 0, 6, 0)
-        row.addWidget(self.label, 1)
-        row.addWidget(close)
+        self.label = make_label(kind="hint")
+        row((self.label, 1), make_button("Got it", self.hide, "choice"), parent=self, margins=(6, 0, 6, 0))
         self.hide()
 
     def start(self) -> None:

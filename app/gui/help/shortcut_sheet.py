@@ -7,17 +7,15 @@ from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
     QFrame,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
-    QPushButton,
     QScrollArea,
-    QVBoxLayout,
     QWidget,
 )
 
 from app.gui.widgets.actions import ActionInfo, shortcut_label
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
 
 
 class ShortcutSheet(QWidget):
@@ -40,22 +38,10 @@ class ShortcutSheet(QWidget):
         self._scroll.setWidgetResizable(True)
         self._scroll.setFrameShape(QFrame.Shape.NoFrame)
         self._scroll.viewport().setAutoFillBackground(False)
-        heading = QLabel("Keys")
-        set_style_kind(heading, "heading")
-        first, close = QPushButton("First steps …"), QPushButton(shortcut_label("Close", "shortcuts"))
-        first.clicked.connect(self.welcome_requested)
-        close.clicked.connect(self.closed)
-        top = QHBoxLayout()
-        top.addWidget(heading)
-        top.addWidget(self.search, 1)
-        top.addWidget(first)
-        top.addWidget(close)
-        top.setSpacing(14)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(16, 12, 16, 8)
-        layout.setSpacing(10)
-        layout.addLayout(top)
-        layout.addWidget(self._scroll, 1)
+        first = make_button("First steps …", self.welcome_requested.emit)
+        close = make_button(shortcut_label("Close", "shortcuts"), self.closed.emit)
+        top = row(make_label("Keys", "heading", wrap=False), (self.search, 1), first, close, spacing=14)
+        column(top, (self._scroll, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
         """Show these groups."""
@@ -68,9 +54,7 @@ class ShortcutSheet(QWidget):
         wanted = self.search.text().lower().split()
         paper = QWidget()
         paper.setAutoFillBackground(False)
-        columns = QHBoxLayout(paper)
-        columns.setContentsMargins(0, 0, 0, 0)
-        columns.setSpacing(28)
+        columns = row(parent=paper, margins=(0, 0, 0, 0), spacing=28)
         self.rows = []
         for title, lines in self._groups.items():
             found = [
@@ -94,19 +78,9 @@ def _group_frame(title: str, lines: list[ActionInfo]) -> QFrame:
     grid.setVerticalSpacing(6)
     grid.setColumnStretch(0, 2)
     grid.setColumnStretch(1, 3)
-    heading = QLabel(title)
-    set_style_kind(heading, "running")
-    grid.addWidget(heading, 0, 0, 1, 2)
+    grid.addWidget(make_label(title, "running", wrap=False), 0, 0, 1, 2)
     for at, line in enumerate(lines, 1):
-        keys = QHBoxLayout()
-        keys.setSpacing(4)
-        for key in line.shortcuts:
-            cap = QLabel(QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText))
-            set_style_kind(cap, "key")
-            keys.addWidget(cap)
-        keys.addStretch()
-        grid.addLayout(keys, at, 0)
-        words = QLabel(line.text)
-        words.setWordWrap(True)
-        grid.addWidget(words, at, 1)
+        native = (QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText) for key in line.shortcuts)
+        grid.addLayout(row(*(make_label(key, "key", wrap=False) for key in native), STRETCH, spacing=4), at, 0)
+        grid.addWidget(make_label(line.text), at, 1)
     return frame

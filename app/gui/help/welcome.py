@@ -2,9 +2,11 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
 
+from app.gui.widgets.actions import shortcut_label
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
 
 DEMO_TEXT = (
     "A sine dwell on a simulated tactor: 18 frequencies in about half a minute. Nothing is connected and nothing can "
@@ -37,68 +39,47 @@ class WelcomePage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        heading = QLabel("Welcome to Tactor Bench")
-        set_style_kind(heading, "welcome")
-        self.about_label = _text_label("")
-        self.demo_button = QPushButton("Try it on the simulated bench   (Enter)")
-        self.demo_button.setProperty("kind", "go")
-        self.demo_button.setMinimumHeight(64)
-        self.demo_button.clicked.connect(self.demo_requested)
-        self.browse_button = QPushButton("Open a bench file …")
-        self.browse_button.clicked.connect(self.browse_pressed)
-        close = QPushButton("Not now   (Esc)")
-        close.clicked.connect(self.closed)
-        self.message_label = _text_label("")
-        set_style_kind(self.message_label, "fault")
+        self.about_label, self.message_label = make_label(kind="large"), make_label(kind="fault")
         self.message_label.hide()
-        left, right = _panel("See it work"), _panel("Set up my bench")
-        left.addWidget(self.about_label)
-        left.addSpacing(10)
-        left.addWidget(self.demo_button)
-        left.addStretch()
-        right.addWidget(_text_label("In a terminal:"))
+        self.demo_button = make_button("Try it on the simulated bench   (Enter)", self.demo_requested.emit, "go")
+        self.demo_button.setMinimumHeight(64)
+        self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit)
+        close = make_button(shortcut_label("Not now", "escape"), self.closed.emit)
         steps = QGridLayout()
         steps.setHorizontalSpacing(10)
         steps.setVerticalSpacing(2)
         for at, (command, words) in enumerate(SETUP_STEPS):
             steps.addWidget(QLabel(f"{at + 1}."), 2 * at, 0)
-            line = QLabel(command)
-            set_style_kind(line, "command")
+            line = make_label(command, "command", wrap=False)
             line.setTextInteractionFlags(
                 Qt.TextInteractionFlag.TextSelectableByMouse | Qt.TextInteractionFlag.TextSelectableByKeyboard
             )
             line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
             steps.addWidget(line, 2 * at, 1)
-            steps.addWidget(_text_label(words), 2 * at + 1, 1)
+            steps.addWidget(make_label(words, "large"), 2 * at + 1, 1)
         steps.setColumnStretch(1, 1)
-        right.addLayout(steps)
-        right.addSpacing(8)
-        right.addWidget(self.browse_button)
-        right.addWidget(self.message_label)
-        right.addSpacing(8)
-        danger = _text_label(SAFETY_TEXT)
-        set_style_kind(danger, "danger")
-        right.addWidget(danger)
-        right.addStretch()
-        columns = QHBoxLayout()
-        columns.setSpacing(18)
-        for column in (left, right):
-            frame = QFrame()
-            set_style_kind(frame, "panel")
-            frame.setLayout(column)
-            columns.addWidget(frame, 1, Qt.AlignmentFlag.AlignTop)
-        below = QHBoxLayout()
-        places = _text_label(PAGES_TEXT)
-        set_style_kind(places, "note-size")
-        below.addWidget(places, 1)
-        below.addWidget(close)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(40, 16, 40, 16)
-        layout.setSpacing(14)
-        layout.addWidget(heading)
-        layout.addLayout(columns)
-        layout.addLayout(below)
-        layout.addStretch()
+        left = _panel("See it work", self.about_label, 10, self.demo_button, STRETCH)
+        right = _panel(
+            "Set up my bench",
+            make_label("In a terminal:", "large"),
+            steps,
+            8,
+            self.browse_button,
+            self.message_label,
+            8,
+            make_label(SAFETY_TEXT, "danger"),
+            STRETCH,
+        )
+        top = Qt.AlignmentFlag.AlignTop
+        column(
+            make_label("Welcome to Tactor Bench", "welcome", wrap=False),
+            row((left, 1, top), (right, 1, top), spacing=18),
+            row((make_label(PAGES_TEXT, "note-size"), 1), close),
+            STRETCH,
+            parent=self,
+            margins=(40, 16, 40, 16),
+            spacing=14,
+        )
 
     def show_page(self, folder: str) -> None:
         """Show it."""
@@ -118,19 +99,8 @@ class WelcomePage(QWidget):
         super().keyPressEvent(event)
 
 
-def _panel(title: str) -> QVBoxLayout:
-    column = QVBoxLayout()
-    column.setContentsMargins(24, 18, 24, 18)
-    column.setSpacing(8)
-    heading = QLabel(title)
-    set_style_kind(heading, "heading")
-    column.addWidget(heading)
-    return column
-
-
-def _text_label(text: str) -> QLabel:
-    label = QLabel(text)
-    label.setWordWrap(True)
-    label.setTextFormat(Qt.TextFormat.PlainText)
-    set_style_kind(label, "large")
-    return label
+def _panel(title: str, *items: Item) -> QFrame:
+    frame = QFrame()
+    set_style_kind(frame, "panel")
+    column(make_label(title, "heading", wrap=False), *items, parent=frame, margins=(24, 18, 24, 18), spacing=8)
+    return frame

@@ -9,13 +9,11 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QFrame,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
     QScrollArea,
     QToolButton,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -24,6 +22,7 @@ from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.widgets.actions import ACTIONS, tooltip
 from app.gui.widgets.form import ProtocolForm, set_style_kind
+from app.gui.widgets.layouts import column, make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState, format_voltage_range
 from drivers.bench.bench import Bench
@@ -69,17 +68,9 @@ class RunPanel(QWidget):
         for name in PROTOCOLS:
             self.protocol_box.addItem(PROTOCOLS.title(name), name)
         self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
-        self.about_label = QLabel(protocol_summary(type(protocol)))
-        self.about_label.setWordWrap(True)
-        set_style_kind(self.about_label, "note")
+        self.about_label = make_label(protocol_summary(type(protocol)), "note")
         self.specimen_edit, self.folder_edit = QLineEdit(), QLineEdit()
-        self.rehearsal_label = QLabel()
-        self.rehearsal_label.setWordWrap(True)
-        self.rehearsal_label.setTextFormat(Qt.TextFormat.PlainText)
-        self.warnings_label = QLabel()
-        self.warnings_label.setWordWrap(True)
-        self.warnings_label.setTextFormat(Qt.TextFormat.PlainText)
-        set_style_kind(self.warnings_label, "caution")
+        self.rehearsal_label, self.warnings_label = make_label(), make_label(kind="caution")
         self.warnings_label.hide()
         self.estimates_panel = EstimatesPanel(theme)
         self.run_button = QPushButton(f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})")
@@ -202,9 +193,6 @@ class RunPanel(QWidget):
 
     def _build(self) -> None:
         set_style_kind(self.protocol_box, "heading")
-        top = QHBoxLayout()
-        top.addWidget(self.protocol_box, 1)
-        top.addWidget(self.preset_button)
         scroll = self._scroll
         scroll.setWidget(self.form)
         scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -230,17 +218,19 @@ class RunPanel(QWidget):
             where.addWidget(label, at, 0)
             where.addWidget(editor, at, 1)
         where.addWidget(self._browse, 1, 2)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 2, 8, 0)
-        layout.setSpacing(8)
-        layout.addLayout(top)
-        layout.addWidget(self.about_label)
-        layout.addWidget(scroll, 1)
-        layout.addLayout(where)
-        layout.addWidget(self.rehearsal_label)
-        layout.addWidget(self.warnings_label)
-        layout.addWidget(self.estimates_panel)
-        layout.addWidget(self.run_button)
+        column(
+            row((self.protocol_box, 1), self.preset_button),
+            self.about_label,
+            (scroll, 1),
+            where,
+            self.rehearsal_label,
+            self.warnings_label,
+            self.estimates_panel,
+            self.run_button,
+            parent=self,
+            margins=(0, 2, 8, 0),
+            spacing=8,
+        )
 
 
 def protocol_summary(kind: type[Protocol]) -> str:

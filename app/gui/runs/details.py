@@ -1,17 +1,15 @@
 """Beside the list: the points of what is chosen, what was found, tags and a note, and what can be done with it."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
 from PySide6.QtWidgets import (
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QPlainTextEdit,
-    QPushButton,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -21,6 +19,7 @@ from app.archive.run_summary import RunSummary
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets.actions import shortcut_label, tooltip
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
 from app.gui.widgets.progress_row import ProgressRow
 from app.gui.widgets.theme import Theme
 
@@ -50,19 +49,13 @@ class RunDetailsPane(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._saved_notes, self._run_path = ("", ""), ""
-        self.heading, self.facts_label, self.message_label = QLabel(), QLabel(), QLabel()
-        self.heading.setProperty("kind", "caption")
-        for label in (self.heading, self.facts_label, self.message_label):
-            label.setWordWrap(True)
-            label.setTextFormat(Qt.TextFormat.PlainText)
+        self.heading, self.facts_label, self.message_label = make_label(kind="caption"), make_label(), make_label()
         self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.progress_row = ProgressRow()
         self.plot = ComparePlot(theme)
         self.plot.setMinimumHeight(160)
-        self.empty_label = QLabel()
+        self.empty_label = make_label(kind="note-size")
         self.empty_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.empty_label.setWordWrap(True)
-        set_style_kind(self.empty_label, "note-size")
         self.tags_edit, self.note_edit = QLineEdit(), _NoteEdit()
         self.tags_edit.setPlaceholderText(shortcut_label("good, second try", "runs.notes"))
         self.tags_edit.setAccessibleName("tags")
@@ -71,38 +64,36 @@ class RunDetailsPane(QWidget):
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
-        self.open_button, self.explore_button = (
-            _button("Open", "Enter"),
-            _button("Explore", tooltip("runs.explore")),
-        )
-        self.open_button.clicked.connect(self.open_pressed)
-        self.explore_button.clicked.connect(self.explore_pressed)
-        row = QHBoxLayout()
-        row.setSpacing(6)
-        row.addWidget(self.open_button)
-        row.addWidget(self.explore_button)
-        row.addStretch()
-        row.addWidget(QLabel("Export"))
-        self.export_buttons = []
-        for kind in FORMATS:
-            button = _button(kind.upper(), f"Points, estimates, events and raw samples as {kind.upper()} files")
-            button.clicked.connect(lambda _=False, kind=kind: self.export_pressed.emit(kind))
-            row.addWidget(button)
-            self.export_buttons.append(button)
+        self.open_button = make_button("Open", self.open_pressed.emit, "choice", "Enter")
+        self.explore_button = make_button("Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"))
+        self.export_buttons = [
+            make_button(
+                kind.upper(),
+                partial(self.export_pressed.emit, kind),
+                "choice",
+                f"Points, estimates, events and raw samples as {kind.upper()} files",
+            )
+            for kind in FORMATS
+        ]
         fields = QGridLayout()
         fields.addWidget(QLabel("tags"), 0, 0)
         fields.addWidget(self.tags_edit, 0, 1)
         fields.addWidget(QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop)
         fields.addWidget(self.note_edit, 1, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 0, 0, 0)
-        layout.setSpacing(6)
-        for widget in (self.heading, self.plot, self.empty_label, self.facts_label):
-            layout.addWidget(widget, 1 if widget in (self.plot, self.empty_label) else 0)
-        layout.addLayout(fields)
-        layout.addWidget(self.message_label)
-        layout.addWidget(self.progress_row)
-        layout.addLayout(row)
+        buttons = row(self.open_button, self.explore_button, STRETCH, QLabel("Export"), *self.export_buttons, spacing=6)
+        column(
+            self.heading,
+            (self.plot, 1),
+            (self.empty_label, 1),
+            self.facts_label,
+            fields,
+            self.message_label,
+            self.progress_row,
+            buttons,
+            parent=self,
+            margins=(8, 0, 0, 0),
+            spacing=6,
+        )
         self.message_label.hide()
         self.plot.hide()  # until something is chosen
 
@@ -168,10 +159,3 @@ def _shorten_reason(reason: str) -> str:
         if len(reason) <= MAX_REASON_LENGTH
         else f"{reason[:MAX_REASON_LENGTH].rsplit(' ', 1)[0]} … (Enter opens all of it)"
     )
-
-
-def _button(text: str, tip: str) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.setProperty("kind", "choice")
-    return button

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QPushButton, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive.catalogue import ScanResult
 from app.archive.run_summary import RunFilter, RunSummary, read_since
+from app.gui.widgets.layouts import Item, make_button, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
@@ -51,22 +52,16 @@ class RunFilterBar(QWidget):
         for words, text in SINCE:
             self.since.addItem(words, text)
         self.since.setAccessibleName("begun")
-        self.count_label = QLabel()
-        self.count_label.setProperty("kind", "note")
-        self.stop_button = QPushButton("Stop reading")
-        self.stop_button.setProperty("kind", "choice")
+        self.count_label = make_label(kind="note", wrap=False)
+        self.stop_button = make_button("Stop reading", self.stop_pressed.emit, "choice")
         self.stop_button.hide()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 2, 0, 0)
-        row.setSpacing(6)
-        row.addWidget(self.search_edit, 1)
-        for widget in (self.specimen, self.protocol, self.state, self.since, self.count_label, self.stop_button):
-            row.addWidget(widget)
+        combos = (self.specimen, self.protocol, self.state, self.since)
+        items: tuple[Item, ...] = ((self.search_edit, 1), *combos, self.count_label, self.stop_button)
+        row(*items, parent=self, margins=(0, 2, 0, 0), spacing=6)
         self.search_edit.textChanged.connect(lambda _: self.changed.emit())
         self.search_edit.focus_list_requested.connect(self.list_requested)
-        for combo in (self.specimen, self.protocol, self.state, self.since):
+        for combo in combos:
             combo.currentIndexChanged.connect(lambda _: self.changed.emit())
-        self.stop_button.clicked.connect(self.stop_pressed)
         self.progressed.connect(self._show_progress)
         self._count_text = ""
 

@@ -18,10 +18,11 @@ from PySide6.QtCore import (
     Signal,
 )
 from PySide6.QtGui import QColor, QKeyEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QWidget
 
 from app.archive.run_summary import RunState, RunSummary
 from app.common.formatting import format_duration
+from app.gui.widgets.layouts import column
 from app.gui.widgets.theme import Theme
 
 Index = QModelIndex | QPersistentModelIndex
@@ -208,8 +209,4 @@ class RunListLayout(QWidget):
         columns.setChildrenCollapsible(False)
         table.setMinimumWidth(500)
         side.setMinimumWidth(340)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(6)
-        layout.addWidget(top)
-        layout.addWidget(columns, 1)
+        column(top, (columns, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)

@@ -1,13 +1,14 @@
 """One run from the archive, opened: its response on the model's curve, its traces, what happened and what was found."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QSplitter, QWidget
 
 from app.archive.replay import LoadedRun
 from app.common.formatting import format_duration, format_outcome
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.runs.trace_plot import TracePlot
+from app.gui.widgets.layouts import column, make_button, make_label, row
 from app.gui.widgets.log_pane import LogPane
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
@@ -25,34 +26,19 @@ class RunViewer(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.run: LoadedRun | None = None
-        self.heading, self.facts_label = QLabel(), QLabel()
-        self.heading.setProperty("kind", "heading")
-        self.facts_label.setProperty("kind", "note")
-        self.facts_label.setWordWrap(True)
-        for label in (self.heading, self.facts_label):
-            label.setTextFormat(Qt.TextFormat.PlainText)
+        self.heading, self.facts_label = make_label(kind="heading", wrap=False), make_label(kind="note")
         self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
-        self.back_button = QPushButton("← Back  (Esc)")
-        self.explore_button = QPushButton("Show in Explore  (E)")
-        self.back_button.clicked.connect(self.back_pressed)
-        self.explore_button.clicked.connect(self.explore_pressed)
-        head = QHBoxLayout()
-        head.addWidget(self.back_button)
-        head.addWidget(self.heading, 1)
-        head.addWidget(self.explore_button)
+        self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit)
+        self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit)
         rows = QSplitter(Qt.Orientation.Vertical)
         for widget, share in ((self.plots, 5), (self.trace_plot, 4), (self.log, 2)):
             rows.addWidget(widget)
             rows.setStretchFactor(rows.count() - 1, share)
         rows.setChildrenCollapsible(False)
         rows.setObjectName("runs/rows")
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 2, 0, 0)
-        layout.setSpacing(4)
-        layout.addLayout(head)
-        layout.addWidget(self.facts_label)
-        layout.addWidget(rows, 1)
+        head = row(self.back_button, (self.heading, 1), self.explore_button)
+        column(head, self.facts_label, (rows, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
 
     @property
     def response(self) -> ResponsePlot:

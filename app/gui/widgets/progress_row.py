@@ -3,9 +3,9 @@
 import threading
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QWidget
+from PySide6.QtWidgets import QProgressBar, QWidget
 
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import make_button, make_label, row
 
 SHOW_DELAY_MS = 300
 """What is over sooner is not shown: it would only flash."""
@@ -20,26 +20,20 @@ class ProgressRow(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.label, self.bar, self.cancel_button = QLabel(), QProgressBar(), QPushButton("Stop")
+        self.label, self.bar = make_label(kind="note", wrap=False), QProgressBar()
+        self.cancel_button = make_button(
+            "Stop", self.request_cancel, "choice", "End it; what is whole stays, and nothing is left half done"
+        )
         self.bar.setRange(0, PROGRESS_STEPS)
         self.bar.setTextVisible(False)
         self.bar.setFixedHeight(10)
-        set_style_kind(self.label, "note")
-        set_style_kind(self.cancel_button, "choice")
-        self.cancel_button.setToolTip("End it; what is whole stays, and nothing is left half done")
         self.running = False
         self._cancel_event = threading.Event()
         self._last_share = 0.0
         self._show_timer = QTimer(self, singleShot=True, interval=SHOW_DELAY_MS)
         self._show_timer.timeout.connect(self.show)
         self._progress_changed.connect(lambda share: self.bar.setValue(round(PROGRESS_STEPS * share)))
-        self.cancel_button.clicked.connect(self.request_cancel)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self.label)
-        row.addWidget(self.bar, 1)
-        row.addWidget(self.cancel_button)
+        row(self.label, (self.bar, 1), self.cancel_button, parent=self, margins=(0, 0, 0, 0), spacing=8)
         self.hide()
 
     def start(self, text: str) -> None:
