@@ -227,12 +227,12 @@ def archive(studio: Studio, run: Path) -> None:
     """The list of ten thousand runs, one of them opened, and a campaign under way."""
     window = studio.window
     studio.look_at(RUNS)
-    studio.until(lambda: window.runs.model.rowCount() >= MANY and window.runs.folder_model.is_idle)
-    window.runs.select_paths([run.name])
+    studio.until(lambda: window.tabs.runs.model.rowCount() >= MANY and window.tabs.runs.folder_model.is_idle)
+    window.tabs.runs.select_paths([run.name])
     studio.settle(1.0)
     studio.take("runs")
-    window.runs.open_selected()
-    studio.until(lambda: window.runs.currentWidget() is window.runs.viewer)
+    window.tabs.runs.open_selected()
+    studio.until(lambda: window.tabs.runs.currentWidget() is window.tabs.runs.viewer)
     studio.settle(2.0)
     studio.take("run")
     carry_through(studio)
@@ -242,7 +242,7 @@ def archive(studio: Studio, run: Path) -> None:
 def carry_through(studio: Studio) -> None:
     """Two measurements of a campaign: one that is accepted, one that waits for it."""
     studio.look_at(CAMPAIGN)
-    page = studio.window.campaign
+    page = studio.window.tabs.campaign
     page.create_campaign("T8")
     for name in ("wiring", "sag"):
         studio.until(lambda: page.controller.summary is not None and not page.controller.is_busy)

@@ -5,6 +5,7 @@ attributes all ask here.
 """
 
 import dataclasses
+import operator
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, get_type_hints
@@ -46,15 +47,9 @@ class ParameterSpec:
         """Where `values` (any shape) are finite and within the limits."""
         v = np.asarray(values, float)
         inside = np.asarray(np.isfinite(v))
-        limits: Any = self.interval
-        if limits.gt is not None:
-            inside &= v > limits.gt
-        if limits.ge is not None:
-            inside &= v >= limits.ge
-        if limits.lt is not None:
-            inside &= v < limits.lt
-        if limits.le is not None:
-            inside &= v <= limits.le
+        for compare in (operator.gt, operator.ge, operator.lt, operator.le):
+            if (bound := getattr(self.interval, compare.__name__)) is not None:
+                inside &= compare(v, bound)
         return inside
 
     def check(self, values: object) -> Array:

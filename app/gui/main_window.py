@@ -26,9 +26,6 @@ from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
     from app.campaign.queue import ItemRunRequest
-    from app.gui.campaign.page import CampaignPage
-    from app.gui.explore.page import ExplorePage
-    from app.gui.runs.page import RunsPage
 
 FRAME_MS = 16
 HIDDEN_CONNECT_DELAY_MS = 500
@@ -87,14 +84,14 @@ class MainWindow(QMainWindow):
         """Begin what the campaign has next where that is seen, else a run with what the form says, if it may begin."""
         self.central.show_pages()
         if self.tabs.currentIndex() == CAMPAIGN:
-            self.campaign.run()
+            self.tabs.campaign.run()
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
 
     def start_campaign_run(self, request: "ItemRunRequest") -> None:
         """Begin a run of the campaign, if it may still begin."""
         if self.controller.can_start:
-            self.controller.start_campaign_run(request, self.campaign.accept_run(request))
+            self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))
 
     def escape(self) -> None:
         """Stop, always; where nothing runs the page seen goes a step back besides."""
@@ -118,14 +115,13 @@ class MainWindow(QMainWindow):
     def change_bench(self, name: str) -> None:
         """Let go of this bench and open another: a bench file, or the simulated one."""
         if self.state.busy or self._change_bench is None:
-            self.central.welcome.show_message(
-                "A run is going on: let it end, or stop it, first." if self.state.busy else ""
-            )
+            busy = "A run is going on: let it end, or stop it, first." if self.state.busy else ""
+            self.central.welcome.message_label.show_message(busy, is_error=True)
             return
         try:
             self._change_bench(name)
         except ConfigError as error:
-            self.central.welcome.show_message(str(error))
+            self.central.welcome.message_label.show_message(str(error), is_error=True)
             return
         self.close_session()
 
@@ -221,21 +217,6 @@ class MainWindow(QMainWindow):
     def state(self) -> WindowState:
         """What is shown."""
         return self.controller.state
-
-    @property
-    def campaign(self) -> "CampaignPage":
-        """The page about the measurements of one specimen, made by now."""
-        return self.tabs.campaign
-
-    @property
-    def explore(self) -> "ExplorePage":
-        """The page about the model, made by now."""
-        return self.tabs.explore
-
-    @property
-    def runs(self) -> "RunsPage":
-        """The page about the runs of the folder, made by now."""
-        return self.tabs.runs
 
     # -- building ------------------------------------------------------------------------------------------------------
 

@@ -13,11 +13,16 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
 from model.identification.fit_result import MIN_P_VALUE, JointFit, RunResiduals, format_p_value
-from model.identification.forward_model import Values, beam_from_values, equation_factors, skin_from_values
+from model.identification.forward_model import (
+    Values,
+    beam_from_values,
+    equation_factors,
+    skin_from_values,
+    specimen_harmonic,
+)
 from model.identification.model_discrepancy import Discrepancy, possible_discrepancies
 from model.identification.observations import FrequencyResponseObservation
 from model.identification.receptance import ReceptanceSolver
-from model.response.drive_spectrum import fourier_series
 
 Array = NDArray[np.float64]
 
@@ -205,7 +210,4 @@ def _predicted_harmonic(
     factors = equation_factors(beam_from_values(v, run.added_mass_kg), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))
     H = ReceptanceSolver(l1, l2, fit.options.n).response(factors.take_rows(np.zeros(f.size, int)), 2 * np.pi * k * f)[0]
-    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable][here]
-    different, where = np.unique(drives, axis=0, return_inverse=True)
-    V = np.array([abs(fourier_series("sine", a, o, fit.options.amplifier, k)[k]) for a, o in different])[where.ravel()]
-    return np.asarray(np.abs(per_volt * H) * V)
+    return np.asarray(np.abs(per_volt * H) * np.abs(specimen_harmonic(run, fit.options.amplifier, k)[here]))

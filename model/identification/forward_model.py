@@ -148,6 +148,13 @@ class FiniteDifferences:
 Complex = NDArray[np.complex128]
 
 
+def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:
+    """Return V_k of the volts on the specimen at each usable point of a run, (F,)."""
+    drives = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
+    different, where = np.unique(drives, axis=0, return_inverse=True)
+    return np.array([fourier_series("sine", a, o, amplifier, order)[order] for a, o in different])[where.ravel()]
+
+
 class Prediction(NamedTuple):
     """One run's usable points: prediction (F,), real or complex, and its slopes (P, F)."""
 
@@ -180,7 +187,9 @@ class ForwardModel:
         self._fixed, self._tied, self._amplifier = dict(fixed), dict(tied), amplifier
         self._scale = np.array([known.typical_size(name, known.start_value(name, self._fixed)) for name in self.names])
         self._responses = observations.of_type(FrequencyResponseObservation)
-        self._drives = {r.label: self._drive_volts(r) for r in self._responses if r.fundamental_m is not None}
+        self._drives = {
+            r.label: 1j * specimen_harmonic(r, amplifier) for r in self._responses if r.fundamental_m is not None
+        }
 
     def values(self, theta: Array) -> dict[str, float | None]:
         """Every parameter by name at `theta`."""
@@ -256,13 +265,6 @@ class ForwardModel:
             up, down = (find(*end)[0] for end in ends)
             d = d + np.multiply.outer(dl, (up - down) / (2 * RELATIVE_STEP))
         return Prediction(omega / (2 * np.pi), d / (2 * np.pi))
-
-    def _drive_volts(self, run: FrequencyResponseObservation) -> Complex:
-        """Fundamental of the volts on the specimen per point, against the sine at the input."""
-        pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-        different, where = np.unique(pairs, axis=0, return_inverse=True)
-        volts = [1j * fourier_series("sine", a, o, self._amplifier, 1)[1] for a, o in different]
-        return np.array(volts)[where.ravel()]
 
     def _fundamentals(self, differences: FiniteDifferences) -> dict[str, Prediction]:
         runs = [r for r in self._responses if r.fundamental_m is not None]

@@ -62,19 +62,22 @@ class SharedError:
 @dataclass(frozen=True, eq=False)
 class _ObservationBase:
     label: str
+    good: Mask | None = field(default=None, kw_only=True)
+    """(F,): which points a fit may use; None: all."""
+    shared_errors: tuple[SharedError, ...] = field(default=(), kw_only=True)
+    simulated: bool = field(default=False, kw_only=True)
 
     @property
     def usable(self) -> Mask:
         """(F,): the usable points."""
-        return np.asarray(getattr(self, "good"))  # noqa: B009
+        return np.asarray(self.good)
 
     def _validate_columns(self, kind: str, columns: Sequence[str], errors: Sequence[str], x: str) -> None:
         """Turn the named fields into read-only columns of one length and check them."""
         size = np.atleast_1d(np.asarray(getattr(self, x))).shape
         if len(size) != 1 or not size[0]:
             raise ParameterError(f"{kind} {self.label!r}: {x} has shape {size}; give at least one value, in one row")
-        good = getattr(self, "good", None)
-        good = np.ones(size, bool) if good is None else np.atleast_1d(np.asarray(good))
+        good = np.ones(size, bool) if self.good is None else np.atleast_1d(np.asarray(self.good))
         if good.shape != size or good.dtype != bool:
             raise ParameterError(f"{kind} {self.label!r}: good must be {size[0]} times true or false")
         for name in columns:
@@ -115,9 +118,6 @@ class StaticLoadingObservation(_ObservationBase):
     errors_m: Array
     side: Side = "both"
     """Which side is pushed; "both" where the two are averaged already."""
-    good: Mask | None = None
-    shared_errors: tuple[SharedError, ...] = ()
-    simulated: bool = False
 
     def __post_init__(self) -> None:
         if self.side not in get_args(Side):
@@ -137,9 +137,6 @@ class MassResonanceObservation(_ObservationBase):
     frequency_hz: Array
     errors_hz: Array
     meaning: Literal["peak", "undamped"] = "peak"
-    good: Mask | None = None
-    shared_errors: tuple[SharedError, ...] = ()
-    simulated: bool = False
 
     def __post_init__(self) -> None:
         if self.meaning not in ("peak", "undamped"):
@@ -158,9 +155,6 @@ class VoltageStepsObservation(_ObservationBase):
     """Whether the level was reached from below (True) or above; None where nobody knows."""
     time_s: Array | None = None
     """How long each level had stood when it was read."""
-    good: Mask | None = None
-    shared_errors: tuple[SharedError, ...] = ()
-    simulated: bool = False
 
     def __post_init__(self) -> None:
         self._validate_columns(
@@ -200,9 +194,6 @@ class FrequencyResponseObservation(_ObservationBase):
     """Of each component of a harmonic: the sensor's noise, which repeatability does not enlarge; None: `errors_m`."""
     order: float | None = None
     """When it was measured among the others (any clock): the first and the last of a kind tell drift."""
-    good: Mask | None = None
-    shared_errors: tuple[SharedError, ...] = ()
-    simulated: bool = False
 
     def __post_init__(self) -> None:
         kind = "frequency response"
@@ -233,9 +224,6 @@ class MembraneSagObservation(_ObservationBase):
     """Of the strip that hung; None: the specimen's membrane. Its E_m is not used."""
     load_n_per_m: float | None = None
     delta: float = 0.0
-    good: Mask | None = None
-    shared_errors: tuple[SharedError, ...] = ()
-    simulated: bool = False
 
     def __post_init__(self) -> None:
         self._validate_columns("membrane sag", ("deflection_m", "errors_m"), ("errors_m",), "deflection_m")

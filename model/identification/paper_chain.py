@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.identification.forward_model import equation_factors
+from model.identification.forward_model import equation_factors, specimen_harmonic
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -32,7 +32,6 @@ from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Beam, Membrane, Tactor
-from model.response.drive_spectrum import fourier_series
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import point_stiffness
 
@@ -160,9 +159,7 @@ def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: 
 
 def specimen_volts(run: FrequencyResponseObservation, amplifier: AmplifierMap) -> Array:
     """Peak volts of the fundamental on the specimen, (F,), in the order of `measured`."""
-    pairs = np.stack((run.drive_amplitude_v, run.drive_offset_v), axis=-1)[run.usable]
-    different, where = np.unique(pairs[np.argsort(run.frequency_hz[run.usable])], axis=0, return_inverse=True)
-    return np.array([abs(fourier_series("sine", a, o, amplifier, 1)[1]) for a, o in different])[where.ravel()]
+    return np.asarray(np.abs(specimen_harmonic(run, amplifier))[np.argsort(run.frequency_hz[run.usable])])
 
 
 def average_deflections(runs: Sequence[StaticLoadingObservation]) -> tuple[Array, Array]:

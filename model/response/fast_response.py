@@ -13,7 +13,7 @@ from model.amplifier_map import AmplifierMap
 from model.beam.galerkin import matrices
 from model.beam.poles import ModalForm, modal_form, receptance
 from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, output_rows
+from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
 from model.specimen import Specimen
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def response_curve(
     spectrum = np.zeros((f.size, SAMPLES_PER_PERIOD // 2 + 1), complex)
     spectrum[:, k] = W / 2
     w = np.fft.irfft(spectrum, SAMPLES_PER_PERIOD, axis=1) * SAMPLES_PER_PERIOD
-    return ResponseCurve(f, 1j * W[:, 0], _interpolated_maximum(w) + _interpolated_maximum(-w))
+    return ResponseCurve(f, 1j * W[:, 0], interpolated_maximum(w) + interpolated_maximum(-w))
 
 
 def operating_deflection_shape(
@@ -88,10 +88,3 @@ def _drive_harmonics(amplitude_v: float, amplifier: AmplifierMap | None) -> tupl
     k = np.flatnonzero(np.abs(V) > 1e-9 * np.abs(V[1]))
     k = np.union1d(k[k > 0], [1])
     return k, V[k]
-
-
-def _interpolated_maximum(w: Array) -> Array:
-    """The largest of each row, by a parabola through its neighbours."""
-    top, rows = w.argmax(1), np.arange(len(w))
-    a, b, c = (w[rows, (top + i) % w.shape[1]] for i in (-1, 0, 1))
-    return np.asarray(b + (a - c) ** 2 / (8 * np.maximum(2 * b - a - c, np.finfo(float).tiny)))

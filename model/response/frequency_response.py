@@ -133,7 +133,7 @@ def peak_to_peak(W: Complex) -> Array:
     half = W / 2
     half[..., 0] = W[..., 0].real
     w = np.fft.irfft(half, points, axis=-1) * points
-    return _interpolated_maximum(w) + _interpolated_maximum(-w)
+    return interpolated_maximum(w) + interpolated_maximum(-w)
 
 
 def samples_per_period(orders: int) -> int:
@@ -141,7 +141,8 @@ def samples_per_period(orders: int) -> int:
     return max(1024, 8 << orders.bit_length())
 
 
-def _interpolated_maximum(w: Array) -> Array:
+def interpolated_maximum(w: Array) -> Array:
+    """Return the maximum along the last axis, by a parabola through the largest sample and its neighbours."""
     top = w.argmax(-1, keepdims=True)
     a, b, c = (np.take_along_axis(w, (top + i) % w.shape[-1], -1)[..., 0] for i in (-1, 0, 1))
     curvature = np.maximum(2 * b - a - c, np.finfo(float).tiny)

@@ -25,6 +25,7 @@ from app.gui.plots.live_pane import LivePane
 from app.gui.widgets.actions import add_actions, shortcut_label, update_actions
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
+from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState
 from protocols.measurements.sine_dwell import SineDwell
@@ -91,8 +92,7 @@ class CampaignHeader(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.name_label, self.progress_label = make_label(kind="heading", wrap=False), make_label(wrap=False)
-        self.message_label = make_label(kind="fault")
-        self.message_label.hide()
+        self.message_label = StatusLine()
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
         self.bar.setTextVisible(False)
@@ -113,11 +113,6 @@ class CampaignHeader(QWidget):
         self.progress_label.setText(format_progress(summary, running, left_s))
         share = progress.fraction_at(streamed_s) if progress is not None else 0.0
         self.bar.setValue(round(1000 * (summary.done_count + share) / max(summary.total_count, 1)))
-
-    def show_message(self, text: str) -> None:
-        """Why something was not done."""
-        self.message_label.setText(text)
-        self.message_label.setVisible(bool(text))
 
 
 class CampaignBoard(QWidget):

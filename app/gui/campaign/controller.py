@@ -226,7 +226,7 @@ class CampaignController(QObject):
 
             return estimate_campaign(campaign, self._amplifier)
 
-        self._fit_worker.submit(fit, self._on_estimates, self._on_error)
+        self._fit_worker.submit(fit, self._on_estimates, self._on_error, latest_only="fit")
 
     def _on_estimates(self, estimates: CampaignEstimates) -> None:
         self.estimates = estimates

@@ -213,8 +213,8 @@ class CampaignPage(QStackedWidget):
             (self.board.item_list if part is self.board else self.start_pane.specimen_edit).setFocus()
 
     def _show_message(self, text: str) -> None:
-        self.board.header.show_message(text)
-        self.start_pane.show_message(text)
+        for pane in (self.board.header, self.start_pane):
+            pane.message_label.show_message(text, is_error=True)
 
     def _show_start(self) -> None:
         if not self._busy:

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
 from app.gui.widgets.actions import shortcut_label
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
+from app.gui.widgets.status_line import StatusLine
 
 CAMPAIGN_INTRODUCTION = (
     "A campaign is all measurements of one specimen in the paper's order, each after what it rests on. "
@@ -40,8 +41,7 @@ class CampaignStart(QWidget):
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
         self.begin_button = make_button("Begin   (Enter)", self._request_create, "go")
-        self.message_label = make_label(kind="fault")
-        self.message_label.hide()
+        self.message_label = StatusLine()
         self.existing_label = make_label("Or go on with one that is there", "running", wrap=False)
         self.campaign_list = QListWidget()
         self.campaign_list.setAccessibleName("campaigns that are there")
@@ -87,11 +87,6 @@ class CampaignStart(QWidget):
             self.campaign_list.setCurrentRow(0)
         for widget in (self.existing_label, self.campaign_list):
             widget.setVisible(bool(paths))
-
-    def show_message(self, text: str) -> None:
-        """Why something was not done."""
-        self.message_label.setText(text)
-        self.message_label.setVisible(bool(text))
 
     def _request_create(self) -> None:
         if self.begin_button.isEnabled():

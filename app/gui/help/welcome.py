@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
 from app.gui.widgets.actions import shortcut_label
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
+from app.gui.widgets.status_line import StatusLine
 
 DEMO_TEXT = (
     "A sine dwell on a simulated tactor: 18 frequencies in about half a minute. Nothing is connected and nothing can "
@@ -39,8 +40,7 @@ class WelcomePage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.about_label, self.message_label = make_label(kind="large"), make_label(kind="fault")
-        self.message_label.hide()
+        self.about_label, self.message_label = make_label(kind="large"), StatusLine()
         self.demo_button = make_button("Try it on the simulated bench   (Enter)", self.demo_requested.emit, "go")
         self.demo_button.setMinimumHeight(64)
         self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit)
@@ -84,13 +84,8 @@ class WelcomePage(QWidget):
     def show_page(self, folder: str) -> None:
         """Show it."""
         self.about_label.setText(DEMO_TEXT.format(folder=folder))
-        self.show_message("")
+        self.message_label.show_message("")
         self.demo_button.setFocus()
-
-    def show_message(self, text: str) -> None:
-        """Why a bench file was not opened."""
-        self.message_label.setText(text)
-        self.message_label.setVisible(bool(text))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):

@@ -8,7 +8,7 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
 from app.archive.export import Format
-from app.archive.replay import LoadedRun, MeasuredResponse, TraceWindow, load_run, load_trace_window
+from app.archive.replay import LoadedRun, TraceWindow, load_run, load_trace_window
 from app.archive.run_summary import RunSummary
 from app.archive.transfer import measured_responses
 from app.config.tables import AmplifierTable
@@ -175,12 +175,12 @@ class RunsPage(QStackedWidget):
         chosen = self.selected
         self.details.show_selection(chosen)
         paths = [self._path_of(e) for e in chosen if e.readable][:MAX_COMPARED]
-        self._worker.submit(lambda: (chosen, measured_responses(paths)), self._on_responses_read, self._on_error)
-
-    def _on_responses_read(self, result: tuple[list[RunSummary], list[MeasuredResponse]]) -> None:
-        chosen, runs = result
-        if chosen == self.selected:  # else it was overtaken
-            self.details.show_runs(runs, len(chosen))
+        self._worker.submit(
+            lambda: measured_responses(paths),
+            lambda runs: self.details.show_runs(runs, len(chosen)),
+            self._on_error,
+            latest_only="responses",
+        )
 
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")

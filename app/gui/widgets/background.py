@@ -1,16 +1,16 @@
-"""Work that takes a while, done beside the window; what comes of it is brought back into the window's thread."""
+"""Background thread of a widget: runs jobs one after the other and delivers their results in the GUI thread."""
 
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
 
 class BackgroundWorker(QObject):
-    """Does one thing after another in a thread of its own.
+    """Runs jobs one after the other in its own thread.
 
-    `failed` of a job hears what it raised; without it the error is raised in the window's thread.
+    A job that takes long is given an `app.common.progress.Progress`, through which it reports and is cancelled.
     """
 
     _done = Signal(object, object)
@@ -18,9 +18,10 @@ class BackgroundWorker(QObject):
     def __init__(self, name: str, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self._latest: dict[str, Future[Any]] = {}
         self.closed = False
         self.pending = 0
-        """Jobs that are not back yet."""
+        """Number of jobs whose results are not delivered yet."""
         self._done.connect(self._deliver)
 
     def submit(
@@ -28,29 +29,43 @@ class BackgroundWorker(QObject):
         work: Callable[[], Any],
         on_result: Callable[[Any], object] = lambda _: None,
         on_error: Callable[[Exception], object] | None = None,
+        latest_only: str = "",
     ) -> None:
-        """Do `work` beside the window, then tell `then`, in the window's thread, what came of it."""
+        """Run a job in the background, then call `on_result` with its result in the GUI thread.
+
+        Args:
+            work: the job.
+            on_result: called with what the job returned.
+            on_error: called with what the job raised; without it the exception is raised in the GUI thread.
+            latest_only: name of a kind of job of which only the newest matters: an earlier one that has not begun is
+                dropped, and the result of one that has is not delivered.
+        """
         if self.closed:
             return
         self.pending += 1
         future = self._pool.submit(work)
-        future.add_done_callback(lambda done: None if self.closed else self._done.emit((on_result, on_error), done))
+        if latest_only:
+            if (overtaken := self._latest.get(latest_only)) is not None:
+                overtaken.cancel()
+            self._latest[latest_only] = future
+
+        callbacks = (on_result, on_error, latest_only)
+        future.add_done_callback(lambda done: None if self.closed else self._done.emit(callbacks, done))
 
     def close(self) -> None:
-        """Finish what has begun, leave the rest, tell nobody."""
+        """Wait for the job that has begun and drop the others; no result is delivered any more."""
         self.closed = True
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _deliver(self, callbacks: tuple[Any, Any], done: Future[Any]) -> None:
+    def _deliver(self, callbacks: tuple[Any, Any, str], done: Future[Any]) -> None:
+        on_result, on_error, latest_only = callbacks
         self.pending -= 1
-        then, failed = callbacks
-        try:
-            answer = done.result()
-        except CancelledError:
+        if done.cancelled() or (latest_only and self._latest[latest_only] is not done):
             return
-        except Exception as error:
-            if failed is None:
-                raise
-            failed(error)
-            return
-        then(answer)
+        error = done.exception()
+        if error is None:
+            on_result(done.result())
+        elif on_error is None or not isinstance(error, Exception):
+            raise error
+        else:
+            on_error(error)

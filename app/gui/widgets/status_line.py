@@ -26,7 +26,7 @@ class StatusLine(QLabel):
             self.setText(message)
             set_style_kind(self, "fault" if is_error else "note")
             self.setVisible(bool(message))
-        if message and not is_error:
+        if message and not (is_error or persistent):
             self._hide_timer.start()
-        if persistent:
+        else:
             self._hide_timer.stop()

@@ -78,7 +78,7 @@ def window(
 
 def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow, bench: Bench, tmp_path: Path) -> None:
     press(window, Qt.Key.Key_2, CTRL)
-    page = window.campaign
+    page = window.tabs.campaign
     settle(page)
     board = page.board
     assert board.step_pane.heading.text() == "Measure wiring: Wiring check"
@@ -126,7 +126,7 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
 
 def test_what_needs_no_hands_follows_by_itself(window: MainWindow, tmp_path: Path) -> None:
     press(window, Qt.Key.Key_2, CTRL)
-    page = window.campaign
+    page = window.tabs.campaign
     settle(page)
     press(window, Qt.Key.Key_F5, CTRL)
     until(
@@ -145,7 +145,7 @@ def page(open_stage: OpenStage, tmp_path: Path) -> tuple[Stage, CampaignPage]:
     Campaign.create(tmp_path, "T7", True, (*QUICK, CampaignItem("last", "wiring-check")))
     stage = open_stage()
     stage.press(Qt.Key.Key_2, CTRL)
-    page = stage.window.campaign
+    page = stage.window.tabs.campaign
     until(lambda: page.start_pane.campaign_list.count() == 1, "for the campaigns of the folder")
     page.start_pane.campaign_list.setFocus()
     QTest.keyClick(page.start_pane.campaign_list, Qt.Key.Key_Return)
@@ -229,14 +229,14 @@ def test_a_campaign_is_begun_by_a_name_and_comes_back_at_the_next_start(
 ) -> None:
     stage = open_stage()
     stage.press(Qt.Key.Key_2, CTRL)
-    first = stage.window.campaign
+    first = stage.window.tabs.campaign
     until(first.start_pane.specimen_edit.hasFocus, "for the line to type in")
     QTest.keyClick(first.start_pane.specimen_edit, Qt.Key.Key_Return)
     settle(first)
     assert list(on_disk(tmp_path)) == [item.name for item in PAPER_ITEMS]
     stage.window.close_session(force=True)
     until(lambda: not stage.window.isVisible(), "for the window to close")
-    again = open_stage().window.campaign
+    again = open_stage().window.tabs.campaign
     settle(again)
     assert again.controller.summary.path == campaign_path(tmp_path, "T7")
     assert again.controller.summary.next_item.state.next_action is NextAction.RUN

@@ -72,7 +72,7 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
 
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
     stage.press(Qt.Key.Key_3, CONTROL)
-    page = stage.window.explore
+    page = stage.window.tabs.explore
     until(lambda: page.result is not None and page.result.motion is not None, "for the curve")
     page.plot.copy_buttons[0].copy_data()
     linear = pasted()

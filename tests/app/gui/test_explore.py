@@ -25,7 +25,7 @@ from tests.helpers.run_files import finished_run
 @pytest.fixture
 def page(stage: Stage) -> ExplorePage:
     stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
-    explore = stage.window.explore
+    explore = stage.window.tabs.explore
     assert explore.isVisible()
     settled(explore)
     return explore
@@ -217,11 +217,11 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
 
 def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     first = open_stage()
-    first.window.explore.set_value("m_add", 5e-3)
-    first.window.explore.set_value("delta", 0.01)
+    first.window.tabs.explore.set_value("m_add", 5e-3)
+    first.window.tabs.explore.set_value("delta", 0.01)
     first.window.close_session(force=True)
     until(lambda: not first.window.isVisible(), "for the window to close")
-    again = open_stage().window.explore
+    again = open_stage().window.tabs.explore
     assert again.setting.values == {"m_add": 5e-3, "delta": 0.01}
     assert again.setting.on_skin
 

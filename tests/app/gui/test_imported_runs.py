@@ -45,7 +45,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     finished_run(folder, "T6")
     stage = open_stage(folder=folder)
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
-    page = stage.window.runs
+    page = stage.window.tabs.runs
     until(lambda: page.folder_model.is_idle and page.model.rowCount() == 4, "for the list")
     assert {e.specimen: e.state for e in page.folder_model.summaries}["T7"] == "imported"
     for specimen, words in (("T6", "all points"), ("T7", "dwell.csv"), ("T9", "sine.csv"), ("T8", "load.csv")):
@@ -67,7 +67,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     until(lambda: not page._worker.pending, "for the points")
     grab(stage.window, tmp_path / "both.png")
     page.explore_selected()
-    until(lambda: stage.window.explore.overlaid_responses, "for the points")
+    until(lambda: stage.window.tabs.explore.overlaid_responses, "for the points")
     grab(stage.window, tmp_path / "explore.png")
 
 

@@ -67,7 +67,7 @@ def test_the_sheet_tells_the_keys_of_the_page_that_is_seen_is_searched_and_goes_
     assert [line.shortcuts for _, line in room.shortcut_sheet.rows] == [("Alt+Up",)]
     stage.press(Qt.Key.Key_Escape)
     assert not room.is_covered
-    assert stage.window.campaign.start_pane.specimen_edit.hasFocus(), "the keyboard is where it was"
+    assert stage.window.tabs.campaign.start_pane.specimen_edit.hasFocus(), "the keyboard is where it was"
     stage.press(Qt.Key.Key_4, CTRL)
     stage.press(Qt.Key.Key_Question)
     assert {title for title, _ in room.shortcut_sheet.rows} == {GLOBAL_GROUP, "Runs"}

@@ -42,7 +42,7 @@ def page(open_stage: OpenStage, folder: Path) -> RunsPage:
 
 def shown(stage: Stage, count: int = 3) -> RunsPage:
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
-    runs = stage.window.runs
+    runs = stage.window.tabs.runs
     until(lambda: runs.folder_model.is_idle and runs.model.rowCount() == count, "for the list")
     return runs
 
@@ -317,8 +317,8 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     choose(page, "T7")
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_E)
-    assert stage.window.tabs.current_page is stage.window.explore
-    until(lambda: stage.window.explore.overlaid_responses, "for the points")
+    assert stage.window.tabs.current_page is stage.window.tabs.explore
+    until(lambda: stage.window.tabs.explore.overlaid_responses, "for the points")
 
 
 def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:

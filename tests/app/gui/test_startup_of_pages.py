@@ -43,9 +43,9 @@ def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_ke
     assert comes.text() == "Runs …"
     until(lambda: RUNS in pages.created_pages, "for the page")
     assert list(pages.created_pages)[1] == RUNS, "it is made before the others"
-    until(stage.window.runs.table.hasFocus, "for the keyboard")
+    until(stage.window.tabs.runs.table.hasFocus, "for the keyboard")
     until(lambda: not pages.currentWidget().findChildren(QLabel, "", Qt.FindChildOption.FindDirectChildrenOnly))
-    columns = stage.window.runs.findChild(QSplitter, "runs/columns")
+    columns = stage.window.tabs.runs.findChild(QSplitter, "runs/columns")
     assert abs(columns.sizes()[0] - columns.sizes()[1]) < 20, "divided as it was left"
     until(lambda: len(pages.created_pages) == pages.count(), "for the other pages")
     assert pages.currentIndex() == RUNS
