@@ -1,4 +1,4 @@
-"""Bench time: wall time on a real bench, faster on a simulated one, and a plain counter in tests.
+"""Clock: bench time, which is real time, faster on a simulated bench, or a counter in tests.
 
 Every wait of a driver or protocol goes through a clock, so that no test has to sleep.
 """

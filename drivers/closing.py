@@ -1,4 +1,4 @@
-"""What is closed at the end of a `with`."""
+"""Context-manager base class for objects that must be closed."""
 
 from abc import ABC, abstractmethod
 from types import TracebackType
@@ -6,11 +6,11 @@ from typing import Self
 
 
 class Closeable(ABC):
-    """`with` it, and it is closed on every way out."""
+    """Closes itself at the end of its `with` block, also after an exception."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of everything."""
+        """Release all resources."""
 
     def __enter__(self) -> Self:
         return self

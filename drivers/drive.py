@@ -1,8 +1,8 @@
-"""The drive vocabulary: what the source shall do, never an array first.
+"""Drives: sine, sweep, ramp, steps and hold as parametric waveforms at the amplifier's input.
 
-A generator executes a drive natively, an analogue output renders `volts(t)`, the model evaluates it exactly, and the
-amplifier's guard reads its extremes, its steepest slope and its ends before anything moves. All volts are at the
-amplifier's *input*.
+A generator plays a drive natively, an analogue output renders `volts(t)`, the model evaluates it exactly, and the drive
+limits check its extremes, its steepest slope and its end levels before anything moves. All volts are at the amplifier's
+*input*.
 """
 
 import math
@@ -161,7 +161,7 @@ class LinearSweep(_Oscillation):
     """A sine whose frequency moves linearly from `start_hz` to `stop_hz`; it starts at the offset, going up.
 
     It ends at the offset only if its mean frequency times its duration is a whole number of cycles, which the
-    guard asks for.
+    drive limits require.
     """
 
     kind: ClassVar[str] = "LinearSweep"
@@ -213,7 +213,7 @@ class PeriodicSweep(_Oscillation):
 
     Upside down every other time, so that whatever answers to both alike - an amplifier with another slope for either sign, an
     offset - falls on other lines of the spectrum than the response does: the sweep excites the odd ones, that the even ones.
-    It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the guard asks for.
+    It is continuous only if the sweep's mean frequency times its duration is a whole number of cycles, which the drive limits require.
     Each sweep begins and ends softly, within `fade_s`: a corner where one meets the next would reach far beyond the band, and a
     card that samples without a filter would fold it back onto the lines.
     """

@@ -1,28 +1,28 @@
-"""What can go wrong on a bench: one family of errors, each a sentence for the person who stands before it.
+"""Bench errors: one family of exceptions whose message is shown to the operator.
 
-The sentence names the instrument, the value, the limit and the remedy. Nothing below the command line prints it.
+The message names the instrument, the value, the limit and the remedy. Only the front ends print it.
 """
 
 
 class BenchError(Exception):
-    """Something on the bench prevents the work; `str(error)` is what the operator reads."""
+    """A problem on the bench; `str(error)` is what the operator reads."""
 
 
 class InstrumentError(BenchError):
-    """An instrument is absent, silent, or refused what it was told."""
+    """An instrument is absent, silent, or rejected a command."""
 
 
 class LinkError(InstrumentError):
-    """The wire to an instrument failed: no answer, a broken answer, a closed connection."""
+    """The link to an instrument failed: no reply, a broken reply, a closed connection."""
 
 
 class AcquisitionError(InstrumentError):
-    """The digitizer lost samples, was unplugged, or cannot do what was asked."""
+    """The digitizer lost samples, was unplugged, or cannot do the requested acquisition."""
 
 
 class DriveRejectedError(BenchError):
-    """The amplifier's guard refused a drive. Nothing was sent to the source."""
+    """A drive violates the drive limits. Nothing was sent to the source."""
 
 
 class UnsafeError(BenchError):
-    """Rest could not be confirmed by measurement. The sentence says what to do by hand."""
+    """Rest could not be confirmed by measurement. The message gives the manual steps."""

@@ -1,7 +1,6 @@
-"""What an instrument can do: the three doors through which the house touches the world.
+"""Instrument interfaces: `Source` plays a drive, `Digitizer` streams blocks, `Meter` reads a value.
 
-`Source` plays a drive, `Digitizer` streams blocks of raw integers, `Meter` answers one reading. Real and simulated
-instruments stand behind the same doors and pass the same contract tests.
+Real and simulated instruments implement the same interfaces and pass the same contract tests.
 """
 
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from drivers.drive import Drive
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who an instrument says it is."""
+    """Maker, model, serial number and firmware as the instrument reports them."""
 
     maker: str
     model: str
@@ -31,10 +30,10 @@ class Identity:
 @renamed(volts="to_volts", clipped="is_clipped")
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How raw integers become volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails; and when.
+    """Conversion of raw integers to volts: a polynomial (c0 + c1 n + ...), valid strictly between two rails.
 
-    `skew_s` is how much later than its scan a channel is converted: a multiplexed card has one converter, which takes the
-    channels one after the other.
+    `skew_s` is the delay of a channel's conversion after its scan: a multiplexed card has one converter, which takes the
+    channels in turn.
     """
 
     coefficients: tuple[float, ...]
@@ -43,7 +42,7 @@ class Scale:
     skew_s: float = 0.0
 
     def to_volts(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Volts at the card's terminals, same shape as `raw`."""
+        """Return volts at the card's terminals, same shape as `raw`."""
         counts = raw.astype(np.float64)
         volts = np.full_like(counts, self.coefficients[-1])
         for coefficient in self.coefficients[-2::-1]:
@@ -52,13 +51,13 @@ class Scale:
         return volts
 
     def is_clipped(self, raw: NDArray[np.int16]) -> NDArray[np.bool_]:
-        """Where the converter stood at a rail: the true voltage is unknown there."""
+        """Return a mask of counts at a rail: the true voltage is unknown there."""
         return (raw <= self.low_count) | (raw >= self.high_count)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive scans as they came: `raw` is channels x scans, `start` the index of the first scan in its stream."""
+    """Consecutive scans as acquired: `raw` is channels x scans, `start` the index of the first scan in its stream."""
 
     start: int
     raw: NDArray[np.int16]
@@ -77,7 +76,7 @@ class Stream(Protocol):
     """Bench time (the clock's) at which scan 0 was taken, to within the start-up latency of the card."""
 
     def read(self) -> Block:
-        """The next block, waiting for it.
+        """Wait for the next block and return it.
 
         Raises:
             AcquisitionError: scans were lost (overrun) or the card is gone.
@@ -96,7 +95,7 @@ class Digitizer(Protocol):
     identity: Identity
 
     def stream(self, rate_hz: float, block_scans: int) -> Stream:
-        """Begin a continuous acquisition.
+        """Start a continuous acquisition.
 
         Raises:
             AcquisitionError: the card is absent, or cannot do this rate.
@@ -106,61 +105,61 @@ class Digitizer(Protocol):
 
 
 class Source(Protocol):
-    """Plays drives. It has no `off` and no `zero`: on this bench both are -500 V on the specimen."""
+    """Plays drives. There is no `off` and no `zero`: on this bench both are -500 V on the specimen."""
 
     identity: Identity
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        """Whether the instrument itself says that it is as `prepare` left it: output on, idle at `rest_v`, every setting.
+        """Whether the instrument reads back as `initialize_at_rest` left it: output on, idle at `rest_v`, every setting.
 
-        What a hand at its front panel changed since must be noticed: then it is not at rest, and is prepared anew.
+        Changes made at the front panel must be detected: the source is then not at rest and is initialized again.
         """
 
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
         """Bring the output up at rest. High voltage must be disabled: the level is undefined until this returns.
 
-        What an earlier program left playing or held comes down first, as gently as the instrument can.
+        A drive or level that an earlier program left is ramped down first, as gently as the instrument can.
 
         Raises:
-            InstrumentError: a setting was refused or does not read back.
+            InstrumentError: a setting was rejected or does not read back.
         """
 
     def start_drive(self, drive: Drive) -> None:
-        """Begin a drive from the level where the source idles, and return at once."""
+        """Start a drive from the level at which the source idles, and return immediately."""
 
     def stop(self) -> None:
-        """Bring whatever plays down to its offset, gently, and return when the output idles.
+        """Bring a playing drive gently down to its offset, and return when the output idles.
 
-        Neither an error that others left in the instrument nor an answer that cannot be read keeps it from going down.
+        Continues despite errors that others left in the instrument's queue and despite unreadable replies.
 
         Raises:
-            InstrumentError: something went wrong on the way; told when all of the way has been sent.
+            InstrumentError: a step failed; raised after all steps have been sent.
         """
 
     def ramp_to(self, level_v: float, duration_s: float) -> None:
-        """Move the idle level along a straight line, and return when it is there. To rest, it goes on as `stop` does."""
+        """Ramp the idle level linearly and return when it is reached. A ramp to rest continues despite errors, like `stop`."""
 
     def idle_level_v(self) -> float:
-        """The level at which the instrument itself says it idles."""
+        """Return the level at which the instrument reports to idle."""
 
     def reconnect(self) -> None:
-        """Open the wire anew after it failed; touches no output setting."""
+        """Reconnect after a link failure; changes no output setting."""
 
     def close(self) -> None:
-        """Let go of the wire. The output stays as it is."""
+        """Close the link. The output stays as it is."""
 
 
 @runtime_checkable
 class DriveChecker(Protocol):
-    """A source that cannot play every drive, and can say so before anything moves."""
+    """A source that cannot play every drive and can check that in advance."""
 
     def reason_unsupported(self, drive: Drive) -> str:
-        """Why this drive cannot be played, in a sentence with the remedy; empty where it can."""
+        """Return why this drive cannot be played, with the remedy; empty if it can."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One answer of a meter: a value in `unit`, or not valid (out of range)."""
+    """One reading of a meter: a value in `unit`, or not valid (out of range)."""
 
     value: float
     unit: str
@@ -169,7 +168,7 @@ class Reading:
 
 
 class Meter(Protocol):
-    """Answers one reading at a time (a laser sensor's serial port, a scale)."""
+    """Returns one reading at a time (a laser sensor's serial port, a balance)."""
 
     identity: Identity
 

@@ -1,7 +1,7 @@
-"""The guard between any source and the specimen: the only object that may command a source.
+"""Amplifier drive limits: checks every drive; the only object that commands a source.
 
-It refuses what leaves the amplifier's input range, is too steep, or does not start and end at rest. It never clips a
-drive into something admissible, and it has no way to switch anything off: rest is 2.5 V, and 0 V is -500 V.
+Rejects a drive that leaves the amplifier's input range, is too steep, or does not start and end at rest. A drive is never
+clipped into an admissible one, and nothing can be switched off: rest is 2.5 V, and 0 V is -500 V on the specimen.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ LEVEL_ROUNDING_V = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class DriveLimits:
-    """What the amplifier's input may be given.
+    """Drive limits at the amplifier's input.
 
     Args:
         slew_v_per_s: steepest admissible slope of a drive.
-        step_v: largest jump a source may make when it moves in a staircase.
-        ramp_v_per_s: slope at which the guard itself moves between levels.
-        current_limit_a: what the amplifier can push into the specimen; 0 where nobody has told.
-        specimen_capacitance_f: of the specimen and its cable; 0 where nobody has told.
+        step_v: largest step of a source that moves in a staircase.
+        ramp_v_per_s: slope at which `HvAmplifier` moves between levels.
+        current_limit_a: output current limit of the amplifier; 0 if unknown.
+        specimen_capacitance_f: capacitance of the specimen and its cable; 0 if unknown.
     """
 
     slew_v_per_s: float = 10_000.0
@@ -36,12 +36,12 @@ class DriveLimits:
 
     @property
     def has_current_limit(self) -> bool:
-        """Whether a drive's current can be held against what the amplifier can push."""
+        """Whether current limit and capacitance are known, so that a drive's current can be checked."""
         return self.current_limit_a > 0 and self.specimen_capacitance_f > 0
 
 
 class HvAmplifier:
-    """Admits drives, plays them on its source, and brings the source back to rest."""
+    """Checks drives against the limits, plays them on its source, and returns the source to rest."""
 
     def __init__(
         self,
@@ -63,10 +63,10 @@ class HvAmplifier:
         return self._source.identity
 
     def check_drive_limits(self, drive: Drive) -> None:
-        """Refuse what must not reach the amplifier.
+        """Reject a drive that must not reach the amplifier.
 
         Raises:
-            DriveRefused: with the value, the limit and the remedy.
+            DriveRejectedError: with the value, the limit and the remedy.
         """
         rest, name = self.map.rest_v, drive.kind
         for value, edge, beyond in (
@@ -92,7 +92,7 @@ class HvAmplifier:
             )
         if isinstance(self._source, DriveChecker) and (why := self._source.reason_unsupported(drive)):
             raise DriveRejectedError(f"{name} refused: {why}")
-        if not isinstance(drive, Hold):  # the guard itself ramps to a held level and back
+        if not isinstance(drive, Hold):  # start_drive ramps to a held level and back
             for end, volts in zip(("starts", "ends"), drive.end_levels_v, strict=True):
                 if abs(volts - rest) > self.limits.step_v:
                     raise DriveRejectedError(
@@ -101,26 +101,26 @@ class HvAmplifier:
                     )
 
     def peak_current_a(self, drive: Drive) -> float:
-        """What a drive charges the specimen with at its steepest, in amperes: capacitance times slope at the electrodes."""
+        """Return the peak charging current of a drive in amperes: capacitance times slope at the electrodes."""
         gains = [self.map.slope_above] * (drive.high_v > self.map.rest_v)
         gains += [self.map.slope_below] * (drive.low_v < self.map.rest_v)
         return self.limits.specimen_capacitance_f * drive.slew_v_per_s * max(gains, default=0.0)
 
     def is_source_at_rest(self) -> bool:
-        """Whether the source says of itself that it idles at rest with its output on."""
+        """Whether the source reports that it idles at rest with its output on."""
         with self._watchdog.allow_silence():
             return self._source.is_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def initialize_at_rest(self) -> None:
-        """Bring the source up at rest. Only with high voltage disabled."""
+        """Bring the source up at rest. High voltage must be disabled."""
         with self._watchdog.allow_silence():
             self._source.initialize_at_rest(self.map.rest_v, self.map.low_v, self.map.high_v)
 
     def start_drive(self, drive: Drive) -> None:
-        """Admit a drive and begin it; whatever played before comes to rest first.
+        """Check a drive and start it; a drive that still plays comes to rest first.
 
         Raises:
-            DriveRefused: nothing was sent to the source.
+            DriveRejectedError: nothing was sent to the source.
             InstrumentError: the source refused it or does not answer.
             BenchError: the watchdog has taken the source over, or has ended.
         """
@@ -128,7 +128,7 @@ class HvAmplifier:
         with self._watchdog.allow_silence():
             self._watchdog.raise_for_status()
             self.return_to_rest()
-            # Set before the source is told: if its answer is lost, we must assume that it plays.
+            # Set before the command is sent: if the reply is lost, the drive must be assumed to play.
             self._drive_end_s = self._clock.now() + drive.duration_s
             if isinstance(drive, Hold):
                 self._drive_end_s = float("inf")
@@ -137,11 +137,11 @@ class HvAmplifier:
 
     @property
     def remaining_s(self) -> float:
-        """How much longer the present drive lasts by itself (0 at rest, infinite for a held level)."""
+        """Remaining duration of the present drive (0 at rest, infinite for a held level)."""
         return max(self._drive_end_s - self._clock.now(), 0.0)
 
     def return_to_rest(self) -> None:
-        """Stop what plays and ramp to rest; returns when the source says it idles there.
+        """Stop the drive and ramp to rest; return when the source reports that it idles there.
 
         Raises:
             InstrumentError: the source does not answer. Rest must then be established by measurement.
@@ -150,10 +150,10 @@ class HvAmplifier:
             self.force_rest()
 
     def force_rest(self) -> None:
-        """Go to rest whatever this object believes to be playing: for whoever did not begin it.
+        """Stop and ramp to rest unconditionally, also when no drive was started through this object.
 
         Raises:
-            InstrumentError: something went wrong; what could be sent was sent all the same.
+            InstrumentError: a step failed; all that could be sent was sent nevertheless.
         """
         with self._watchdog.allow_silence():
             failure: InstrumentError | None = None
@@ -167,19 +167,19 @@ class HvAmplifier:
             self._drive_end_s = 0.0
 
     def reconnect_and_force_rest(self) -> None:
-        """Open a failed wire anew and go to rest over it."""
+        """Reconnect a failed link and force rest over it."""
         with self._watchdog.allow_silence():
             self._source.reconnect()
         self.force_rest()
 
     def close(self) -> None:
-        """Let go of the source's wire; its output stays at rest, on."""
+        """Close the link to the source; its output stays on, at rest."""
         self._source.close()
 
     def _ramp_to_rest(self) -> None:
         try:
             self._ramp(self.map.rest_v)
-        except LinkError:  # where it idles cannot be asked: as if it were the furthest way
+        except LinkError:  # the idle level cannot be read: assume the largest distance
             furthest_v = max(self.map.high_v - self.map.rest_v, self.map.rest_v - self.map.low_v)
             self._source.ramp_to(self.map.rest_v, furthest_v / self.limits.ramp_v_per_s)
 

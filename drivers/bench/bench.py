@@ -1,8 +1,8 @@
-"""The instruments of one bench, and the only way to use them live: `with bench.armed(...)`.
+"""Bench: the instruments of one bench, and arming, the only way to high voltage.
 
 Arming brings the source to rest with high voltage disabled, measures that rest through the card, and only then has
-high voltage enabled. Whatever ends the `with` block - success, an exception, a closed generator, Ctrl-C - the source is
-ramped to rest with its output on, and that is *measured* before anybody says so.
+high voltage enabled. Whatever ends the `with bench.armed(...)` block - success, an exception, a closed generator, Ctrl-C -
+the source is ramped to rest with its output on, and rest is reported only after it was *measured*.
 """
 
 import contextlib
@@ -40,11 +40,11 @@ __all__ = [
 ]
 
 RATE_TOLERANCE = 0.01
-"""How far the card's sample clock may be from what was asked for: its divider makes what comes next."""
+"""Largest relative deviation of the card's sample rate from the requested one: its divider makes the nearest rate."""
 
 
 class HighVoltageSwitch(Protocol):
-    """Who switches the amplifier's high voltage: a person who is asked, or a simulated operator."""
+    """Switches the amplifier's high voltage: by prompting the operator, or through a simulated operator."""
 
     def disable(self) -> None: ...
 
@@ -53,7 +53,7 @@ class HighVoltageSwitch(Protocol):
 
 @dataclass
 class ArmedBench:
-    """The live bench: play a drive, read blocks. Every block read goes to the sink first."""
+    """An armed bench: starts drives and reads blocks. Every block goes to `block_sink` before it is returned."""
 
     amplifier: HvAmplifier
     stream: Stream
@@ -61,11 +61,11 @@ class ArmedBench:
     watchdog: Watchdog
     measure_rest: Callable[[], RestMeasurement]
     high_voltage_may_be_on: bool = False
-    """Whether high voltage may be on: from then on, every way out must measure rest."""
+    """Whether high voltage may be on: from then on, every shutdown must measure rest."""
     initial_rest: RestMeasurement | None = None
-    """What the card saw when rest was measured before the first drive."""
+    """Rest as measured before the first drive."""
     final_rest: RestMeasurement | None = None
-    """What was measured on the way out; None while live, or where high voltage never came on."""
+    """Rest as measured at shutdown; None while live, or if high voltage never came on."""
 
     @property
     def rate_hz(self) -> float:
@@ -79,10 +79,10 @@ class ArmedBench:
         self.amplifier.start_drive(drive)
 
     def return_to_verified_rest(self) -> RestMeasurement:
-        """Go to rest and see it there.
+        """Return to rest and verify it by measurement.
 
         Raises:
-            BenchError: the card does not see rest; leaving the `with` block then tries everything else.
+            BenchError: the card does not measure rest; leaving the `with` block then runs the safe shutdown.
         """
         self.amplifier.return_to_rest()
         rest = self.measure_rest()
@@ -92,7 +92,7 @@ class ArmedBench:
 
     @contextlib.contextmanager
     def specimen_access(self, switch: HighVoltageSwitch) -> Iterator[None]:
-        """Let a person touch the specimen: rest measured, high voltage off; and both again before anything moves."""
+        """Give the operator access to the specimen: rest verified and high voltage off; on exit verified again, then on."""
         self.return_to_verified_rest()
         switch.disable()
         yield
@@ -108,7 +108,7 @@ class ArmedBench:
         return block
 
     def discard_block(self) -> Block:
-        """Read a block that nobody keeps: while a person takes their time, the card must be emptied all the same."""
+        """Read a block without storing it: the card must be emptied also while the run waits for the operator."""
         block = self.stream.read()
         self.watchdog.send_heartbeat()
         self.watchdog.raise_for_status()
@@ -134,10 +134,10 @@ class Bench:
     name: str = "bench"
     watchdog: Watchdog = field(default_factory=NoWatchdog)
     _high_voltage_enabled: bool = field(default=False, init=False)
-    """Whether somebody has switched high voltage on since this bench was opened."""
+    """Whether high voltage was switched on since this bench was opened."""
 
     def close(self) -> None:
-        """Let go of all instruments; the source's output stays at rest, on."""
+        """Close all instruments; the source's output stays on, at rest."""
         instruments: list[HvAmplifier | Digitizer | Meter] = [self.amplifier, self.digitizer, *self.meters.values()]
         for instrument in instruments:
             with contextlib.suppress(BenchError):
@@ -145,10 +145,10 @@ class Bench:
         self.watchdog.close()
 
     def open_stream(self, rate_hz: float) -> Stream:
-        """The card, running.
+        """Start an acquisition.
 
         Raises:
-            AcquisitionError: it is absent or in use, or its sample clock is not the one that was asked for.
+            AcquisitionError: the card is absent or in use, or its sample rate is not the requested one.
         """
         stream = self.digitizer.stream(rate_hz, max(round(rate_hz * self.block_s), 1))
         if abs(stream.rate_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
@@ -167,27 +167,27 @@ class Bench:
         on_started: Callable[[ArmedBench], None] = lambda _: None,
         high_voltage: bool = True,
     ) -> Iterator[ArmedBench]:
-        """The bench at rest and live, with the card running.
+        """Arm the bench: at rest, high voltage on, the card acquiring.
 
         Args:
             rate_hz: scans per second.
-            block_sink: receives every block, in order, before anybody else sees it.
-            switch: asked to disable high voltage before the output comes up, and to enable it when rest is measured.
-            on_started: told before the first block, when the card runs (its true rate and scales are known).
-            high_voltage: whether it shall come on; where not, it is switched off, and the drive is seen at rest.
+            block_sink: receives every block, in order, before its caller does.
+            switch: disables high voltage before the output comes up, and enables it when rest has been measured.
+            on_started: called before the first block, when the card runs (its actual rate and scales are known).
+            high_voltage: whether to enable it; if not, it is disabled and the drive is measured at rest.
 
         Raises:
-            BenchError: an instrument is absent or refuses; high voltage was not enabled, or rest was confirmed.
-            UnsafeError: rest could not be confirmed; the sentence says what to do by hand.
+            BenchError: an instrument is absent or rejects a command; high voltage was not enabled, or rest was confirmed.
+            UnsafeError: rest could not be confirmed; the message gives the manual steps.
         """
-        way_out = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
+        shutdown = SafeShutdown(self.amplifier, self.clock, self.watchdog, self.open_stream)
         try:
             stream = self.open_stream(rate_hz)
         except Exception as error:
             if not self._high_voltage_enabled:
                 raise
-            # An earlier run left high voltage on, and nobody can see now where the source stands.
-            trouble = way_out.command_rest(self.amplifier.force_rest)
+            # An earlier run left high voltage on, and the level of the source cannot be measured now.
+            trouble = shutdown.command_rest(self.amplifier.force_rest)
             words = f"the card cannot see the drive: {error}.{trouble}"
             self.watchdog.log(f"the program could not confirm rest: {words}")
             raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {words}") from error
@@ -198,13 +198,13 @@ class Bench:
                 stream,
                 block_sink,
                 self.watchdog,
-                lambda: way_out.measure_rest(armed.discard_block, stream, REST_TIMEOUT_S, armed.initial_rest),
+                lambda: shutdown.measure_rest(armed.discard_block, stream, REST_TIMEOUT_S, armed.initial_rest),
                 high_voltage_may_be_on=self._high_voltage_enabled,
             )
             failure: BaseException | None = None
             try:
                 on_started(armed)
-                self._arm(armed, switch, way_out, high_voltage)
+                self._arm(armed, switch, shutdown, high_voltage)
                 yield armed
             except BaseException as error:
                 failure = error
@@ -212,8 +212,8 @@ class Bench:
             finally:
                 lost = None
                 if armed.high_voltage_may_be_on:
-                    armed.final_rest, lost = way_out.run(stream, block_sink, armed.initial_rest)
-                    self.watchdog.disarm()  # not where even that was broken off: then its turn has come
+                    armed.final_rest, lost = shutdown.run(stream, block_sink, armed.initial_rest)
+                    self.watchdog.disarm()  # not if the shutdown itself was interrupted: then the watchdog must act
                     if not armed.final_rest.confirmed:
                         raise UnsafeError(
                             f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {armed.final_rest.message}"
@@ -245,8 +245,8 @@ class Bench:
             self.watchdog.disarm()
             armed.initial_rest = rest
             return
-        # Before every run, also where the source rests from the last one: nobody may be surprised by a drive, and whoever
-        # was told to switch high voltage off has to be told to switch it on.
+        # Before every run, even if the source rests since the last one: a drive must not surprise the operator, and an
+        # operator who was asked to switch high voltage off must be asked to switch it on.
         armed.high_voltage_may_be_on = self._high_voltage_enabled = True
         self.watchdog.arm()
         switch.enable()

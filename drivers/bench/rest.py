@@ -1,4 +1,4 @@
-"""What counts as rest: the card must see the drive stand there, for a while, in samples taken after the command."""
+"""Rest verification: criteria by which the card confirms that the drive is at rest."""
 
 import math
 from collections import deque
@@ -11,28 +11,28 @@ from numpy.typing import NDArray
 from drivers.clock import Clock
 
 REST_TOLERANCE_V = 0.05
-"""How far the card may see the drive from rest: its noise, its gain error and a generator's offset error."""
+"""Largest measured deviation from rest: noise and gain error of the card, offset error of the generator."""
 
 REST_REPEATABILITY_V = 0.01
-"""How far from where it stood when armed the drive may come to rest. The generator's and the card's errors are the same
-then as now, so that a level of some 30 mV that nobody brought back is seen, and is not taken for an error."""
+"""Largest deviation of rest from its level at arming. The errors of generator and card are the same at both times, so that
+a level of some 30 mV that was not brought back is detected and not taken for an instrument error."""
 
 MAX_NOISE_RATIO, NOISE_MARGIN_V = 2.0, 0.002
-"""How much noisier than when armed it may be: a small sine that still plays has the right mean."""
+"""Largest noise relative to that at arming: a small sine that still plays has the right mean."""
 
 REST_DURATION_S = 0.1
-"""How long the card must see rest without a break."""
+"""How long the card must measure rest without interruption."""
 
 EXTREMES_WINDOW_S = 1.0
-"""Lowest and highest that are told where rest is not confirmed are those of this last while."""
+"""Time before the timeout over which lowest and highest volts are reported if rest is not confirmed."""
 
 STALE_SAMPLES_S = 0.1
-"""Samples taken earlier than this after a command may still show what was before it."""
+"""Samples taken less than this after a command may still show the previous state."""
 
 
 @dataclass(frozen=True, slots=True)
 class RestMeasurement:
-    """What the card saw of the drive when rest was to be confirmed."""
+    """Result of a rest verification."""
 
     confirmed: bool
     measured_v: float
@@ -49,18 +49,18 @@ def verify_rest(
     timeout_s: float,
     initial_rest: RestMeasurement | None = None,
 ) -> RestMeasurement:
-    """Read until the drive has stood at rest for a while, in samples taken after this call.
+    """Read until the drive has been at rest for REST_DURATION_S, in samples taken after this call.
 
-    Every sample must lie near rest; and where rest was seen `before`, it must stand where it stood then, as quietly.
+    Every sample must lie near rest. With `initial_rest`, mean and noise must also agree with those at arming.
 
     Args:
-        read_drive_volts: index of the first scan of the next block, and volts at the amplifier's input.
+        read_drive_volts: returns the index of the first scan of the next block, and its volts at the amplifier's input.
         clock: bench time.
         start_time_s: bench time of scan 0.
         rate_hz: scans per second.
-        rest_v: what rest should be.
-        timeout_s: how long to wait for it.
-        initial_rest: what was seen when the bench was armed.
+        rest_v: nominal rest level.
+        timeout_s: longest wait for rest.
+        initial_rest: the measurement at arming.
     """
     wanted_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, math.inf
     if initial_rest is not None:

@@ -1,4 +1,4 @@
-"""The way out of a live bench: the source goes to rest, the card sees that it did, and what is not known is said."""
+"""Safe shutdown of a live bench: brings the source to rest and verifies it through the card."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,10 +18,10 @@ DRIVE_CHANNEL, DISPLACEMENT_CHANNEL = 0, 1
 
 REST_TIMEOUT_S = 2.0
 MAX_DRIVE_WAIT_S = 10.0
-"""How long a drive that no longer obeys is given to end by itself, at most."""
+"""Longest wait for a drive that cannot be stopped any more to end by itself."""
 
 SHUTDOWN_SILENCE_S = 8.0
-"""How long the way to rest may be silent before the watchdog takes over: wires opened anew, a second stream."""
+"""Longest silence during a shutdown before the watchdog takes over: reconnecting, opening a second stream."""
 
 MANUAL_SHUTDOWN_INSTRUCTIONS = (
     "UNSAFE: rest could not be confirmed. The specimen may carry high voltage. By hand, now: switch the high voltage OFF "
@@ -33,10 +33,13 @@ BlockSink = Callable[[Block], None]
 
 @dataclass(frozen=True, slots=True)
 class SafeShutdown:
-    """How a bench comes to rest.
+    """Brings a bench to rest and verifies it.
 
     Args:
-        open_stream: opens a second stream of that rate where the first one is broken.
+        amplifier: commands the source.
+        clock: bench time.
+        watchdog: is kept from taking over meanwhile, and is asked for help if the source does not respond.
+        open_stream: opens a second stream at a rate if the first one is broken.
     """
 
     amplifier: HvAmplifier
@@ -47,13 +50,13 @@ class SafeShutdown:
     def run(
         self, stream: Stream, block_sink: BlockSink, initial_rest: RestMeasurement | None
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """Go to rest and measure it; what the sink raised on the way. Never raises, and no sink stops it."""
+        """Go to rest and measure it; also return what `block_sink` raised. Never raises, and no failing sink stops it."""
         with self.watchdog.allow_silence(SHUTDOWN_SILENCE_S):
             trouble = self.command_rest(self.amplifier.return_to_rest)
             left_s = min(self.amplifier.remaining_s, MAX_DRIVE_WAIT_S) if trouble else 0.0
             rest, lost = self._measure_with_fallback(stream, block_sink, left_s + REST_TIMEOUT_S, initial_rest)
             if not rest.confirmed and not trouble and not math.isnan(rest.measured_v):
-                # It obeyed, or had nothing to do as far as we know; the card sees otherwise. So what we know is wrong.
+                # The source obeyed, or had nothing to do, but the card measures otherwise: the assumed state is wrong.
                 trouble = self.command_rest(self.amplifier.force_rest)
                 rest, again = self._measure_with_fallback(stream, block_sink, REST_TIMEOUT_S, initial_rest)
                 lost = lost or again
@@ -64,12 +67,12 @@ class SafeShutdown:
         return rest, lost
 
     def command_rest(self, first_attempt: Callable[[], None]) -> str:
-        """Tell the source to rest, over its wire, over a new one, and by the watchdog's; what failed, empty if it obeyed."""
+        """Command rest over the link, over a new link, then through the watchdog; return what failed, empty if it obeyed."""
         trouble = ""
         for attempt in (first_attempt, self.amplifier.reconnect_and_force_rest):
             try:
                 attempt()
-            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, measuring rest comes next
+            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, rest is measured next
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
@@ -83,7 +86,7 @@ class SafeShutdown:
         timeout_s: float,
         initial_rest: RestMeasurement | None = None,
     ) -> RestMeasurement:
-        """What the card sees of the drive (see drivers.bench.rest)."""
+        """Verify rest through the card (see drivers.bench.rest)."""
 
         def next_volts() -> tuple[int, NDArray[np.float64]]:
             block = read_block()
@@ -103,7 +106,7 @@ class SafeShutdown:
     def _measure_with_fallback(
         self, stream: Stream, block_sink: BlockSink, timeout_s: float, initial_rest: RestMeasurement | None
     ) -> tuple[RestMeasurement, BaseException | None]:
-        """What the card sees of the drive, and what a sink that failed on the way raised."""
+        """Verify rest, on a fresh stream if the first one is broken; also return what a failing sink raised."""
         lost: list[BaseException] = []
 
         def read() -> Block:
@@ -111,13 +114,13 @@ class SafeShutdown:
             if not lost:
                 try:
                     block_sink(block)
-                except Exception as error:  # noqa: BLE001 - make-safe: a full disk must not keep us from rest
+                except Exception as error:  # noqa: BLE001 - make-safe: a full disk must not prevent rest
                     lost.append(error)
             return block
 
         try:
             rest = self.measure_rest(read, stream, timeout_s, initial_rest)
-        except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still see the drive
+        except Exception:  # noqa: BLE001 - make-safe: the stream is broken; a fresh one may still measure the drive
             stream.__exit__(None, None, None)
             try:
                 with self.open_stream(stream.rate_hz) as second:
@@ -128,10 +131,10 @@ class SafeShutdown:
 
 
 def drive_voltage(block: Block, scales: tuple[Scale, ...]) -> NDArray[np.float64]:
-    """Volts at the amplifier's input, one per scan."""
+    """Return the volts at the amplifier's input, one per scan."""
     return scales[DRIVE_CHANNEL].to_volts(block.raw[DRIVE_CHANNEL])
 
 
 def channel_skew_s(scales: Sequence[Scale]) -> float:
-    """How much later than the drive the displacement of the same scan was converted: it makes the sensor seem quicker."""
+    """Return how much later than the drive a scan's displacement is converted: it makes the sensor seem faster."""
     return scales[DISPLACEMENT_CHANNEL].skew_s - scales[DRIVE_CHANNEL].skew_s

@@ -1,6 +1,6 @@
-"""What a watchdog is to the program: something that must hear from the run thread while the bench is live.
+"""Watchdog interface: heartbeats that the run thread sends while the bench is live.
 
-`drivers.watchdog.client` starts the real one, a process of its own; here is the door, and the one for benches that need none.
+`drivers.watchdog.client` starts the real one, a process of its own; `NoWatchdog` is for benches that need none.
 """
 
 import contextlib
@@ -11,7 +11,7 @@ from typing import Protocol
 from drivers.clock import WallClock
 
 HEARTBEAT_PERIOD_S = 0.1
-"""How often the interpreter says that it runs, and the longest wait between two beats of a sleeping run thread."""
+"""Period of the interpreter's pulse, and longest interval between two heartbeats of a sleeping run thread."""
 
 WATCHDOG_DISABLED_WARNING = (
     "No watchdog: the bench file switches it off. If this program dies while the bench is live, a burst ends by itself, "
@@ -20,51 +20,51 @@ WATCHDOG_DISABLED_WARNING = (
 
 
 class Watchdog(Protocol):
-    """Watches while the bench is live. Only the run thread calls it, but for `close`."""
+    """Monitors the program while the bench is live. Only the run thread calls it, except for `close`."""
 
     inactive_reason: str
-    """Why nobody watches, where nobody does; empty otherwise."""
+    """Why the bench is not monitored; empty if it is."""
 
     def set_log_folder(self, folder: Path) -> None:
-        """From now on its log stands beside the runs of this folder."""
+        """Write the log into this folder of runs from now on."""
 
     def arm(self) -> None:
-        """From now on a silence means that the program is dead.
+        """Start monitoring: from now on silence means that the program is dead.
 
         Raises:
-            BenchError: nobody watches, so the bench must not go live.
+            BenchError: the watchdog does not run, so the bench must not go live.
         """
 
     def send_heartbeat(self) -> None:
-        """The run thread is alive. Never raises."""
+        """Report that the run thread is alive. Never raises."""
 
     def raise_for_status(self) -> None:
-        """Raises BenchError if the watchdog has ended, or has brought the source to rest itself."""
+        """Raise BenchError if the watchdog has ended, or has brought the source to rest itself."""
 
     def allow_silence(self, seconds: float | None = None, /) -> contextlib.AbstractContextManager[None]:
-        """Inside, the run thread may be silent for so long; default is one answer of the source that does not come.
+        """Allow the run thread this much silence inside; default is one reply of the source that does not come.
 
-        Where the watchdog commands the source, this waits until it has done: the two must not command in turns.
+        While the watchdog commands the source, this waits: the two must not command it alternately.
         """
 
     def raise_if_taken_over(self) -> None:
-        """Raises BenchError if the watchdog took the source over since the present `allow` began."""
+        """Raise BenchError if the watchdog took the source over since the present `allow_silence` began."""
 
     def request_rest(self, reason: str, /) -> str:
-        """Ask it to bring the source to rest, because the program could not. What came of it in words; never raises."""
+        """Ask the watchdog to bring the source to rest because the program could not; return the outcome. Never raises."""
 
     def log(self, message: str) -> None:
-        """Write a line into its log."""
+        """Write a line into the log."""
 
     def disarm(self) -> None:
-        """The way out is over: a silence means nothing any more."""
+        """Stop monitoring, after the shutdown."""
 
     def close(self) -> None:
-        """Send it away."""
+        """End the watchdog."""
 
 
 class NoWatchdog:
-    """Nobody watches: on the virtual clock, where bench and program die together, or because the bench file says so."""
+    """No monitoring: on the virtual clock, where bench and program end together, or because the bench file disables it."""
 
     def __init__(self, inactive_reason: str = "") -> None:
         self.inactive_reason = inactive_reason
@@ -93,9 +93,9 @@ class NoWatchdog:
 
 
 class HeartbeatClock(WallClock):
-    """Real time in which a waiting run thread goes on beating: drivers pace their staircases with it.
+    """Real time in which a sleeping run thread keeps sending heartbeats; paces the staircases of the drivers.
 
-    A driver that was held up in the middle of a staircase must not go on with it once the watchdog has been there.
+    A driver that was held up in a staircase must not continue it after the watchdog has taken over.
     """
 
     def __init__(self, speed: float = 1.0) -> None:

@@ -1,4 +1,4 @@
-"""A way down that nothing keeps from going on: neither a refused step nor an answer that cannot be read."""
+"""Safe ramp-down: continues despite rejected steps and unreadable replies."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -12,14 +12,14 @@ T = TypeVar("T")
 
 @renamed(deaf="blind", ask="query", end="raise_first_error")
 class RampDown:
-    """Sends the steps of one way and keeps what went wrong on it, to tell it when the way is over.
+    """Sends the steps of one ramp and collects the errors, to be raised when the ramp is complete.
 
-    A step is confirmed by the box as long as its answers can be read. From the first unreadable one on nothing more is
-    asked, and the rest of the way is sent blind: every box obeys what it hears, whether or not we understand its answer.
+    The instrument confirms each step as long as its replies can be read. After the first unreadable reply nothing more is
+    queried and the rest is sent blind: an instrument carries out what it receives, whether or not its reply arrives.
 
     Args:
-        link: the box's wire.
-        stubborn: whether to go on; a way that does not lead to rest ends at its first error instead.
+        link: the link to the instrument.
+        best_effort: whether to continue after an error; a ramp that does not lead to rest raises the first one instead.
     """
 
     @renamed_parameters(stubborn="best_effort")
@@ -29,7 +29,7 @@ class RampDown:
         self.blind = False
 
     def query(self, action: Callable[[], T]) -> T | None:
-        """What the action returns; None where it failed, or where nothing is asked any more."""
+        """Return what the action returns; None if it failed, or if replies cannot be read any more."""
         if self.blind:
             return None
         try:
@@ -39,10 +39,10 @@ class RampDown:
             return None
 
     def step(self, command: str, send_confirmed: Callable[[], object]) -> None:
-        """One step: `confirmed` sends and confirms it, `words` are what is sent where nothing can be confirmed.
+        """Send one step: `send_confirmed` sends and confirms it; `command` is sent if replies cannot be read any more.
 
         Raises:
-            LinkError: the wire is gone, nothing can be sent at all.
+            LinkError: the connection is lost, nothing can be sent.
         """
         if not self.blind:
             try:
@@ -53,10 +53,10 @@ class RampDown:
             self._link.write(command)
 
     def raise_first_error(self) -> None:
-        """Tell what went wrong.
+        """Raise the first error of the ramp, if there was one.
 
         Raises:
-            InstrumentError: something did; LinkError where answers could not be read.
+            InstrumentError: a step failed; LinkError if replies could not be read.
         """
         if not self._errors:
             return

@@ -1,7 +1,7 @@
-"""Talking SCPI: every command is confirmed by the instrument's error queue in the same message.
+"""SCPI session: every command is confirmed by the instrument's error queue in the same message.
 
 A message that ends in a query costs one round trip and no Nagle stall (two plain writes before a query cost 44 ms on
-a socket), and a refused setting is known before the next one is sent.
+a socket), and a rejected setting is known before the next one is sent.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ from drivers.interfaces import Identity
 
 
 class Link(Protocol):
-    """A wire that carries lines. `name` is what an operator calls it (a resource string)."""
+    """A connection that carries lines. `name` is its resource string, as the operator knows it."""
 
     name: str
 
@@ -22,42 +22,42 @@ class Link(Protocol):
     def read(self) -> str: ...
 
     def clear(self) -> None:
-        """Forget half-sent answers: after a timeout the late answer would be taken for the next one's."""
+        """Discard pending replies: after a timeout the late reply would be taken for the next query's."""
 
     def reopen(self) -> None:
-        """Close and open again. Raises LinkError where nothing answers."""
+        """Close and open again. Raises LinkError if nothing answers."""
 
     def close(self) -> None: ...
 
 
 @renamed(ask="query", ask_number="query_float", tell="write_checked")
 class ScpiSession:
-    """One SCPI conversation. `instrument` names it in errors."""
+    """SCPI queries and confirmed commands over a link. `instrument` names it in errors."""
 
     def __init__(self, link: Link, instrument: str) -> None:
         self.link = link
         self.instrument = instrument
 
     def query(self, query: str) -> str:
-        """The answer to a query.
+        """Return the reply to a query.
 
         Raises:
-            LinkError: no answer, or a broken wire; the wire has been resynchronised where possible.
+            LinkError: no reply, or a broken connection; it has been resynchronised if possible.
         """
         try:
             self.link.write(query)
             return self.link.read().strip()
         except LinkError as error:
-            with contextlib.suppress(LinkError):  # where the wire is gone, the first error says so
+            with contextlib.suppress(LinkError):  # if the connection is lost, the first error reports it
                 self.link.clear()
-            shown = query.partition(",#")[0]  # a waveform's bytes are no reading
+            shown = query.partition(",#")[0]  # without the bytes of a waveform
             raise LinkError(f"{self.instrument}: no answer to '{shown}': {error}") from error
 
     def query_float(self, query: str) -> float:
-        """A query answered by one number.
+        """Return the reply to a query as a number.
 
         Raises:
-            InstrumentError: the answer is not a number (a garbled line).
+            LinkError: the reply is not a number (a garbled line).
         """
         answer = self.query(query)
         try:
@@ -70,10 +70,10 @@ class ScpiSession:
             ) from None
 
     def write_checked(self, command: str) -> None:
-        """Send a setting and learn at once whether the instrument took it.
+        """Send a command and check the instrument's error queue.
 
         Raises:
-            InstrumentError: the instrument refused it; the sentence carries its own words.
+            InstrumentError: the instrument rejected it; the message carries its error text.
         """
         answer = self.query(f"{command};:SYST:ERR?")
         shown = command.partition(",#")[0]
@@ -91,7 +91,7 @@ class ScpiSession:
             raise InstrumentError(f"{self.instrument} refused '{shown}': {words} ({code})")
 
     def identify(self) -> Identity:
-        """Who answers, by `*IDN?`."""
+        """Return the identity that `*IDN?` reports."""
         parts = [part.strip() for part in self.query("*IDN?").split(",")]
         if len(parts) < 2:
             raise LinkError(

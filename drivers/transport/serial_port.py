@@ -1,6 +1,6 @@
-"""A serial port as text lines and bytes: RS-232, RS-422 behind USB, or any pyserial URL. One family of errors.
+"""Serial port for text and bytes: RS-232, RS-422 behind USB, or any pyserial URL.
 
-DTR and RTS are left as they come: some converters have no such lines, and some sensors reset on them.
+DTR and RTS keep their defaults: some converters have no such lines, and some sensors reset on them.
 """
 
 import contextlib
@@ -24,10 +24,10 @@ class SerialPort:
     Args:
         port: `COM3`, `/dev/ttyUSB0`, or a pyserial URL such as `socket://host:port`.
         baud: bits per second.
-        timeout_s: how long an answer may take.
+        timeout_s: longest wait for a reply.
 
     Raises:
-        LinkError: the port is not there or cannot be opened.
+        LinkError: the port does not exist or cannot be opened.
     """
 
     def __init__(self, port: str, baud: int, timeout_s: float = 1.0) -> None:
@@ -41,10 +41,10 @@ class SerialPort:
             self._port.write(data)
 
     def query(self, command: bytes, terminator: bytes) -> str:
-        """The text that answers a command, without its end. What was on its way before is forgotten.
+        """Return the reply to a command without its terminator. Earlier input is discarded.
 
         Raises:
-            LinkError: silence, a half answer, or bytes that are no text.
+            LinkError: silence, an incomplete reply, or bytes that are not text.
         """
         with self._translate_errors():
             self._port.reset_input_buffer()
@@ -59,12 +59,12 @@ class SerialPort:
             raise LinkError(f"{self.name} sent bytes that are no text; check the baud rate") from None
 
     def read(self, count: int) -> bytes:
-        """The next bytes, fewer where the time is up."""
+        """Return the next bytes; fewer at a timeout."""
         with self._translate_errors():
             return bytes(self._port.read(count))
 
     def discard_input(self) -> None:
-        """Drop what has come in."""
+        """Discard received bytes."""
         with self._translate_errors():
             self._port.reset_input_buffer()
 
@@ -77,7 +77,7 @@ class SerialPort:
 
 
 def list_serial_ports() -> list[tuple[str, str]]:
-    """Names and descriptions of the serial ports of this computer."""
+    """Return names and descriptions of the serial ports of this computer."""
     from serial.tools import list_ports
 
     return sorted(

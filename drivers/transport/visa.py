@@ -1,8 +1,8 @@
-"""A line over VISA: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, whatever the resource string says.
+"""VISA link: TCP socket, VXI-11, HiSLIP, USB-TMC or serial, chosen by the resource string.
 
-pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises whatever it
-meets: all are one family here. After an answer that did not come, the next answer must not be taken for it. How that is
-made sure differs: a socket is opened anew, a serial line is read until it is quiet, and all others know a device clear.
+pyvisa-py opens a dead socket without complaint and raises OSError, not VisaIOError, later; its HiSLIP raises other
+exceptions: all become LinkError. After a reply that did not come, the next reply must not be taken for it: a socket is
+reopened, a serial line is read until it is quiet, and all others have a device clear.
 """
 
 import contextlib
@@ -21,13 +21,13 @@ from drivers.errors import LinkError
 from drivers.transport.errors import translate_errors
 
 VISA_ERRORS = (pyvisa.Error, OSError, ValueError, RuntimeError, AssertionError, struct.error)
-"""What pyvisa and pyvisa-py raise where a wire fails; the last three are its HiSLIP's."""
+"""Exceptions of pyvisa and pyvisa-py when a connection fails; the last three come from its HiSLIP."""
 
 BITS_PER_BYTE = 11
-"""Of a byte on a serial line: start, eight, parity, stop."""
+"""Bits of a byte on a serial line: start, eight, parity, stop."""
 
 MAX_DRAIN_S = 5.0
-"""A serial line that is not quiet by then will not be: something else is connected, or the baud rate is wrong."""
+"""Longest wait for a serial line to become quiet; after that another device is connected, or the baud rate is wrong."""
 
 
 class VisaLink:
@@ -35,8 +35,8 @@ class VisaLink:
 
     Args:
         resource: a VISA resource string, e.g. `TCPIP::192.0.2.7::5025::SOCKET`.
-        timeout_s: how long an answer may take.
-        baud: of a serial line, bits per second.
+        timeout_s: longest wait for a reply.
+        baud: bits per second of a serial line.
         backend: the VISA library; `@py` is pyvisa-py.
 
     Raises:
@@ -69,10 +69,10 @@ class VisaLink:
     def write(self, message: str) -> None:
         with self._translate_errors():
             session = self._open_session()
-            if self._is_serial:  # a waveform takes its time at so many bits a second
+            if self._is_serial:  # a long waveform needs time at this baud rate
                 session.timeout = 1000 * (self.timeout_s + BITS_PER_BYTE * len(message) / self._baud)
             try:
-                # Latin-1 carries every byte of a waveform's binary block as it is.
+                # Latin-1 carries every byte of a binary block unchanged.
                 session.write(message, encoding="latin-1")
             finally:
                 if self._is_serial:
@@ -84,8 +84,8 @@ class VisaLink:
             return answer
 
     def clear(self) -> None:
-        # pyvisa-py 0.8.1 reads a raw socket empty until nothing is readable: one that the other side has closed is
-        # readable for ever, and clear() never returns. A new connection forgets a late answer just as well.
+        # pyvisa-py 0.8.1 reads a raw socket until nothing is readable: one that the peer has closed stays readable for
+        # ever, and clear() never returns. A new connection discards a late reply just as well.
         if self.name.upper().endswith("::SOCKET"):
             self.reopen()
         elif self._is_serial:
@@ -94,11 +94,11 @@ class VisaLink:
             try:
                 with self._translate_errors():
                     self._open_session().clear()
-            except LinkError:  # pyvisa-py's HiSLIP stumbles over a late answer that is in the line already
+            except LinkError:  # pyvisa-py's HiSLIP fails on a late reply that has arrived already
                 self.reopen()
 
     def _read_until_quiet(self) -> None:
-        """What comes within the time that an answer may take is none of ours any more."""
+        """Discard input until nothing arrives for the reply timeout."""
         session, until_s = self._open_session(), time.monotonic() + MAX_DRAIN_S
         with self._translate_errors():
             try:
@@ -148,22 +148,22 @@ class VisaLink:
 
 
 def list_resources(backend: str = "@py") -> tuple[list[str], list[str]]:
-    """Resource strings of what VISA finds by itself, and sentences on what could not be looked for."""
+    """Return the resource strings that VISA discovers, and messages on interfaces that could not be searched."""
     manager = pyvisa.ResourceManager(backend)
     try:
         with warnings.catch_warnings():
-            # Its discovery leaves sockets open, and says in its own words what is missing.
+            # Its discovery leaves sockets open and warns about missing packages.
             warnings.simplefilter("ignore")
             names = sorted(manager.list_resources("?*"))
-        told = str(manager.visalib.get_debug_info())
+        debug_info = str(manager.visalib.get_debug_info())
     except (pyvisa.Error, OSError, ValueError) as error:
         return [], [f"VISA resources could not be listed: {error}"]
     finally:
         manager.close()
     missing = []
-    if "PyUSB" in told:
+    if "PyUSB" in debug_info:
         missing.append("USB instruments were not looked for: that needs libusb (a package of your system, libusb-1.0)")
-    if "zeroconf not installed" in told:
+    if "zeroconf not installed" in debug_info:
         missing.append(
             "HiSLIP instruments were not looked for: that needs 'pip install zeroconf'; --host asks a host you name"
         )

@@ -1,7 +1,7 @@
-"""The program's side of the watchdog: a small process that brings the source to rest if this one dies or hangs.
+"""Watchdog client: starts the process that brings the source to rest if this program dies or hangs.
 
-The run thread beats with every block it reads and every step it commands, and a second thread tells that the
-interpreter runs at all. `drivers.watchdog.process` listens; when it hears nothing while the bench is live, it goes to
+The run thread sends a heartbeat with every block it reads and every step it commands, and a second thread reports that the
+interpreter runs at all. If `drivers.watchdog.process` receives neither while the bench is live, it brings the source to
 rest over a connection of its own (docs/decisions/0020-watchdog.md).
 """
 
@@ -21,7 +21,7 @@ from drivers.watchdog.subprocesses import terminate
 
 START_TIMEOUT_S = 15.0
 WATCHDOG_SILENCE_S = 3.0
-"""A watchdog that has said nothing for so long while the bench is live does not watch any more."""
+"""Longest silence of the watchdog while the bench is live; after that it counts as dead."""
 
 REPLY_MARGIN_S = 1.0
 REST_REQUEST_TIMEOUT_S = 12.0
@@ -29,7 +29,7 @@ TAKEOVER_TIMEOUT_S = 40.0
 
 
 class WatchdogClient:
-    """A `drivers.bench.watchdog_interface.Watchdog` in a process of its own. It starts at once and is waited for when the bench is armed."""
+    """A `Watchdog` (see drivers.bench.watchdog_interface) in a process of its own; `arm` waits until it is ready."""
 
     inactive_reason = ""
 
@@ -54,7 +54,7 @@ class WatchdogClient:
     def arm(self) -> None:
         if not self._wait_until_ready():
             self.close()
-            self._start()  # one that ended since the last run is replaced; one that ends again is told
+            self._start()  # one that ended since the last run is replaced; one that ends again is reported
             if not self._wait_until_ready():
                 raise BenchError(
                     f"the watchdog does not watch{': ' + self._failed if self._failed else ''}. The bench does not go live "
@@ -69,7 +69,7 @@ class WatchdogClient:
         if not self._live.is_set():
             return
         if time.monotonic() - self._last_heartbeat_s > self._config.silence_s:
-            # We were held up, perhaps stopped: what it did meanwhile is still on its way to us.
+            # This process was held up, possibly stopped: reports of the watchdog may still be in the pipe.
             with self._changed:
                 self._changed.wait_for(lambda: bool(self._takeover_reason or self._ended), 2 * HEARTBEAT_PERIOD_S)
         self._last_heartbeat_s = time.monotonic()
@@ -158,13 +158,13 @@ class WatchdogClient:
         self._send(self._config.as_line())
         if self._log_folder is not None:
             self._send(f"log {self._log_folder}")
-        self._listener_thread = threading.Thread(target=self._listen, name="watchdog's words", daemon=True)
-        self._pulse_thread = threading.Thread(target=self._send_pulses, name="watchdog's pulse", daemon=True)
+        self._listener_thread = threading.Thread(target=self._listen, name="watchdog listener", daemon=True)
+        self._pulse_thread = threading.Thread(target=self._send_pulses, name="watchdog pulse", daemon=True)
         self._listener_thread.start()
         self._pulse_thread.start()
 
     def _wait_until_ready(self) -> bool:
-        """Whether it watches; waits for one that is still starting."""
+        """Wait for the process to start; return whether it is ready."""
         with self._changed:
             self._changed.wait_for(lambda: bool(self._ready or self._failed or self._ended), START_TIMEOUT_S)
         return bool(self._ready) and not self._ended
@@ -198,7 +198,7 @@ class WatchdogClient:
                 self._send("pulse")
 
     def _send(self, line: str) -> None:
-        """Tell it something. That it has ended is noticed by `check`, and a hung one before its pipe is full."""
+        """Send a line. `raise_for_status` detects a watchdog that has ended, and a hung one before its pipe is full."""
         stdin = self._child.stdin
         if stdin is not None and not stdin.closed:
             with self._write_lock, contextlib.suppress(OSError, ValueError):

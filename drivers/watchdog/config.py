@@ -1,4 +1,4 @@
-"""What a watchdog is told when it is sent out: one line of JSON, the first that it reads."""
+"""Watchdog configuration, sent to the process as its first line (JSON)."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -10,18 +10,21 @@ from model.amplifier_map import AmplifierMap
 
 @dataclass(frozen=True, slots=True)
 class WatchdogConfig:
-    """What the watchdog must know to do its work without the program.
+    """All that the watchdog needs to bring the source to rest without the program.
 
     Args:
         source: `module:Class` of the source's driver, called with (link, clock, **options).
         resource: VISA resource string of the source; empty for one without a link, called with (clock=clock, **options).
-        timeout_s: how long the source may take to answer.
-        baud: of a serial line.
-        speed: of a simulated bench, times real.
-        silence_s: how long the run thread may say nothing while live.
+        timeout_s: longest wait for a reply of the source.
+        baud: bits per second of a serial line.
+        options: keyword arguments of the driver.
+        map: input range and rest level of the amplifier.
+        limits: drive limits of the ramp to rest.
+        speed: bench seconds per wall second of a simulated bench.
+        silence_s: longest silence of the run thread while live.
         own_connection: whether the source takes a second connection beside the program's. Where it does not, the
-            watchdog ends a program that hangs, and opens the wire then.
-        patience_s: how long it goes on trying.
+            watchdog kills a program that hangs, and connects then.
+        patience_s: how long it retries.
     """
 
     source: str

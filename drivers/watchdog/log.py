@@ -1,4 +1,4 @@
-"""The watchdog's log: a text file beside the runs, a line for everything it did; told once at the next start."""
+"""Watchdog log: a text file beside the runs; unreported lines are shown at the next start."""
 
 import contextlib
 import os
@@ -10,7 +10,7 @@ REPORTED_MARK = "the lines above were told at the next start"
 
 
 def append_line(folder: Path, message: str) -> None:
-    """Append a line and see it onto the disk. A folder that cannot be written is no reason to stop anything."""
+    """Append a line and flush it to disk. A folder that cannot be written is ignored: the watchdog must continue."""
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / LOG_NAME).open("a", encoding="utf-8") as log:
@@ -20,13 +20,13 @@ def append_line(folder: Path, message: str) -> None:
 
 
 def take_unreported_lines(folder: Path) -> list[str]:
-    """The lines that nobody has been told yet; they are marked as told."""
+    """Return the lines that have not been reported yet, and mark them as reported."""
     try:
         lines = (folder / LOG_NAME).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
-    told = max((i for i, line in enumerate(lines) if line.endswith(REPORTED_MARK)), default=-1)
-    new = [line for line in lines[told + 1 :] if line.strip()]
+    reported = max((i for i, line in enumerate(lines) if line.endswith(REPORTED_MARK)), default=-1)
+    new = [line for line in lines[reported + 1 :] if line.strip()]
     if new:
         append_line(folder, REPORTED_MARK)
     return new

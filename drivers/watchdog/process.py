@@ -1,8 +1,8 @@
-"""`python -m drivers.watchdog.process`: hears the program's beats and, when they stop while live, goes to rest by itself.
+"""Watchdog process: brings the source to rest when the program's heartbeats stop while live.
 
-It reads its charge as the first line of standard input, then one word a line; it lives as long as that pipe. What it
-did stands in its log beside the runs. It never judges whether the specimen is safe: it has no eyes, only the program's
-card has; so it says what the source says of itself, and what to do by hand where the source does not answer.
+`python -m drivers.watchdog.process` reads its configuration as the first line of standard input, then one command a line,
+and ends with that pipe. Its actions are logged beside the runs. It never judges whether the specimen is safe, because only
+the program's card can measure that: it reports what the source reports, and what to do by hand if the source does not answer.
 """
 
 import contextlib
@@ -29,10 +29,10 @@ POLL_PERIOD_S = 0.02
 TICK_PERIOD_S = 0.5
 RETRY_INTERVAL_S = 0.25
 REQUESTED_REST_TIMEOUT_S = 2.0
-"""How long it tries when the program asked: the program waits, and measures afterwards."""
+"""How long it retries when the program asked for rest: the program waits, and measures afterwards."""
 
 MIN_RAMP_V_PER_S = 10.0
-"""Slope of its way to rest where the bench file's is slower: 2.5 V in a quarter of a second, still in the guard's steps.
+"""Slope of its ramp to rest if that of the bench file is slower: 2.5 V in a quarter of a second, in the same steps.
 
 A sine of 5 V peak to peak is steeper than that from 1 Hz on.
 """
@@ -41,7 +41,7 @@ SWITCH_OFF_INSTRUCTION = "Switch the high voltage OFF at the amplifier itself be
 
 
 class WatchdogLoop:
-    """One program, one source, and when each was last heard."""
+    """Monitors one program and brings one source to rest."""
 
     def __init__(self, config: WatchdogConfig) -> None:
         self._config = config
@@ -56,7 +56,7 @@ class WatchdogLoop:
         threading.Thread(target=self._read_lines, daemon=True).start()
 
     def run(self) -> None:
-        """Until the program has ended."""
+        """Monitor until the program has ended."""
         try:
             if self._config.own_connection:
                 self._open_source()
@@ -72,7 +72,7 @@ class WatchdogLoop:
                 line = ""
             now = time.monotonic()
             if (late := now - woke - 5 * POLL_PERIOD_S) > 0:
-                # Time in which this process did not run itself is no silence of the other.
+                # Time in which this process did not run is not silence of the program.
                 self._last_heartbeat_s, self._last_pulse_s = self._last_heartbeat_s + late, self._last_pulse_s + late
             if line is None:
                 self._on_program_exit()
@@ -128,7 +128,7 @@ class WatchdogLoop:
         return ""
 
     def _bring_to_rest(self, reason: str, timeout_s: float, to_stderr: bool = True) -> None:
-        """Bring the source to rest, trying for `patience_s`; say and log what came of it."""
+        """Bring the source to rest, retrying for `timeout_s`; report and log the outcome."""
         send_line(f"acting {reason}")
         self._took_over = True
         begin = time.monotonic()
@@ -136,7 +136,7 @@ class WatchdogLoop:
         while True:
             try:
                 self._try_to_rest(reconnect=bool(first))
-            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails, it is tried again
+            except Exception as error:  # noqa: BLE001 - make-safe: whatever fails is retried
                 first = first or f"{error}"
                 self._close_source()
                 if time.monotonic() - begin > timeout_s:
@@ -168,35 +168,35 @@ class WatchdogLoop:
             raise InstrumentError(f"{self._source.identity} does not say that it is at rest")
 
     def _open_source(self) -> None:
-        charge = self._config
-        module, _, name = charge.source.partition(":")
+        config = self._config
+        module, _, name = config.source.partition(":")
         deprecated.install()  # the driver may be a plug-in that was written for version 0.1.0
         driver = getattr(importlib.import_module(module), name)
         if isinstance(driver, type):
             deprecated.adapt_driver(driver, Source)
         source: Source
-        if not charge.resource:
-            source = driver(clock=self._clock, **charge.options)
+        if not config.resource:
+            source = driver(clock=self._clock, **config.options)
         else:
             from drivers.transport.visa import VisaLink
 
-            link = VisaLink(charge.resource, charge.timeout_s, baud=charge.baud)
+            link = VisaLink(config.resource, config.timeout_s, baud=config.baud)
             try:
-                source = driver(link, self._clock, **charge.options)
+                source = driver(link, self._clock, **config.options)
             except BaseException:
                 link.close()
                 raise
-        swift = replace(charge.limits, ramp_v_per_s=max(charge.limits.ramp_v_per_s, MIN_RAMP_V_PER_S))
-        self._source, self._amplifier = source, HvAmplifier(source, charge.map, swift, self._clock)
+        swift = replace(config.limits, ramp_v_per_s=max(config.limits.ramp_v_per_s, MIN_RAMP_V_PER_S))
+        self._source, self._amplifier = source, HvAmplifier(source, config.map, swift, self._clock)
 
     def _close_source(self) -> None:
-        """Let go of a wire that belongs to nobody else, so that the next attempt opens it anew."""
+        """Close a connection that is not shared with the program, so that the next attempt reconnects."""
         if not self._config.own_connection and self._source is not None:
             self._source.close()
             self._source = self._amplifier = None
 
     def _kill_program(self) -> None:
-        """The wire is the program's as long as it lives, and it hangs: end it, and wait until it has gone."""
+        """Kill the program, which hangs and holds the only connection, and wait until it has ended."""
         with contextlib.suppress(OSError):
             os.kill(os.getppid(), getattr(signal, "SIGKILL", signal.SIGTERM))
         deadline = time.monotonic() + 1.0
@@ -212,7 +212,7 @@ class WatchdogLoop:
         self._lines.put(None)
 
     def _log(self, message: str, to_stderr: bool = True) -> None:
-        """Into the log; also onto the terminal where no living program says it."""
+        """Append to the log; also write to the terminal if no running program reports it."""
         with contextlib.suppress(OSError, ValueError):
             if to_stderr:
                 sys.stderr.write(f"tactor-bench watchdog: {message}\n")
@@ -222,21 +222,21 @@ class WatchdogLoop:
 
 
 def send_line(line: str) -> None:
-    """One line for the program, if it still listens."""
+    """Send a line to the program, if it still reads."""
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.write(" ".join(line.split()) + "\n")
         sys.stdout.flush()
 
 
 def main() -> NoReturn:
-    """Watch until standard input closes."""
+    """Monitor until standard input closes."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP", "SIGPIPE", "SIGBREAK"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    charge = sys.stdin.readline()
-    if charge:
-        WatchdogLoop(WatchdogConfig.from_line(charge)).run()
-    os._exit(0)  # a thread still stands in a read of standard input; there is nothing to tear down
+    line = sys.stdin.readline()
+    if line:
+        WatchdogLoop(WatchdogConfig.from_line(line)).run()
+    os._exit(0)  # a thread still blocks in a read of standard input; there is nothing to tear down
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""A process of our own that lives as long as its standard input does."""
+"""Child process that runs as long as its standard input is open."""
 
 import contextlib
 import subprocess
 
 EXIT_TIMEOUT_S = 5.0
-"""How long it may take to end by itself."""
+"""Longest wait for it to end by itself."""
 
 
 def terminate(child: "subprocess.Popen[str]") -> None:
-    """Close its standard input, which tells it to end; one that does not is killed. Returns when it is gone."""
+    """Close its standard input, which makes it end, and wait; kill it at the timeout."""
     if child.stdin is not None:
         with contextlib.suppress(OSError):
             child.stdin.close()
