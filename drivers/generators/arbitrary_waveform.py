@@ -1,4 +1,4 @@
-"""Drives as one period of an arbitrary waveform, for generators that cannot play them otherwise."""
+"""Arbitrary waveforms: drives as points of one period, for generators that cannot play them natively."""
 
 import math
 
@@ -15,17 +15,17 @@ ArbitraryDrive = LinearSweep | PeriodicSweep | Steps
 
 MIN_POINTS = 256
 OVERSAMPLED_POINTS = 16_384
-"""As fine as that a waveform is made without need, where there is room."""
+"""Number of points up to which a waveform is oversampled if the memory allows."""
 
 QUANTIZATION_MARGIN = 0.98
-"""Share of a jump that points may take: the box's converter, 12 bits at least, rounds either of two points."""
+"""Share of the largest step that points may use: the converter, 12 bits at least, rounds both points."""
 
 SINE_CYCLE: Points = np.sin(2 * np.pi * np.arange(4096) / 4096)
-"""One cycle; from point to point it moves by less than a thousandth of its span."""
+"""One cycle; it steps by less than a thousandth of its span from point to point."""
 
 
 def reason_memory_too_small(drive: ArbitraryDrive, max_points: int, max_step_v: float) -> str:
-    """Why a waveform memory of `most` points is too small for a drive, in half a sentence; empty where it is not."""
+    """Return why a memory of `max_points` is too small for a drive, as part of a message; empty if it is not."""
     needed = required_points(drive, max_step_v)
     if needed <= max_points:
         return ""
@@ -37,16 +37,16 @@ def reason_memory_too_small(drive: ArbitraryDrive, max_points: int, max_step_v: 
 
 
 def required_points(drive: ArbitraryDrive, max_step_v: float) -> int:
-    """Points without which one is further than `max_step_v` from the next."""
+    """Return the number of points at which no step exceeds `max_step_v`."""
     return max(math.ceil(_period_s(drive) * drive.slew_v_per_s / (QUANTIZATION_MARGIN * max_step_v)) + 1, MIN_POINTS)
 
 
 def render_waveform(drive: ArbitraryDrive, max_points: int, max_step_v: float) -> tuple[Points, float]:
-    """The drive as points (of a periodic one, one period), and the volts of a full point.
+    """Return the points of a drive (of a periodic one, one period) and the volts of a full-scale point.
 
     Args:
-        drive: what shall be played; one that the instrument can hold.
-        max_points: how many points the instrument holds.
+        drive: a drive that fits into the instrument's memory.
+        max_points: size of the instrument's memory.
         max_step_v: largest change from one point to the next that may reach the amplifier.
     """
     needed = required_points(drive, max_step_v)
@@ -62,6 +62,6 @@ def _period_s(drive: ArbitraryDrive) -> float:
 
 
 def definite_length_block(data: bytes) -> str:
-    """Bytes as a binary block of a message: IEEE 488.2 definite length, Latin-1 standing for bytes."""
+    """Return an IEEE 488.2 definite-length block, its bytes as Latin-1 text."""
     length = str(len(data))
     return f"#{len(length)}{length}{data.decode('latin-1')}"

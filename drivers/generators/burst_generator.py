@@ -1,18 +1,16 @@
-"""What all function generators on this bench have in common: they rest in an armed burst of an arbitrary waveform.
+"""Burst generators: the common driver of all function generators, which rest in an armed burst.
 
-A change of function, load or range can drop a box's output to 0 V, which is -500 V on the specimen. So all of them are set
-once, before the output comes up. The function is the arbitrary waveform from first to last: its first point is the idle
-level, which is the offset (33220A guide p. 227); a sine is one cycle of it repeated, a sweep or a row of steps is a waveform
-played once, and a held level is an idle burst at another offset. Every drive is a finite burst: it comes back to the
-offset by itself should this computer die.
+A change of function, load or range can drop an instrument's output to 0 V, which is -500 V on the specimen. So all of them
+are set once, before the output comes up. The function is always the arbitrary waveform: its first point is the idle level,
+which is the offset (33220A guide p. 227); a sine is one cycle of it repeated, a sweep or a series of steps is a waveform
+played once, and a held level is an idle burst at another offset. Every drive is a finite burst: it returns to the offset by
+itself if this computer fails.
 
-Boxes differ in one thing that matters. Those that can freeze their attenuator's range carry a drive's amplitude as
-amplitude, and are stopped by taking it down in small steps. Those that cannot would switch a relay on the way: they keep
-one amplitude for ever, carry a drive's amplitude in the waveform's points, and are stopped by waiting for the end.
+Instruments differ in one respect that matters. Those that can freeze the range of their attenuator set a drive's amplitude
+as the amplitude, and are stopped by reducing it in small steps. Those that cannot would switch a relay on the way: they
+keep one amplitude, scale the drive in the points of the waveform, and are stopped by waiting for the end.
 
-What differs between one burst generator and another: the words of its dialect, and what the box can do.
-
-`drivers.generators.burst_generator` knows what to say when; a subclass of both fills this in.
+A subclass supplies the commands of one family and what its instruments can do.
 """
 
 import hashlib
@@ -34,16 +32,16 @@ from drivers.transport.scpi import Link, ScpiSession
 
 LEVEL_TOLERANCE_V = 1e-3
 IDLE_AMPLITUDE_VPP = 0.01
-"""What a box that carries the drive in its amplitude idles with: too little to matter."""
+"""Idle amplitude of an instrument that sets a drive's amplitude as its amplitude: too small to matter."""
 
 FOREIGN_OUTPUT_RAMP_V_PER_S = 5.0
-"""How fast a level that an earlier program left is brought to rest before the box is set up anew."""
+"""Slope at which a level that an earlier program left is ramped to rest before the instrument is configured."""
 
 MAX_UNSTOPPABLE_DRIVE_S = 9.0
-"""Longest drive of a box that can only be stopped by waiting: the card's buffer holds ten seconds."""
+"""Longest drive of an instrument that can only be stopped by waiting: the card's buffer holds ten seconds."""
 
 INTERPOLATED_STEP_FRACTION = 0.1
-"""Share of its span that a waveform may move from point to point where a filter smooths it."""
+"""Largest step from point to point, relative to the span, of a waveform that a filter smooths."""
 
 
 @renamed(
@@ -73,21 +71,21 @@ INTERPOLATED_STEP_FRACTION = 0.1
     _agree="_check_readback",
 )
 class BurstGenerator(ABC):
-    """A `Source` (see drivers.interfaces); a subclass per family fills in its commands and what it can do.
+    """A `Source` (see drivers.interfaces); a subclass per family supplies its commands and capabilities.
 
     Args:
-        link: the wire.
+        link: the connection.
         clock: bench time, which paces the staircases.
         step_v: largest single step of a staircase in volts.
-        pace_s: time between the steps of a staircase.
+        step_interval_s: time between the steps of a staircase.
 
     Raises:
-        LinkError: nothing answers on the wire.
+        LinkError: nothing answers.
         InstrumentError: another instrument answers.
     """
 
     MODELS: ClassVar[tuple[str, ...]]
-    """How the model names begin that this dialect is for, in capitals."""
+    """Prefixes of the supported model names, in capitals."""
     PRODUCT_NAMES: ClassVar[str]
     CAN_FREEZE_RANGE: ClassVar[bool]
     INTERPOLATES_POINTS: ClassVar[bool] = False
@@ -95,12 +93,12 @@ class BurstGenerator(ABC):
     MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
 
     _burst_end_s: float | None = None
-    """When what we began ends; unknown at first."""
+    """End of the burst that was started here; unknown at first."""
     _rest_v: float | None = None
-    """Where rest is: on the way there nothing is a reason to stay away from it."""
+    """The rest level: a ramp to it continues despite errors."""
     _last_amplitude_vpp: float | None = None
     _last_offset_v: float | None = None
-    """What the box was told last, for when it cannot be asked."""
+    """The last settings sent, for use when they cannot be read back."""
 
     @renamed_parameters(pace_s="step_interval_s")
     def __init__(self, link: Link, clock: Clock, *, step_v: float = 0.05, step_interval_s: float = 0.002) -> None:
@@ -116,25 +114,25 @@ class BurstGenerator(ABC):
                 "Correct the driver or the resource in the bench file"
             )
         self._scpi.instrument = f"function generator {self.identity.model}"
-        self._stored_waveform: str | None = None  # what is in the waveform memory; unknown at first
+        self._stored_waveform: str | None = None  # digest of the downloaded waveform; unknown at first
 
     def reconnect(self) -> None:
         self._scpi.link.reopen()
         seen = self._scpi.identify()
         if seen != self.identity:
             raise LinkError(f"{self._scpi.link.name} now answers as '{seen}', not '{self.identity}'")
-        self._stored_waveform = None  # it may have been without power in between
+        self._stored_waveform = None  # it may have lost power in between
 
     def close(self) -> None:
         self._scpi.link.close()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
         self._rest_v = rest_v
-        self._stored_waveform = None  # whoever used the front panel may have put another waveform there
+        self._stored_waveform = None  # another one may have been loaded at the front panel
         if not self._is_output_on() or self._first_mismatch(rest_v, low_v, high_v):
             return False
         if not self.CAN_FREEZE_RANGE:
-            self.stop()  # a burst that somebody else began is seen in no setting
+            self.stop()  # a burst that another program started shows in no setting
         return True
 
     def initialize_at_rest(self, rest_v: float, low_v: float, high_v: float) -> None:
@@ -145,7 +143,7 @@ class BurstGenerator(ABC):
             self._ramp_foreign_output_down(rest_v)
         if not self._is_output_on() or self._first_mismatch(
             *limits
-        ):  # or else nothing that could drop the output is touched
+        ):  # otherwise no setting that could drop the output is touched
             self._configure(*limits)
             if wrong := self._first_mismatch(*limits):
                 output = "is on as it was found" if self._is_output_on() else "was not brought up"
@@ -210,14 +208,14 @@ class BurstGenerator(ABC):
         way = RampDown(self._scpi.link)
         way.query(
             self._clear_error_queue
-        )  # or the first step would be answered by what somebody else left in the queue
+        )  # or an old entry of the queue would be taken for the result of the first step
         amplitude = way.query(self._query_amplitude)
         if amplitude is None:
             amplitude = self._last_amplitude_vpp
         if amplitude is None:
-            way.raise_first_error()  # neither asked nor told: a step could be one up
+            way.raise_first_error()  # neither read nor set: a step could increase it
             return
-        # What cutting a running cycle leaves on the output is a few millivolts then, whatever the firmware makes of it.
+        # Aborting a running cycle then leaves a few millivolts on the output at most, whatever the firmware does.
         steps = max(math.ceil((amplitude - IDLE_AMPLITUDE_VPP) / 2 / self._step_v), 0)
         for i in range(1, steps + 1):
             self._last_amplitude_vpp = vpp = amplitude + (IDLE_AMPLITUDE_VPP - amplitude) * i / steps
@@ -243,7 +241,7 @@ class BurstGenerator(ABC):
         )
         for i in range(1, steps + 1):
             volts = start + (level_v - start) * i / steps
-            self._last_offset_v = volts  # before it is told: if its answer is lost, we must assume that it obeyed
+            self._last_offset_v = volts  # before it is sent: if the reply is lost, it must be assumed to be set
             way.step(self._offset_command(volts), partial(self._set_offset, volts))
             self._clock.sleep(duration_s / steps)
         reached = way.query(self.idle_level_v)
@@ -252,13 +250,13 @@ class BurstGenerator(ABC):
             self._check_readback(reached, level_v, LEVEL_TOLERANCE_V, "the offset in volts")
 
     def _first_mismatch(self, rest_v: float, low_v: float, high_v: float) -> str:
-        """The first setting that is not as it should be when armed and at rest, in words; empty where all are."""
+        """Describe the first setting that is not as expected when armed and at rest; empty if all are."""
         for setting, answer in self._mismatches(self._expected_settings(rest_v, low_v, high_v)):
             return f"{setting.name} is {answer[:40]}, not {setting.expected}"
         return ""
 
     def _has_our_setup(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        """Whether it is armed as we arm it, whatever it plays or holds. In another state our volts may mean others."""
+        """Whether it is armed by this driver, whatever it plays or holds. In another state volts may mean other volts."""
         how = (s for s in self._expected_settings(rest_v, low_v, high_v) if s.keywords or math.isinf(s.high))
         return next(self._mismatches(how), None) is None
 
@@ -270,16 +268,16 @@ class BurstGenerator(ABC):
                 yield setting, answer
 
     def _ramp_foreign_output_down(self, rest_v: float) -> None:
-        """What an earlier program left playing or holding comes to rest as any drive does.
+        """Ramp a drive or level that an earlier program left to rest, like any drive.
 
-        High voltage is disabled here, and everything is set anew afterwards. But a person may have switched the wrong
-        amplifier, and a specimen survives a mistake that is made gently.
+        High voltage is disabled here, and everything is configured again afterwards. But the operator may have switched
+        off the wrong amplifier, and a slow ramp does not damage the specimen.
         """
         self.stop()
         self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)
 
     def _wait_for_burst_end(self) -> None:
-        if self._burst_end_s is None:  # begun by somebody else: at the worst just now
+        if self._burst_end_s is None:  # started by another program: in the worst case just now
             try:
                 longest_s = self._query_burst_duration_s()
             except LinkError:
@@ -289,7 +287,7 @@ class BurstGenerator(ABC):
         RampDown(self._scpi.link).query(self._shorten_next_burst)
 
     def _shorten_next_burst(self) -> None:
-        """Whoever finds the box idle later, and cannot know since when, need not wait long for a burst that is over."""
+        """Set one short cycle: a program that connects later cannot know when a burst began and waits for its full duration."""
         self._set_cycles(1)
         self._set_rate(1000.0, SINE_CYCLE.size)
 
@@ -298,7 +296,7 @@ class BurstGenerator(ABC):
         self._set_amplitude(vpp)
 
     def _start_burst(self, points: Points, full_v: float, rate_hz: float, cycles: int, idle_v: float) -> None:
-        """Play the waveform so many times, its whole period `rate_hz` times a second, a full point being `full_v`."""
+        """Play `cycles` periods of the waveform at `rate_hz` periods a second, a full-scale point being `full_v`."""
         name, seconds = self._scpi.instrument, cycles / rate_hz
         self._check_idle_level(idle_v)
         if not self.CAN_FREEZE_RANGE:
@@ -320,7 +318,7 @@ class BurstGenerator(ABC):
             )
         self._burst_end_s = (
             self._clock.now() + seconds
-        )  # before it is told: if its answer is lost, we must assume it plays
+        )  # before it is sent: if the reply is lost, the burst must be assumed to play
         self._trigger()
         self._burst_end_s = self._clock.now() + seconds
 
@@ -329,9 +327,7 @@ class BurstGenerator(ABC):
         if wanted == self._stored_waveform:
             return
         if self.CAN_FREEZE_RANGE:
-            self._change_amplitude(
-                IDLE_AMPLITUDE_VPP
-            )  # whatever a box does while it takes a waveform, it does it with this
+            self._change_amplitude(IDLE_AMPLITUDE_VPP)  # a transient during the download then stays this small
         self._stored_waveform = None
         self._download_waveform(points)
         self._stored_waveform = wanted
@@ -350,10 +346,10 @@ class BurstGenerator(ABC):
                 f"{self._scpi.instrument} idles at {seen:.4f} V where the drive begins at {level_v:.4f} V; nothing was sent"
             )
 
-    # -- the dialect ---------------------------------------------------------------------------------------------------
+    # -- commands of one family --------------------------------------------------------------------------------------
 
-    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some boxes mean the points' own span
-        """The amplitude setting at which a full point is `full_v` away from the offset."""
+    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some subclasses use the span of the points
+        """Return the amplitude setting at which a full-scale point is `full_v` away from the offset."""
         return 2 * full_v
 
     @abstractmethod
@@ -361,29 +357,29 @@ class BurstGenerator(ABC):
 
     @abstractmethod
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
-        """Everything that `_configure` sets, as it reads back when the armed box rests; the output's switch apart."""
+        """Return all that `_configure` sets, as it reads back when armed and at rest, except the output switch."""
 
     @abstractmethod
     def _query_setting(self, name: str) -> str:
-        """What the box answers for a setting of `_expected_settings`."""
+        """Query a setting of `_expected_settings`."""
 
     @abstractmethod
     def _is_output_on(self) -> bool: ...
 
     @abstractmethod
     def _clear_error_queue(self) -> None:
-        """Empty the error queue: what others left there is no answer to us."""
+        """Empty the error queue of what other programs left there."""
 
     @abstractmethod
     def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
-        """Everything but switching the output on; ends whatever may be playing once its amplitude is small."""
+        """Set all but the output switch; a running burst ends once its amplitude is small."""
 
     @abstractmethod
     def _enable_output(self) -> None: ...
 
     @abstractmethod
     def _offset_command(self, volts: float) -> str:
-        """What sets the offset, without a query."""
+        """Return the command that sets the offset, without a query."""
 
     @abstractmethod
     def _set_offset(self, volts: float) -> None: ...
@@ -393,36 +389,36 @@ class BurstGenerator(ABC):
 
     @abstractmethod
     def _amplitude_command(self, vpp: float) -> str:
-        """What sets the amplitude, without a query."""
+        """Return the command that sets the amplitude, without a query."""
 
     @abstractmethod
     def _set_amplitude(self, vpp: float) -> None: ...
 
     @abstractmethod
     def _set_rate(self, rate_hz: float, point_count: int) -> None:
-        """Play the whole period of a waveform of `size` points so many times a second, and read that back."""
+        """Set the rate of whole periods of a waveform of `point_count` points, and read it back."""
 
     @abstractmethod
     def _set_cycles(self, cycles: int) -> None: ...
 
     @abstractmethod
     def _query_burst_duration_s(self) -> float:
-        """How long a burst with the present settings lasts; 0 where no burst is armed."""
+        """Return the duration of a burst with the present settings; 0 if no burst is armed."""
 
     @abstractmethod
     def _trigger(self) -> None: ...
 
     @abstractmethod
     def _abort_commands(self) -> Sequence[str]:
-        """What ends a running burst at once. Its amplitude is next to nothing by then."""
+        """Return what ends a running burst immediately, when its amplitude has been reduced."""
 
     @abstractmethod
     def _send(self, command: str) -> None:
-        """Send one command and confirm it as far as the box can."""
+        """Send one command and confirm it as far as the instrument allows."""
 
     @abstractmethod
     def _download_waveform(self, points: Points) -> None:
-        """Make this the waveform, without touching what the output shows at idle."""
+        """Download the waveform without changing the idle output."""
 
     @abstractmethod
     def _max_points(self) -> int: ...

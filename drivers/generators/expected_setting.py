@@ -1,7 +1,7 @@
-"""What an armed box must answer when it is asked for one of its settings.
+"""Expected settings: what an armed instrument must read back, as a table.
 
-Each dialect lists the whole state that it is left in as a table of these. The end of its preparation and `at_rest` read
-the same table, so that whatever a hand at the front panel or another program changed between two runs is noticed.
+Each driver lists the whole state it configures in such a table. `initialize_at_rest` ends with reading it, and `is_at_rest`
+reads the same table, so that changes at the front panel or by another program between two runs are detected.
 """
 
 import math
@@ -13,11 +13,13 @@ from drivers.deprecated import renamed
 @renamed(words="keywords", holds="matches", wanted="expected")
 @dataclass(frozen=True, slots=True)
 class ExpectedSetting:
-    """One of these words, or a number from `low` to `high`.
+    """One of `keywords`, or a number from `low` to `high`.
 
     Args:
-        name: how the dialect asks for it, e.g. `BURS:PHAS`.
-        keywords: in capitals; empty where it is a number.
+        name: its header in the driver's queries, e.g. `BURS:PHAS`.
+        keywords: in capitals; empty for a number.
+        low: smallest number.
+        high: largest number.
     """
 
     name: str
@@ -26,7 +28,7 @@ class ExpectedSetting:
     high: float = math.inf
 
     def matches(self, answer: str) -> bool:
-        """Whether this answer is the right one; what is no number where one is wanted is not."""
+        """Whether a reply is as expected; a reply that should be a number and is not does not match."""
         if self.keywords:
             return answer.strip().upper() in self.keywords
         try:
@@ -36,7 +38,7 @@ class ExpectedSetting:
 
     @property
     def expected(self) -> str:
-        """The right answer in words."""
+        """The expected reply, for messages."""
         if self.keywords:
             return self.keywords[0]
         if math.isinf(self.low) or math.isinf(self.high):
@@ -46,15 +48,15 @@ class ExpectedSetting:
 
 
 def expect_keyword(name: str, *keywords: str) -> ExpectedSetting:
-    """A setting that is one of these words."""
+    """Expect one of these keywords."""
     return ExpectedSetting(name, keywords)
 
 
 def expect_value(name: str, value: float, tolerance: float) -> ExpectedSetting:
-    """A setting that is this number."""
+    """Expect this number."""
     return ExpectedSetting(name, low=value - tolerance, high=value + tolerance)
 
 
 def expect_range(name: str, low: float, high: float) -> ExpectedSetting:
-    """A setting that is a number between these two."""
+    """Expect a number in this range."""
     return ExpectedSetting(name, low=low, high=high)

@@ -27,7 +27,7 @@ class Keysight33200(ScpiBurstGenerator):
     MAX_BURST_CYCLES = 50_000
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
-        del low_v, high_v  # this box has no limits of its own
+        del low_v, high_v  # this model has no output limits
         yield self._expected_load()
         yield from self._common_expected_settings(rest_v)
         yield from (
@@ -57,7 +57,7 @@ class Keysight33200(ScpiBurstGenerator):
         self._write_checked(f"DATA:DAC VOLATILE,{definite_length_block(counts.tobytes())}")
 
     def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
-        return float(np.ptp(points)) * full_v  # this box means the waveform's own span
+        return float(np.ptp(points)) * full_v  # on this model the amplitude is the span of the waveform
 
     def _max_points(self) -> int:
         return 8192 if self.identity.model.startswith("33210") else 65_536

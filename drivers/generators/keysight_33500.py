@@ -1,6 +1,6 @@
 """Keysight 33500B/33600A (Trueform) function generators.
 
-Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTPut, VOLTage; traps of bench boxes are
+Sources: 33500 Operating and Service Guide, chapters BURSt, DATA, FUNCtion, OUTPut, VOLTage; their pitfalls are
 collected in docs/generators.md.
 """
 
@@ -46,7 +46,7 @@ class Keysight33500(ScpiBurstGenerator):
         self._write_checked("VOLT:LIM:STAT OFF")
         self._set_high_impedance_load()
         self._write_checked("VOLT:UNIT VPP", "UNIT:ANGL DEG", "VOLT:RANG:AUTO ON", "SWE:STAT OFF")
-        # In this order no intermediate setting conflicts with the box's present one.
+        # In this order no intermediate setting conflicts with the present ones.
         self._write_checked(
             f"VOLT {IDLE_AMPLITUDE_VPP}", "ABOR", f"VOLT:OFFS {rest_v:.6f}", "FORM:BORD SWAP", "DATA:VOL:CLE"
         )
@@ -56,7 +56,7 @@ class Keysight33500(ScpiBurstGenerator):
         self._write_checked("FUNC ARB", "FUNC:ARB:FILT STEP")
         self._write_checked("BURS:MODE TRIG", "BURS:NCYC 1", "BURS:PHAS 0", "TRIG:SOUR BUS", "BURS:STAT ON")
         self._freeze_range(rest_v, high_v - low_v)
-        # The armed but idle burst counts against the box's limits, so they leave room for its small amplitude.
+        # The armed but idle burst counts against the limits, so they leave room for its small amplitude.
         low_v, high_v = low_v - IDLE_AMPLITUDE_VPP / 2, high_v + IDLE_AMPLITUDE_VPP / 2
         self._write_checked(f"VOLT:LIM:LOW {low_v:.6f}", f"VOLT:LIM:HIGH {high_v:.6f}", "VOLT:LIM:STAT ON")
 
@@ -72,7 +72,7 @@ class Keysight33500(ScpiBurstGenerator):
         )
 
     def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
-        return float(np.ptp(points)) * full_v  # this box means the waveform's own span
+        return float(np.ptp(points)) * full_v  # on this model the amplitude is the span of the waveform
 
     def _abort_commands(self) -> Sequence[str]:
         return ("ABOR",)

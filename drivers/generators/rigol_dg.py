@@ -1,8 +1,8 @@
 """Rigol DG1000Z and DG800 function generators.
 
-What is their own: the offset that VOLT:OFFS? answers is 0 whatever a DC level is, only APPL? tells it (sending APPL would
-switch the output on; asking does not); switches are answered ON and OFF; a download ends in the waveform function by
-itself, and one of more than 8192 points in the sample-rate mode, so that mode is set from the start.
+Peculiarities: VOLT:OFFS? replies 0 whatever a DC level is, only the query APPL? reports it (the command APPL would switch
+the output on; the query does not); switches are replied as ON and OFF; a download selects the waveform function by
+itself, and one of more than 8192 points the sample-rate mode, so that mode is set from the start.
 
 Sources: DG1000Z Programming Guide 2-173 (DAC16), 2-185 (range hold); DG800 Programming Guide 2-43, 2-47, 2-64.
 """

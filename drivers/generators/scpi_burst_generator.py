@@ -1,4 +1,4 @@
-"""Burst generators that speak SCPI: the settings that Keysight, Rigol and Tektronix share, with their headers as data."""
+"""SCPI burst generators: settings common to Keysight, Rigol and Tektronix, with their headers as data."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -22,15 +22,15 @@ from drivers.generators.expected_setting import ExpectedSetting, expect_keyword,
     _tell="_write_checked",
 )
 class ScpiBurstGenerator(BurstGenerator):
-    """A burst generator whose every setting is confirmed by its error queue and, where it matters, read back."""
+    """A burst generator whose settings are confirmed by its error queue and, where it matters, read back."""
 
     SOURCE_PREFIX: ClassVar[str] = ""
-    """What stands before the headers of the source subsystem."""
+    """Prefix of the headers of the source subsystem."""
     OUTPUT_HEADER: ClassVar[str] = "OUTP"
     LOAD_HEADER: ClassVar[str] = "OUTP:LOAD"
     RATE_HEADER: ClassVar[str] = "FREQ"
     RATE_IS_SAMPLE_RATE: ClassVar[bool] = False
-    """Whether `RATE_HEADER` counts samples a second, or whole periods."""
+    """Whether `RATE_HEADER` is in samples per second, or in whole periods."""
     TRIGGER_COMMAND: ClassVar[str] = "*TRG"
 
     def idle_level_v(self) -> float:
@@ -46,7 +46,7 @@ class ScpiBurstGenerator(BurstGenerator):
         self._write_checked("*CLS")
 
     def _common_expected_settings(self, rest_v: float) -> Iterable[ExpectedSetting]:
-        """What every dialect of these is asked by the same words."""
+        """Return the expected settings whose headers all these instruments share."""
         source = self.SOURCE_PREFIX
         yield from (
             expect_keyword(f"{source}VOLT:UNIT", "VPP"),
@@ -60,13 +60,13 @@ class ScpiBurstGenerator(BurstGenerator):
         return expect_range(self.LOAD_HEADER, 1e9, math.inf)
 
     def _set_high_impedance_load(self) -> None:
-        """High impedance: declared 50 ohm, the amplifier would get twice what is asked."""
+        """Declare a high-impedance load: with 50 ohm declared, the amplifier would get twice the voltage."""
         self._scpi.write_checked(f"{self.LOAD_HEADER} INF")
 
     def _freeze_range(self, rest_v: float, span_v: float) -> None:
-        """Hold the attenuator at the range of the largest sine this bench may ask for.
+        """Freeze the attenuator at the range of the largest sine on this bench.
 
-        A relay that switches later drops the output to 0 V for some milliseconds (E1441A guide p. 99).
+        A relay that switches later would drop the output to 0 V for some milliseconds (E1441A guide p. 99).
         """
         source = self.SOURCE_PREFIX
         wide, small = f"{source}VOLT {span_v:.6f}", f"{source}VOLT {IDLE_AMPLITUDE_VPP}"
@@ -119,5 +119,5 @@ class ScpiBurstGenerator(BurstGenerator):
         self._write_checked(command)
 
     def _abort_commands(self) -> Sequence[str]:
-        # Burst mode that comes on anew waits for its trigger; in between the box plays its few millivolts.
+        # Burst mode that is switched on again waits for its trigger; in between a few millivolts are played.
         return f"{self.SOURCE_PREFIX}BURS:STAT OFF", f"{self.SOURCE_PREFIX}BURS:STAT ON"

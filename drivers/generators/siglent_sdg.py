@@ -1,12 +1,12 @@
 """Siglent SDG1000X and SDG2000X function generators (also sold as Teledyne T3AFG).
 
-Not SCPI: parameters come in pairs (`C1:BSWV OFST,2.5`), answers carry the header and units, and there is no error to ask
-for - a value that the box cannot do is clipped without a word. So every setting is read back, and what reads back
-differently is an error. Burst mode must be on before its other parameters are heard. A selected waveform brings the
-frequency, amplitude and offset along that it was stored with, so it is stored with the ones that hold.
+Not SCPI: parameters come in pairs (`C1:BSWV OFST,2.5`), replies carry the header and units, and there is no error queue: a
+value that the instrument cannot do is clipped silently. So every setting is read back, and a different value is an error.
+Burst mode must be on before its other parameters are accepted. A selected waveform restores the frequency, amplitude and
+offset it was stored with, so it is stored with the present ones.
 
 Sources: SDG Series Programming Guide (BSWV, BTWV, WVDT, ARWV, OUTP); how WVDT frames its bytes differs between sources:
-this driver states the length (`LENGTH,4096B`) and sends them bare. Try it once on your box before high voltage is on.
+this driver states the length (`LENGTH,4096B`) and sends them bare. Test it once on the instrument before high voltage is on.
 """
 
 import math
@@ -35,7 +35,7 @@ class SiglentSdg(BurstGenerator):
         return self._query_number("BSWV", "OFST")
 
     def _query_parameters(self, command: str) -> dict[str, str]:
-        """The parameters that a query answers, by name."""
+        """Return the parameters of a reply by name."""
         answer = self._scpi.query(f"C1:{command}?")
         header = re.match(r"(?:C1:)?([A-Z]+) ", answer)
         if header is None or header[1] != command:
@@ -97,7 +97,7 @@ class SiglentSdg(BurstGenerator):
         return self._query_setting("OUTP STATE") == "ON"
 
     def _clear_error_queue(self) -> None:
-        """Nothing: this box keeps no errors."""
+        """Do nothing: there is no error queue."""
 
     def _configure(self, rest_v: float, low_v: float, high_v: float) -> None:
         self._set_keywords("OUTP", LOAD="HZ")
@@ -132,7 +132,7 @@ class SiglentSdg(BurstGenerator):
     def _set_amplitude(self, vpp: float) -> None:
         self._set_number("BSWV", "AMP", vpp, 1e-3)
 
-    def _set_rate(self, rate_hz: float, point_count: int) -> None:  # noqa: ARG002 - this box counts whole periods
+    def _set_rate(self, rate_hz: float, point_count: int) -> None:  # noqa: ARG002 - the rate is in whole periods
         self._set_number("BSWV", "FRQ", rate_hz, 1e-6 * rate_hz + 1e-6)
 
     def _set_cycles(self, cycles: int) -> None:
@@ -145,7 +145,9 @@ class SiglentSdg(BurstGenerator):
         return math.inf if cycles == "INF" else float(cycles) / self._query_number("BSWV", "FRQ")
 
     def _trigger(self) -> None:
-        self._send("C1:BTWV MTRIG")  # nothing confirms a trigger; this at least hears that the box still answers
+        self._send(
+            "C1:BTWV MTRIG"
+        )  # a trigger cannot be confirmed; the query at least shows that the instrument still replies
 
     def _send(self, command: str) -> None:
         self._scpi.link.write(command)
@@ -158,7 +160,7 @@ class SiglentSdg(BurstGenerator):
         playing = self._query_parameters("ARWV").get("NAME", "")
         name = (
             WAVEFORM_NAMES[1] if playing.startswith(WAVEFORM_NAMES[0]) else WAVEFORM_NAMES[0]
-        )  # never the one on the output
+        )  # never the waveform on the output
         data = np.rint(points * FULL_SCALE).astype("<i2").tobytes()
         hertz, vpp, offset = (self._query_number("BSWV", name) for name in ("FRQ", "AMP", "OFST"))
         brought = f"FREQ,{hertz:.10g},AMPL,{vpp:.6g},OFST,{offset:.6g},PHASE,0"

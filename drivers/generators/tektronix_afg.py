@@ -1,9 +1,9 @@
 """Tektronix AFG3000 and AFG1000 function generators.
 
-What is their own: no range that could be frozen; a trigger source whose default, the internal timer, repeats the burst for
-ever; a built-in DC whose offset does nothing (AFG1000), which an idle burst does without; and on an AFG1000 a load that
-the wire can neither set nor ask: set High Z on its front panel once. If that is forgotten the amplifier's input sees
-twice the volts, which arming measures before it lets high voltage on.
+Peculiarities: no range that could be frozen; a trigger source whose default, the internal timer, repeats the burst for
+ever; a built-in DC whose offset has no effect (AFG1000), which an idle burst does not need; and on an AFG1000 a load that
+can neither be set nor queried remotely: set High Z once at the front panel. If that is forgotten, the amplifier's input
+gets twice the volts, which is measured at arming, before high voltage is enabled.
 
 Sources: AFG3000 Series Programmer Manual (DATA, TRIGger); the README of asvela/tektronix-func-gen for the AFG1022.
 """

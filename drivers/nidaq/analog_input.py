@@ -1,7 +1,7 @@
-"""NI DAQ cards (USB-6341 and its X-series relatives): analogue input over `nidaqmx`.
+"""NI DAQ cards (USB-6341 and other X-series): analogue input over `nidaqmx`.
 
-One option decides where the card is: `server=None` is the local driver, `server="host:port"` NI's gRPC device server,
-which is also how the simulated card is served. Raw 16-bit integers are kept, with the card's own scaling.
+One option selects where the card is: `server=None` is the local driver, `server="host:port"` NI's gRPC device server,
+which also serves the simulated card. Raw 16-bit integers are kept, with the card's own scaling.
 """
 
 import contextlib
@@ -22,21 +22,21 @@ from drivers.interfaces import Block, Identity, Scale
 from drivers.nidaq.errors import translate_errors
 
 BUFFER_S = 20.0
-"""Seconds of scans the driver holds for us: how long the program may be busy without losing one."""
+"""Seconds of scans that the NI driver buffers: how long the program may be busy without losing any."""
 
 READ_TIMEOUT_S = 5.0
-"""A card that gives nothing for this long (beyond the block's own duration) is gone."""
+"""Longest wait for a block beyond its duration; after that the card counts as disconnected."""
 
 
 class NiConnection:
-    """The way to one card: the local driver, or a gRPC device server. Input and output share nothing but this code.
+    """Connection to one card: the local driver, or a gRPC device server. Input and output have one each.
 
     Args:
         device: the card's name, e.g. `Dev1`.
         server: `host:port` of a gRPC device server, or None for the local driver.
 
     Raises:
-        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+        InstrumentError: the driver, the server or the card is not available; the message gives the remedy.
     """
 
     def __init__(self, device: str, server: str | None = None) -> None:
@@ -49,7 +49,7 @@ class NiConnection:
         self.description = f"DAQ card {device} ({self.identity.model})"
 
     def reopen(self) -> Identity:
-        """Open the way anew; who stands at its end. Raises InstrumentError as the constructor."""
+        """Connect again and return the card's identity. Raises InstrumentError like the constructor."""
         self.close()
         if self._server:
             import grpc
@@ -57,7 +57,7 @@ class NiConnection:
             options = [
                 # The default limit of 4 MB is half a million samples: one late read would exceed it.
                 ("grpc.max_receive_message_length", -1),
-                # Channels of one process share a connection and its pause after a failure: a second of no way to rest.
+                # Channels of one process share a connection and its back-off after a failure: a second without access.
                 ("grpc.use_local_subchannel_pool", 1),
             ]
             self._rpc = grpc.insecure_channel(self._server, options=options)
@@ -72,7 +72,7 @@ class NiConnection:
             raise
 
     def new_task(self) -> Any:
-        """A new NI task on this card's driver."""
+        """Return a new NI task on this card's driver."""
         if self._server and self._rpc is None:
             raise AcquisitionError(f"{self.description} is closed")
         with translate_errors(self.description):
@@ -96,7 +96,7 @@ class NiDigitizer:
         terminal: terminal configuration by NI's name, e.g. `DIFF`, `RSE`.
 
     Raises:
-        InstrumentError: the driver, the server or the card is not there; the sentence says what to do.
+        InstrumentError: the driver, the server or the card is not available; the message gives the remedy.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class NiStream:
     ) -> None:
         task, self._task = self._task, None
         if task is not None:
-            # A card that was unplugged, or a server that died, cannot be told to stop: nothing is lost by that.
+            # An unplugged card or a dead server cannot be stopped, and need not be.
             with contextlib.suppress(DaqError, RpcError, DaqNotFoundError):
                 task.close()
 

@@ -1,16 +1,14 @@
-"""An analogue output of the NI card as a `Source`: a bench without a generator, on the same clock as its input.
+"""NI analogue output as a `Source`: renders drives to samples, on the same timebase as the input.
 
-A drive is rendered to samples and handed to the card whole before it starts, so that a program that hangs leaves a drive
-that ends by itself. Input and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
+A drive is rendered and written to the card completely before it starts, so that a drive ends by itself if the program
+hangs. Input and output divide one 100 MHz timebase: a frequency that is exact in one is exact in the other.
 
-What is never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and a
-task stopped in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting what has
-not been played yet so that it dies down; only then is its task let go.
+Never done here: a device reset (it puts 0 V on every output, -500 V on the specimen), a zero "to be safe", and stopping a
+task in mid-wave (the output would stay at the sample it had reached). A drive is stopped by rewriting the samples not yet
+played as a fade-out; only then is its task released.
 
 Sources: X Series User Manual ch. 5 (FIFO, reference); NI-DAQmx help: regeneration, states after a reset, internal
-channels. Rewriting a running buffer was not tried on a real card by us: see docs/decisions/0014-analogue-output.md.
-
-A drive as samples for an analogue output: fine enough to be smooth, and how it dies down when it is stopped.
+channels. Rewriting a running buffer was not tested on a real card: see docs/decisions/0014-analogue-output.md.
 """
 
 import contextlib
@@ -73,7 +71,7 @@ def idle_level_after_stop_v(drive: Drive, rate_hz: float, first: int) -> float:
 
 
 def fade_out(drive: Drive, rate_hz: float, first: int) -> tuple[Array, int]:
-    """What to play from sample `first` on instead of the drive, and how much of it is not rest yet."""
+    """Return what to play from sample `first` on instead of the drive, and how many of these samples are the fade."""
     left = sample_count(drive, rate_hz) - first
     fade = min(math.ceil(FADE_S * rate_hz), left)
     level_v = idle_level_after_stop_v(drive, rate_hz, first)
@@ -89,7 +87,7 @@ SAMPLES_PER_WRITE = 200_000
 """Samples in one message: below the 4 MB that a gRPC server takes by default."""
 
 FIFO_SAMPLES = 8191
-"""What the card may have fetched already and will play whatever is written over it."""
+"""Samples that the card may have fetched already and will play whatever is written over them."""
 
 
 @renamed(SOURCE_METHODS)
@@ -103,8 +101,8 @@ class NiAnalogOutput:
         server: `host:port` of a gRPC device server, or None for the local driver.
         start_trigger: empty, or the signal that starts a drive, e.g. `ai/SampleClock`: the drive's first sample then
             falls on a scan of the running input, whose phase is so the same each time.
-        margin_s: how far ahead of what is being played a drive is rewritten when it is stopped: the time in which the
-            computer and the bus must manage to do so.
+        margin_s: how far ahead of the sample being played a stopped drive is rewritten: the time that the computer and
+            the bus have for it.
 
     Raises:
         InstrumentError: the driver, the server or the card is not there.
@@ -134,7 +132,7 @@ class NiAnalogOutput:
         self._level_v = self._read_back_v()
 
     def is_at_rest(self, rest_v: float, low_v: float, high_v: float) -> bool:
-        del low_v, high_v  # the card's output range is fixed at +-10 V; the guard keeps the amplifier's
+        del low_v, high_v  # the card's output range is fixed at +-10 V; HvAmplifier checks the amplifier's
         if self._task is not None and not self._is_done():
             return False
         rests = self._level_v is not None and abs(self.idle_level_v() - rest_v) <= LEVEL_TOLERANCE_V
@@ -185,7 +183,7 @@ class NiAnalogOutput:
             while (played := task.out_stream.total_samp_per_chan_generated) < end:
                 waited_s = self._clock.now() - began
                 if played == 0 and self._trigger and waited_s > self._margin_s:
-                    break  # armed, and the trigger never came: nothing has moved
+                    break  # armed, but the trigger never came: nothing has moved
                 if waited_s > patience_s:
                     raise InstrumentError(
                         f"{self._description} plays no further; check the card's power and its USB cable"
@@ -198,7 +196,7 @@ class NiAnalogOutput:
     def ramp_to(self, level_v: float, duration_s: float) -> None:
         idle_v = self.idle_level_v()
         if abs(level_v - idle_v) > STEP_V / 4:
-            # Never by the trigger: a way to rest must not wait for a clock that may have stopped.
+            # Never triggered: a ramp to rest must not wait for a clock that may have stopped.
             self._start(Ramp(idle_v, level_v, duration_s), "")
             began = self._clock.now()
             while not self._is_done():
@@ -222,18 +220,18 @@ class NiAnalogOutput:
     def reconnect(self) -> None:
         drive, elapsed_s = self._drive, self._clock.now() - self._start_s
         with contextlib.suppress(BenchError):
-            self._release_task()  # where the wire is gone, so is the task
+            self._release_task()  # with a lost connection the task is gone, too
         self._connection.reopen()
         self._drive = None
         measured = self._read_back_v()
         if measured is not None:
             self._level_v = measured
         elif drive is not None:
-            # The input is busy watching. The output stands where the drive was when its task died, or has ended.
+            # The input is busy. The output is at the level of the drive when its task died, or when it ended.
             self._level_v = float(drive.volts(np.array([min(elapsed_s, drive.duration_s)]))[0])
 
     def close(self) -> None:
-        """Let go of the card. What plays is brought to its offset, and rest is the last thing written."""
+        """Release the card. A playing drive is brought to its offset, and rest is written last."""
         with contextlib.suppress(BenchError):
             if self._rest_v is not None and self._level_v is not None:
                 self.stop()
@@ -264,7 +262,7 @@ class NiAnalogOutput:
                 for first in range(0, samples, SAMPLES_PER_WRITE):
                     count = min(SAMPLES_PER_WRITE, samples - first)
                     writer.write_many_sample(render_samples(drive, self._rate_hz, first, count))
-                # Set before the card is told: if its answer is lost, we must assume that it plays.
+                # Set before the task starts: if the reply is lost, the drive must be assumed to play.
                 self._task, self._drive, self._start_s = task, drive, self._clock.now()
                 task.start()
         except BaseException:
@@ -274,7 +272,7 @@ class NiAnalogOutput:
             raise
 
     def _rewrite_with_fade(self, task: Any, drive: Drive, first: int) -> int:
-        """Rewrite the drive from sample `first` on so that it dies down; the sample at which it has."""
+        """Rewrite the drive from sample `first` on as a fade-out; return the sample at which it ends."""
         wave, fade = fade_out(drive, self._rate_hz, first)
         writer = AnalogSingleChannelWriter(task.out_stream, auto_start=False)
         task.out_stream.relative_to = WriteRelativeTo.FIRST_SAMPLE
@@ -296,7 +294,7 @@ class NiAnalogOutput:
                 task.close()
 
     def _write_level(self, level_v: float) -> None:
-        """Write one level at once, without a clock."""
+        """Write one level immediately, without a clock."""
         task = self._connection.new_task()
         try:
             with translate_errors(self._description):
@@ -308,7 +306,7 @@ class NiAnalogOutput:
         self._level_v = level_v
 
     def _read_back_v(self) -> float | None:
-        """The output as the card measures it inside itself; None where its converter is busy or has no such channel."""
+        """Return the output as measured inside the card; None if its converter is busy or has no such channel."""
         task = self._connection.new_task()
         try:
             with translate_errors(self._description):

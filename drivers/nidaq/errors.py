@@ -1,4 +1,4 @@
-"""NI's errors as sentences for the person who stands before the card."""
+"""NI-DAQmx errors translated into messages with a remedy for the operator."""
 
 import contextlib
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ REMEDIES = {
 
 @contextlib.contextmanager
 def translate_errors(device_name: str) -> Iterator[None]:
-    """Turn NI's errors into sentences: AcquisitionError, or InstrumentError where nothing is installed."""
+    """Raise AcquisitionError in place of NI's errors, or InstrumentError if the NI driver is not installed."""
     try:
         yield
     except DaqNotFoundError as error:
@@ -46,5 +46,5 @@ def translate_errors(device_name: str) -> Iterator[None]:
         ) from error
     except DaqError as error:
         remedy = REMEDIES.get(error.error_code, "look the number up in NI's help")
-        told = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
-        raise AcquisitionError(f"{device_name}: {remedy} (NI {error.error_code}: {told[:200]})") from error
+        detail = " ".join(str(error).split("\n\n", maxsplit=1)[0].split())
+        raise AcquisitionError(f"{device_name}: {remedy} (NI {error.error_code}: {detail[:200]})") from error

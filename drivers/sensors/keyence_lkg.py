@@ -1,8 +1,8 @@
-"""Keyence LK-G laser displacement sensors over RS-232: one reading at a time, for static tests.
+"""Keyence LK-G laser displacement sensors over RS-232: single readings for static tests.
 
-`MS` answers `MS,` and the values of the outputs, each a sign and seven characters in millimetres; `+FFFFFFF` is beyond
-the range and `XXXXXXX` no measurement (LK-G manual 5-5, 5-6). Errors are `ER,MS,nn`. That `MS` names both outputs in
-this order is from public code, not from the manual: compare the first reading with the controller's display.
+`MS` is answered by `MS,` and the values of the outputs, each a sign and seven characters in millimetres; `+FFFFFFF` is out
+of range and `XXXXXXX` no measurement (LK-G manual 5-5, 5-6). Errors are `ER,MS,nn`. That `MS` names both
+outputs in this order is from public code, not from the manual: compare the first reading with the controller's display.
 """
 
 import math
@@ -28,9 +28,9 @@ class KeyenceLkg:
     """A `Meter` (see drivers.interfaces).
 
     Args:
-        line: the serial port.
+        port: the serial port.
         clock: bench time.
-        output: which of the controller's outputs is read, 1 or 2.
+        output: output of the controller to read, 1 or 2.
 
     Raises:
         LinkError: nothing answers on the port, or something else does.

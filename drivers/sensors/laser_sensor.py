@@ -1,10 +1,9 @@
-"""Analogue laser sensors by name: what `[sensor] preset = "..."` fills in where the bench file says nothing.
+"""Laser displacement sensor on an analogue input: calibration in volts, and presets by model.
 
-A preset is a start, not a calibration. `confirmed` names what a public document says; everything else is from memory and
-depends on the controller's own settings (output scaling, averaging, response time): confirm it on your sensor, then write
-it into the bench file, where it wins over the preset.
-
-A laser displacement sensor on an analogue input: a pure calibration, no I/O.
+`[sensor] preset = "..."` fills in what the bench file leaves out. A preset is a starting point, not a calibration. Its
+`confirmed` names what a public document says; everything else is from memory and depends on the settings of the controller
+(output scaling, averaging, response time): confirm it on your sensor, then write it into the bench file, which takes
+precedence over the preset.
 """
 
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, slots=True)
 class SensorPreset:
-    """Volts per metre and where volts are no displacement; fields as `drivers.sensors.laser_sensor.LaserSensor`."""
+    """Nominal gain and valid range of a model; fields as `drivers.sensors.laser_sensor.LaserSensor`."""
 
     name: str
     gain_m_per_v: float
@@ -29,7 +28,7 @@ class SensorPreset:
 
 PRESETS = {
     # LK-G: +-10 V, scaled in the controller ("not a fixed constant"); here the head's range over the full span. Beyond
-    # the range the output stands near 10.8 V. Delay: three samples of 50 us.
+    # the range the output is near 10.8 V. Delay: three samples of 50 us.
     "keyence-lk-g30": SensorPreset("Keyence LK-G30", 5e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
     "keyence-lk-g80": SensorPreset("Keyence LK-G80", 15e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
     "keyence-lk-g150": SensorPreset("Keyence LK-G150", 40e-3 / 10, 0.0, -10.2, 10.2, 150e-6),
@@ -65,17 +64,17 @@ PRESETS = {
 
 @dataclass(frozen=True, slots=True)
 class LaserSensor:
-    """Volts to metres, and where the volts mean nothing.
+    """Calibration of a laser sensor: volts to metres, and the valid range.
 
     Args:
         name: maker and model, as an operator calls it.
         gain_m_per_v: displacement per volt; negative where a closer target gives more volts.
         zero_v: volts at zero displacement.
-        valid_low_v, valid_high_v: outside this band the sensor tells "out of range", not a displacement.
-        delay_s: how late its output follows the target.
+        valid_low_v, valid_high_v: outside this band the output means "out of range", not a displacement.
+        delay_s: delay of its output after the target's motion.
         gain_relative_uncertainty: standard uncertainty of the gain, relative; common to all points of a run.
         serial: its serial number.
-        calibrated, expires: the day of its calibration and the last day on which it holds, YYYY-MM-DD; empty: not told.
+        calibrated, expires: the day of its calibration and its last day of validity, YYYY-MM-DD; empty if unknown.
     """
 
     name: str
@@ -90,7 +89,7 @@ class LaserSensor:
     expires: str = ""
 
     def expiry_warning(self, today: date) -> str:
-        """What is to be said about a calibration that does not hold any more; empty where it does, or nothing is known."""
+        """Return the warning for an expired calibration; empty if it is valid, or its expiry unknown."""
         if not self.expires or today <= date.fromisoformat(self.expires):
             return ""
         return (
@@ -99,10 +98,10 @@ class LaserSensor:
         )
 
     def displacement_m(self, volts: ArrayLike) -> NDArray[np.float64]:
-        """Displacement in metres, same shape as `volts`. Ask `valid` before believing it."""
+        """Return the displacement in metres, same shape as `volts`; meaningful only where `is_valid`."""
         return (np.asarray(volts, float) - self.zero_v) * self.gain_m_per_v
 
     def is_valid(self, volts: ArrayLike) -> NDArray[np.bool_]:
-        """Where the volts are a displacement."""
+        """Return a mask of volts that are a displacement."""
         volts = np.asarray(volts, float)
         return (volts >= self.valid_low_v) & (volts <= self.valid_high_v)

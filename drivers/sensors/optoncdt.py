@@ -1,11 +1,11 @@
-"""Micro-Epsilon optoNCDT 1420/1750/1900 laser sensors over RS-422: one reading at a time, for static tests.
+"""Micro-Epsilon optoNCDT 1420/1750/1900 laser sensors over RS-422: single readings for static tests.
 
-The sensor sends a word of three bytes for each measurement, all the time: 00 and six low bits, 01 and six middle bits,
+The sensor continuously sends a word of three bytes for each measurement: 00 and six low bits, 01 and six middle bits,
 1x and the high bits (ILD1402/1420 manuals, ch. RS422). Millimetres are (x 102 / 65520 - 1) / 100 of the measuring range;
-what is beyond 65520 is a code for "no target", "too near", "too far", and never a displacement.
+values above 65520 are codes for "no target", "too near", "too far", and never a displacement.
 
 RS-422 and the analogue output exclude each other (ILD1420 manual p. 116): a bench that records the sensor through the card
-cannot use this driver on the same sensor. The fields of GETINFO are from memory: a range that differs is a sentence.
+cannot use this driver on the same sensor. The fields of GETINFO are from memory: a different range raises an error.
 """
 
 import math
@@ -24,29 +24,29 @@ class OptoNcdt:
     """A `Meter` (see drivers.interfaces).
 
     Args:
-        line: the serial port.
+        port: the serial port.
         clock: bench time.
         range_m: the sensor's measuring range, 10 mm for an ILD1420-10.
 
     Raises:
         LinkError: nothing answers on the port, or something else does.
-        InstrumentError: the sensor says that its measuring range is another one.
+        InstrumentError: the sensor reports another measuring range.
     """
 
     def __init__(self, port: SerialPort, clock: Clock, *, range_m: float) -> None:
         self._port, self._clock, self._range_m = port, clock, range_m
         try:
             port.query(b"OUTPUT NONE\r\n", b"->")
-            told = port.query(b"GETINFO\r\n", b"->")
+            info = port.query(b"GETINFO\r\n", b"->")
             port.write(b"OUTPUT RS422\r\n")
-            self.identity = self._parse_identity(told)
+            self.identity = self._parse_identity(info)
             self.read()
         except InstrumentError:
             port.close()
             raise
 
     def read(self) -> Reading:
-        # What waited in the port's buffer is old: a reading is a word that was sent after it was asked for.
+        # Words in the port's buffer are old: a reading must have been sent after this call.
         self._port.discard_input()
         count = self._read_count()
         time_s = self._clock.now()
@@ -79,10 +79,10 @@ class OptoNcdt:
         model = field("Name")
         if not model:
             raise LinkError(f"{self._port.name} answered '{info[:40]}'; is this an optoNCDT?")
-        said_mm = re.match(r"[0-9.]+", field("Measuring range"))
-        if said_mm and not math.isclose(float(said_mm[0]), self._range_m * 1e3, rel_tol=1e-3):
+        reported_mm = re.match(r"[0-9.]+", field("Measuring range"))
+        if reported_mm and not math.isclose(float(reported_mm[0]), self._range_m * 1e3, rel_tol=1e-3):
             raise InstrumentError(
-                f"{model} at {self._port.name} has a measuring range of {said_mm[0]} mm, the bench file says "
+                f"{model} at {self._port.name} has a measuring range of {reported_mm[0]} mm, the bench file says "
                 f"{self._range_m * 1e3:g} mm; correct range_m"
             )
         return Identity("Micro-Epsilon", model, field("Serial"))

@@ -1,13 +1,13 @@
-"""Programmable DC supplies as a `Source` that can hold and step, and nothing faster.
+"""Programmable DC supplies as a `Source` that holds and steps.
 
-A supply pushes its output up within a millisecond and lets it *fall* as its load takes the charge out: without a load
-that takes tenths of a second to seconds. So a level counts as reached when the supply measures it there, and a fall that
-takes longer than the bench file says is a sentence. The card's drive channel stays the truth about the volts.
+A supply raises its output within a millisecond and lets it *fall* as its load discharges it: without a load that takes
+tenths of a second to seconds. So a level counts as reached when the supply measures it, and a fall that takes longer than
+the bench file allows is an error. The card's drive channel remains the reference for the volts.
 
-The output is never switched off from here: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the
-specimen. Over-voltage protection trips the output off and so does the same: it is refused where it could trip.
+The output is never switched off: off is 0 V (on an E3631A up to 0.6 V of the *other* sign), -500 V on the specimen.
+Over-voltage protection trips the output off with the same effect: it is rejected if it could trip.
 
-Walks a DC supply along a drive in steps while the run goes on: a supply has no memory for a waveform.
+A supply has no memory for a waveform: a thread steps it along a drive during the run.
 """
 
 import math
@@ -28,7 +28,7 @@ STEP_PERIOD_S = 2e-3
 
 
 class StaircaseThread(threading.Thread):
-    """Walks a supply along a drive in steps while the run goes on; ends with the drive, or when it is told to."""
+    """Steps a supply along a drive during the run; ends with the drive or at `stop`."""
 
     def __init__(self, supply: "DcSupply", drive: Ramp | Steps, clock: Clock) -> None:
         super().__init__(name="DC supply steps", daemon=True)
@@ -47,11 +47,11 @@ class StaircaseThread(threading.Thread):
                     self._supply.set_level(level_v)
                 elif t >= self._drive.duration_s:
                     return
-        except Exception as error:  # noqa: BLE001 - told by `end`, to whoever owns the run
+        except Exception as error:  # noqa: BLE001 - returned by `stop` to the thread of the run
             self._failure = error
 
     def stop(self) -> BaseException | None:
-        """Stay where it is; what went wrong on the way."""
+        """Stop at the present level; return the error of the thread, if any."""
         self._stop_requested.set()
         self.join()
         return self._failure
@@ -61,7 +61,7 @@ LEVEL_TOLERANCE_V = 0.02
 """Programming and read-back accuracy of a bench supply at 5 V, together."""
 
 SETTLED_V = 2e-3
-"""Two readings that differ by less: the output has stopped falling."""
+"""Difference of two readings below which the output has stopped falling."""
 
 CURRENT_TOLERANCE_A = 0.01
 OVP_MARGIN_V = 0.3
@@ -74,18 +74,18 @@ class DcSupply:
     """One output of a supply as a `Source` (see drivers.interfaces). It holds and steps.
 
     Args:
-        link: the wire.
+        link: the connection.
         clock: bench time.
         channel: the output's number.
-        current_limit_a: what the amplifier's input may draw before the supply gives way and its volts drop.
-        fall_time_s: how long the output may take to fall through the whole range.
+        current_limit_a: current limit for the amplifier's input; above it the voltage drops.
+        fall_time_s: longest fall of the output through the whole range.
         step_v: largest single step of a staircase.
 
     Attributes:
-        fall_s: the longest wait for a level so far, in bench seconds.
+        longest_settling_s: the longest wait for a level so far, in bench seconds.
 
     Raises:
-        LinkError: nothing answers on the wire.
+        LinkError: nothing answers.
         InstrumentError: another instrument answers.
     """
 
@@ -127,7 +127,7 @@ class DcSupply:
         if trouble := self._output.reason_ovp_may_trip(high_v + OVP_MARGIN_V):
             raise InstrumentError(f"{self._name}: {trouble}")
         self._output.set_current_limit(self._current_limit_a)
-        if self._output.is_output_on():  # an earlier program's level comes to rest as any other does
+        if self._output.is_output_on():  # a level that an earlier program left is ramped to rest like any other
             self.ramp_to(rest_v, abs(self.idle_level_v() - rest_v) / FOREIGN_OUTPUT_RAMP_V_PER_S)
         self.set_level(rest_v)
         self._output.enable_output()
@@ -173,9 +173,7 @@ class DcSupply:
 
     def idle_level_v(self) -> float:
         if math.isnan(self._level_v):
-            self._level_v = (
-                self._output.measured_v()
-            )  # whoever set it before us: where it measures is where we start from
+            self._level_v = self._output.measured_v()  # set by an earlier program: start from the measured level
         return self._level_v
 
     def reconnect(self) -> None:
@@ -189,17 +187,17 @@ class DcSupply:
         self._output.link.close()
 
     def set_level(self, level_v: float) -> None:
-        """One step, at once."""
+        """Set a level in one step."""
         self._output.set_voltage(level_v)
         self._level_v = level_v
 
     def limited_step_to(self, target_v: float) -> float:
-        """The level at most one step from the present one."""
+        """Return the level towards the target, at most one step from the present one."""
         idle_v = self.idle_level_v()
         return idle_v + min(max(target_v - idle_v, -self._step_v), self._step_v)
 
     def _wait_for_level(self, level_v: float) -> None:
-        """Wait until the output measures its level; falling takes a while."""
+        """Wait until the output measures its level; falling is slow."""
         began_s, before_v = self._clock.now(), math.inf
         while True:
             seen_v = self._output.measured_v()

@@ -1,9 +1,7 @@
-"""One output of a DC supply over its wire: what it can be told and asked, whatever its dialect.
+"""DC supply dialects: the commands of each family as a table, and one output as a channel.
 
-The words of programmable DC supplies, one row a family.
-
-Sources: E3631A manual p. 74, 79; E36300 programming guide; DP800 programming guide p. 2-6, 2-35. What is marked MEM was
-written from memory and is to be confirmed on the first real box.
+Sources: E3631A manual p. 74, 79; E36300 programming guide; DP800 programming guide p. 2-6, 2-35. Entries marked MEM were
+written from memory and are to be confirmed on the first real instrument.
 """
 
 import re
@@ -17,14 +15,17 @@ from drivers.transport.scpi import Link, ScpiSession
 
 @dataclass(frozen=True, slots=True)
 class SupplyDialect:
-    """The words of one family; `{ch}` is the output's number, `{v}` a value.
+    """The commands of one family; `{ch}` is the output's number, `{v}` a value.
 
     Args:
-        model_pattern: how the models of its `*IDN?` answer begin.
-        query_ovp_enabled, query_ovp_level, query_ovp_tripped: ask whether over-voltage protection is armed, at what level, and whether it has tripped;
-            empty where the box has none over the wire.
-        output_in_status_word: whether `is_on` is answered by a word of bits: bit 4 is output 1, bit 5 output 2.
-        accepts_compound_messages: whether a setting and the query that confirms it fit in one message.
+        name: of the family, for messages.
+        model_pattern: regular expression for the start of the model in the `*IDN?` reply.
+        set_voltage, set_current, enable_output: commands.
+        query_current, measure_voltage, query_output: queries.
+        query_ovp_enabled, query_ovp_level, query_ovp_tripped: queries of the over-voltage protection;
+            empty if it has no remote access.
+        output_in_status_word: whether `query_output` is answered by a word of bits: bit 4 is output 1, bit 5 output 2.
+        accepts_compound_messages: whether a setting and the query that confirms it may share a message.
     """
 
     name: str
@@ -100,17 +101,17 @@ TRUE_REPLIES, FALSE_REPLIES = ("1", "+1", "ON", "YES"), ("0", "+0", "OFF", "NO")
 
 
 class SupplyChannel:
-    """May be used by several threads.
+    """One output of a DC supply. May be used by several threads.
 
     Args:
-        link: the wire.
+        link: the connection.
         channel: the output's number.
 
     Attributes:
-        name: what an operator calls the supply.
+        name: the supply in messages.
 
     Raises:
-        LinkError: nothing answers on the wire.
+        LinkError: nothing answers.
         InstrumentError: another instrument answers.
     """
 
@@ -130,7 +131,7 @@ class SupplyChannel:
         self._scpi.instrument = self.name = f"DC supply {self.identity.model}"
 
     def reopen(self) -> None:
-        """Raises LinkError where nothing, or another instrument, answers."""
+        """Reconnect. Raises LinkError if nothing, or another instrument, answers."""
         with self._lock:
             self.link.reopen()
             seen = self._scpi.identify()
@@ -138,7 +139,7 @@ class SupplyChannel:
             raise LinkError(f"{self.link.name} now answers as '{seen}', not '{self.identity}'")
 
     def voltage_command(self, volts: float) -> str:
-        """What sets the level, without a query."""
+        """Return the command that sets the level, without a query."""
         return self._dialect.set_voltage.format(ch=self._channel, v=volts)
 
     def set_voltage(self, volts: float) -> None:
@@ -148,18 +149,18 @@ class SupplyChannel:
         self._write_checked(self._dialect.set_current.format(ch=self._channel, v=ampere))
 
     def enable_output(self) -> None:
-        """There is no switching off: that is 0 V."""
+        """Switch the output on. It is never switched off: off is 0 V."""
         self._write_checked(self._dialect.enable_output.format(ch=self._channel))
 
     def clear_error_queue(self) -> None:
-        """What others left in the error queue is no answer to us."""
+        """Empty the error queue of what other programs left there."""
         self._write_checked("*CLS")
 
     def measured_v(self) -> float:
         return self._query_float(self._dialect.measure_voltage)
 
     def current_limit_a(self) -> float:
-        """The current limit that is set."""
+        """Return the present current limit."""
         return self._query_float(self._dialect.query_current)
 
     def is_output_on(self) -> bool:
@@ -172,14 +173,14 @@ class SupplyChannel:
             raise LinkError(f"{self.name}: '{answer[:60]}' is no status word; check the cable") from None
 
     def reason_ovp_may_trip(self, min_level_v: float) -> str:
-        """What is wrong with the over-voltage protection, in a sentence; empty where it allows `min_level_v`."""
-        words = self._dialect
-        if words.query_ovp_tripped and self._query_bool(words.query_ovp_tripped):
+        """Return why the over-voltage protection may trip below `min_level_v`; empty if it cannot."""
+        dialect = self._dialect
+        if dialect.query_ovp_tripped and self._query_bool(dialect.query_ovp_tripped):
             return "its over-voltage protection has tripped; clear it at the front panel"
         if (
-            words.query_ovp_enabled
-            and self._query_bool(words.query_ovp_enabled)
-            and (ovp_v := self._query_float(words.query_ovp_level)) < min_level_v
+            dialect.query_ovp_enabled
+            and self._query_bool(dialect.query_ovp_enabled)
+            and (ovp_v := self._query_float(dialect.query_ovp_level)) < min_level_v
         ):
             return (
                 f"its over-voltage protection at {ovp_v:g} V could trip within the amplifier's range. A trip is 0 V, -500 V on "
