@@ -35,7 +35,6 @@ def main() -> None:
     page.show()
     page.tick()
     pause(1000)
-    assert page._model_worker is not None
     for name, start, step, rest_s in (
         ("k2", 7e-3, 1e-5, PAINT_PAUSE_S),
         ("L1", 8e-3, 1e-5, PAINT_PAUSE_S),

@@ -12,6 +12,9 @@ from model.parameters import Membrane, Tactor
 
 Array = NDArray[np.float64]
 
+THRESHOLD_M = 50e-6
+"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
+
 PRE_STRETCH = ParameterSpec(
     "delta", "", Interval(ge=0), "pre-stretch of the membrane, elongation over free length", 0.0
 )

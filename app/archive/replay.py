@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.common.minmax import minmax_decimate, minmax_pairs
 from app.session.messages import LogLine, Severity, describe_event, describe_point
 from protocols.base.events import EVENTS, BlockStored, DriveStarted, PointMeasured, PromptShown, RecordingFinished
 from protocols.base.protocol import Protocol
@@ -75,10 +76,16 @@ class MeasuredResponse:
     frequency_hz: Array
     peak_to_peak: Array
     peak_to_peak_errors: Array
-    twice_fundamental: Array
+    fundamental: Array
+    """Its peak amplitude."""
     fundamental_errors: Array
     phase: Array
     usable: NDArray[np.bool_]
+
+    @property
+    def title(self) -> str:
+        """The label, with a mark if the run is simulated."""
+        return f"{self.label}{', SIMULATED' if self.simulated else ''}"
 
 
 def load_run(path: Path) -> LoadedRun:
@@ -130,7 +137,7 @@ def read_measured_response(path: Path) -> MeasuredResponse:
             frequency_hz=columns["frequency"],
             peak_to_peak=columns["peak_to_peak"],
             peak_to_peak_errors=columns["peak_to_peak_errors"],
-            twice_fundamental=2 * columns["fundamental"],
+            fundamental=columns["fundamental"],
             fundamental_errors=columns["fundamental_errors"],
             phase=np.unwrap(columns["phase"]),
             usable=usable_mask(columns["quality"]),
@@ -138,25 +145,22 @@ def read_measured_response(path: Path) -> MeasuredResponse:
 
 
 def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) -> TraceWindow:
-    """Smallest and largest of each of `TRACE_COLUMNS` stretches of rows start..stop; a million rows are in memory at once."""
+    """Return the min/max decimation of rows start..stop to `TRACE_COLUMNS` columns; a million rows are in memory at once."""
     stop = trace.sample_count if stop is None else min(stop, trace.sample_count)
     per = max(-(-(stop - start) // TRACE_COLUMNS), 1)
     if 0 < stop - start <= 2 * TRACE_COLUMNS:
         return TraceWindow(
             trace.time_s(start, stop), trace.drive_v(start, stop), 1e6 * trace.displacement_m(start, stop), raw=True
         )
-    kept: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
+    times, drives, displacements = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     step = max(ROWS_PER_CHUNK // per, 1) * per
     for first in range(start, stop, step):
         last = min(first + step, stop)
-        edges = np.arange(0, last - first, per)
-        kept[0].append(trace.time_s(first, last)[edges])
-        for into, values in ((kept[1], trace.drive_v(first, last)), (kept[2], 1e6 * trace.displacement_m(first, last))):
-            pairs = np.stack((np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)), axis=1)
-            into.append(pairs.ravel())
-    if not kept[0]:
-        return TraceWindow(np.empty(0), np.empty(0), np.empty(0))
-    return TraceWindow(np.repeat(np.concatenate(kept[0]), 2), np.concatenate(kept[1]), np.concatenate(kept[2]))
+        time_s, drive_v = minmax_decimate(trace.time_s(first, last), trace.drive_v(first, last), per)
+        times.append(time_s)
+        drives.append(drive_v)
+        displacements.append(minmax_pairs(1e6 * trace.displacement_m(first, last), per))
+    return TraceWindow(np.concatenate(times), np.concatenate(drives), np.concatenate(displacements))
 
 
 def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:

@@ -1,4 +1,4 @@
-"""What the Explore page asks of the model, answered piece by piece in the order in which a person looks. No Qt."""
+"""Response engine of the Explore page: model curves, felt bands and beam motion, in the order of their importance."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.explore.state import ExploreSetting, KeptCurve
+from app.live.model_curve import CurveCache, ModelCurve
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ MAX_CACHED_CURVES = 200
 
 @dataclass(frozen=True, slots=True)
 class ExploreRequest:
-    """One state of the page."""
+    """A requested state of the page."""
 
     setting: ExploreSetting
     kept_curves: tuple[KeptCurve, ...]
@@ -28,18 +29,8 @@ class ExploreRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class ExploreCurve:
-    """One curve over frequency: amplitudes in m, phase in rad."""
-
-    frequency_hz: Array
-    peak_to_peak: Array
-    twice_fundamental: Array
-    phase: Array
-
-
-@dataclass(frozen=True, slots=True)
 class BeamMotion:
-    """The half beam in motion: `deflection` (phases, X) in m at `x` (X,) in m."""
+    """Motion of the half beam: `deflection` (phases, X) in m at `x` (X,) in m."""
 
     x: Array
     deflection: Array
@@ -49,50 +40,49 @@ class BeamMotion:
 
 @dataclass(frozen=True, slots=True)
 class ExploreResult:
-    """What is known by now."""
+    """The results so far."""
 
-    curve: ExploreCurve
+    curve: ModelCurve
     felt_bands: tuple[tuple[float, float], ...]
-    """Where max - min is above the threshold of the skin, Hz."""
-    kept_curves: tuple[ExploreCurve, ...] | None = None
+    """Where max - min is above the perception threshold of the skin, Hz."""
+    kept_curves: tuple[ModelCurve, ...] | None = None
     motion: BeamMotion | None = None
 
 
 class ResponseEngine:
-    """Computes pictures; curves once computed are kept in mind, so that kept ones cost nothing."""
+    """Computes results; curves are cached, so that kept ones cost nothing."""
 
     def __init__(self) -> None:
-        self._cache: dict[tuple[str, float], ExploreCurve] = {}
+        self._cache: CurveCache[ModelCurve] = CurveCache(MAX_CACHED_CURVES)
 
     def compute(self, request: ExploreRequest) -> Iterator[ExploreResult]:
-        """The curve first, then the kept ones, then the motion.
+        """Yield the curve, then also the kept ones, then also the motion.
 
         Raises:
-            ParameterError, LinAlgError: the model has no answer.
+            ParameterError, LinAlgError: the model cannot be computed.
         """
         from model.response.perception import usable_bands
 
-        line = self._curve(request.setting, request.max_hz)
-        picture = ExploreResult(line, usable_bands(line.frequency_hz, line.peak_to_peak))
-        yield picture
-        picture = replace(
-            picture, kept_curves=tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
-        )
-        yield picture
-        yield replace(picture, motion=_beam_motion(request))
+        curve = self._curve(request.setting, request.max_hz)
+        result = ExploreResult(curve, usable_bands(curve.frequency_hz, curve.peak_to_peak))
+        yield result
+        kept_curves = tuple(self._curve(kept.setting, request.max_hz) for kept in request.kept_curves)
+        result = replace(result, kept_curves=kept_curves)
+        yield result
+        yield replace(result, motion=_beam_motion(request))
 
-    def _curve(self, setting: ExploreSetting, max_hz: float) -> ExploreCurve:
-        from model.response.fast_response import response_curve
+    def _curve(self, setting: ExploreSetting, max_hz: float) -> ModelCurve:
+        key = (frozenset(setting.values.items()), setting.on_skin, setting.peak_to_peak_v, max_hz)
+        return self._cache.get(key, lambda: _compute_curve(setting, max_hz))
 
-        name = (repr((sorted(setting.values.items()), setting.on_skin, setting.peak_to_peak_v)), max_hz)
-        if name not in self._cache:
-            if len(self._cache) >= MAX_CACHED_CURVES:
-                self._cache.pop(next(iter(self._cache)))
-            f = np.linspace(LOWEST_HZ, max_hz, FREQUENCIES)
-            got = response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
-            phase = np.unwrap(np.angle(got.fundamental))
-            self._cache[name] = ExploreCurve(f, got.peak_to_peak, 2 * np.abs(got.fundamental), phase)
-        return self._cache[name]
+
+def _compute_curve(setting: ExploreSetting, max_hz: float) -> ModelCurve:
+    from model.response.fast_response import response_curve
+
+    f = np.linspace(LOWEST_HZ, max_hz, FREQUENCIES)
+    response = response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
+    fundamental = response.fundamental
+    return ModelCurve(f, response.peak_to_peak, np.abs(fundamental), np.unwrap(np.angle(fundamental)))
 
 
 def _beam_motion(request: ExploreRequest) -> BeamMotion:

@@ -1,4 +1,4 @@
-"""The button that fits: the joint fit of `model.identification`, from where the sliders stand to where the runs are met best."""
+"""Fit of the Explore page: joint fit of model parameters to measured runs, starting from the sliders."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
     from model.identification.observations import FrequencyResponseObservation
 
 FREE_PARAMETERS = ("m_add", "c0", "mu")
-"""What the response of a free tactor tells while its stiffness is known; the others stay where their sliders are."""
+"""The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
 
 TIME_LIMIT_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class ExploreFit:
-    """Where the runs are met best, and how well that is known."""
+    """The best fit and its uncertainty."""
 
     setting: ExploreSetting
     summary: str
-    """Each parameter with its standard error, and how well the model meets the points."""
+    """Each parameter with its standard error, and the quality of the fit."""
 
 
 def fit_runs(
     runs: Sequence["MeasuredResponse"], setting: ExploreSetting, cancelled: Callable[[], bool] | None = None
 ) -> ExploreFit:
-    """The setting that meets the runs best: added mass, damping and moment of a free tactor, or the skin under one.
+    """Fit added mass, damping and moment of a free tactor, or the skin under one, to the runs.
 
     Raises:
-        ValueError: a sentence why these cannot be fitted (`ParameterError`, `IdentificationError`).
-        FitCancelled: `cancelled` said so.
+        ValueError: the runs cannot be fitted (`ParameterError`, `IdentificationError`); the message says why.
+        FitCancelled: `cancelled` returned True.
     """
-    from model.identification.fit_options import FitOptions as Asked
+    from model.identification.fit_options import FitOptions
     from model.identification.joint_fit import joint_fit
     from model.identification.observations import ObservationSet
     from model.identification.parameters import elongation_parameter
@@ -52,20 +52,22 @@ def fit_runs(
         names = {elongation_parameter(letter, elongation): letter for letter in ("k_s", "c_s")}
     observed = tuple(_observation(f"{number}: {run.label}", run, elongation) for number, run in enumerate(runs, 1))
     start = {name: setting.value(letter) for name, letter in names.items()}
-    asked = Asked(tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start)
-    fit = joint_fit(ObservationSet(observed), asked, cancelled=cancelled, time_limit_s=TIME_LIMIT_S)
+    options = FitOptions(
+        tactor=specimen.tactor, membrane=specimen.membrane or Membrane(), free=tuple(names), start=start
+    )
+    fit = joint_fit(ObservationSet(observed), options, cancelled=cancelled, time_limit_s=TIME_LIMIT_S)
     found = dict(zip(fit.names, fit.theta, strict=True))
     for name, letter in names.items():
         if not np.isfinite(found[name]):
             raise ValueError(f"{letter} cannot be told from these runs; lay over one with points around the resonance")
         setting = setting.with_value(letter, float(f"{found[name]:.6g}"))
     errors = {e.name: e.standard_error for e in fit.estimates()}
-    told = [_format_parameter(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
-    return ExploreFit(setting, "; ".join((*told, fit.verdict if fit.converged else fit.message)))
+    described = [_format_parameter(letter, found[name], errors.get(name, np.nan)) for name, letter in names.items()]
+    return ExploreFit(setting, "; ".join((*described, fit.verdict if fit.converged else fit.message)))
 
 
 def _observation(label: str, run: "MeasuredResponse", elongation: float | None) -> "FrequencyResponseObservation":
-    """The run as a fit takes it; an imported table may tell no phase, or max - min only."""
+    """Return the run as an observation; an imported table may have no phase, or max - min only."""
     from model.identification.observations import FrequencyResponseObservation
 
     more: dict[str, Any] = {
@@ -73,11 +75,10 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
         "elongation_m": elongation,
         "simulated": run.simulated,
     }
-    sine = run.usable & np.isfinite(run.twice_fundamental) & (run.fundamental_errors > 0)
+    sine = run.usable & np.isfinite(run.fundamental) & (run.fundamental_errors > 0)
     if sine.any():
         phase = run.phase if np.isfinite(run.phase[sine]).all() else None
-        size = run.twice_fundamental / 2
-        more["fundamental_m"] = size if phase is None else size * np.exp(1j * phase)
+        more["fundamental_m"] = run.fundamental * (1.0 if phase is None else np.exp(1j * phase))
         return FrequencyResponseObservation(label, run.frequency_hz, errors_m=run.fundamental_errors, good=sine, **more)
     width = run.usable & np.isfinite(run.peak_to_peak) & (run.peak_to_peak_errors > 0)
     more |= {"peak_to_peak_m": run.peak_to_peak, "peak_to_peak_errors_m": run.peak_to_peak_errors}
@@ -92,6 +93,6 @@ def _format_parameter(letter: str, value: float, error: float) -> str:
 
 
 def _clamp_amplitude(amplitude_v: float) -> float:
-    """A full swing is read back with noise; what is a thousandth beyond the amplifier's range is at its end."""
+    """Limit an amplitude to the amplifier's range: a full swing is read back with noise of up to a thousandth."""
     most = AmplifierMap().rest_v
     return most if most < amplitude_v < 1.001 * most else amplitude_v

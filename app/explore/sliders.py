@@ -1,4 +1,4 @@
-"""The sliders of the model: how each physical parameter is called, in which unit it is read, and how far it goes. No Qt."""
+"""Slider specifications of the model parameters: label, display unit and range."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,31 +8,31 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class SliderSpec:
-    """One slider: how it is called, in which unit it is read, and how far it goes; a field beside it takes any value."""
+    """One slider: label, display unit and range. The text field next to it accepts any admitted value."""
 
     name: str
     label: str
     unit: str
     factor: float
-    """Shown is the SI value times this."""
+    """Displayed value per SI value."""
     low: float
     high: float
     log: bool = False
 
     def position(self, value: float) -> float:
-        """Where a value stands on the slider, 0 to 1; beyond the ends at them."""
+        """Return the position of a value on the slider, clipped to 0..1."""
         a, b = self.low, self.high
         share = np.log(max(value, a) / a) / np.log(b / a) if self.log else (value - a) / (b - a)
         return float(np.clip(share, 0.0, 1.0))
 
     def value_at(self, position: float) -> float:
-        """The value at a place, to four figures: nobody means the fifteenth."""
+        """Return the value at a position, rounded to four significant figures."""
         a, b = self.low, self.high
         value = a * (b / a) ** position if self.log else a + (b - a) * position
         return float(f"{value:.4g}")
 
     def format_value(self, value: float) -> str:
-        """The value in the slider's unit as one types it."""
+        """Return the value in the display unit, without the unit."""
         return f"{value * self.factor:.5g}"
 
 

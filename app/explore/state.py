@@ -1,4 +1,4 @@
-"""Playing with the model: what stands at which slider, how it came there, and how it leaves as text or as a study. No Qt."""
+"""Slider settings of the Explore page: values, presets, kept curves, export as text or parameter study."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -17,48 +17,52 @@ if TYPE_CHECKING:
 
 TACTOR_PARAMETERS = frozenset(q.name for q in parameter_specs(Tactor))
 DERIVED_PARAMETERS = ("k_s", "c_s", "contact_length")
-"""What the membrane or the geometry gives, unless a person takes it in hand."""
+"""Parameters that follow from the membrane or the geometry unless they are set."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExploreSetting:
-    """Where every slider stands: `values` holds, SI, only what was moved; all else is the paper's Table I."""
+    """The values of all sliders: `values` holds only those that were moved, SI; the others are the paper's Table I."""
 
     values: Mapping[str, float] = field(default_factory=dict)
     on_skin: bool = False
     peak_to_peak_v: float = 5.0
-    """Of the drive, at the amplifier's input."""
+    """Drive at the amplifier's input."""
 
     @property
     def specimen(self) -> Specimen:
-        """The specimen; raises ParameterError where it is not physical."""
+        """The specimen; raises ParameterError if it is not physical."""
         known = {name: v for name, v in self.values.items() if self.on_skin or name in TACTOR_PARAMETERS}
         return replace_variables(Specimen(membrane=Membrane() if self.on_skin else None), known)
 
     def value(self, name: str) -> float:
-        """Where a slider stands, or what follows for it; on a free tactor, what would be on the skin."""
+        """Return the value of a slider, set or derived; for a free tactor the value it would have on the skin."""
         return self.values[name] if name in self.values else replace(self, on_skin=True).specimen.value(name)
 
     @property
     def all_values(self) -> dict[str, float]:
-        """Where every slider stands, as `value` tells it, at the cost of one."""
+        """The `value` of every slider, computed together."""
         specimen = replace(self, on_skin=True).specimen
         skin = specimen.skin
         follows = {"k_s": skin.k_s, "c_s": skin.c_s}
         return {n: self.values.get(n, follows[n] if n in follows else specimen.value(n)) for n in SLIDERS}
 
     def with_value(self, name: str, value: float) -> "ExploreSetting":
-        """With one slider elsewhere. A slider of the skin puts the tactor on it."""
+        """Return the setting with another value of a slider. A slider of the skin puts the tactor on the skin."""
+        if name == DRIVE_SLIDER.name:
+            return replace(self, peak_to_peak_v=value)
         on_skin = self.on_skin or name not in TACTOR_PARAMETERS
         return replace(self, values={**self.values, name: value}, on_skin=on_skin)
 
     def with_default(self, name: str) -> "ExploreSetting":
-        """With one slider back: at Table I, or following the others again."""
+        """Return the setting with a slider at its default: Table I, or derived from the others."""
+        if name == DRIVE_SLIDER.name:
+            return ExploreSetting(self.values, self.on_skin)
         return replace(self, values={n: v for n, v in self.values.items() if n != name})
 
     @property
     def specimen_values(self) -> dict[str, float]:
-        """Every number of the specimen that `--set` takes, SI; what follows from others is left out."""
+        """Every parameter of the specimen that `--set` accepts, SI, without derived ones."""
         names = [
             n
             for n in variable_specs()
@@ -82,7 +86,7 @@ DRIVE_SLIDER = SliderSpec("peak_to_peak_v", "drive, peak to peak", "V", 1.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class KeptCurve:
-    """A curve that stays while the sliders move on."""
+    """A setting whose curve is kept for comparison."""
 
     label: str
     setting: ExploreSetting
@@ -90,13 +94,13 @@ class KeptCurve:
 
 @dataclass(frozen=True, slots=True)
 class ExplorePreset:
-    """A start for the sliders, with the curves that belong to it."""
+    """A start setting with kept curves."""
 
     title: str
     setting: ExploreSetting
     kept_curves: tuple[KeptCurve, ...] = ()
     variable: str = ""
-    """What the kept curves differ in."""
+    """The parameter in which the kept curves differ."""
 
 
 PRESET_TITLES = {
@@ -106,14 +110,14 @@ PRESET_TITLES = {
     "fig11": "Fig. 11: skin damping",
     "fig12": "Fig. 12: pre-stretch",
 }
-"""Where one may begin."""
+"""Titles by name."""
 
 
 def make_preset(name: str) -> ExplorePreset:
-    """One of `PRESET_TITLES`: Table I, or one of the paper's studies with its curves."""
+    """Return one of `PRESET_TITLES`: Table I, or one of the paper's studies with its curves."""
     if name in ("free", "membrane"):
         return ExplorePreset(PRESET_TITLES[name], ExploreSetting(on_skin=name == "membrane"))
-    from model.studies.parameter_study import STUDY_PRESETS  # loads the linear algebra, for which no window waits
+    from model.studies.parameter_study import STUDY_PRESETS  # lazily: loads scipy
 
     study = STUDY_PRESETS[name]()
     on = study.specimen
@@ -126,13 +130,13 @@ def make_preset(name: str) -> ExplorePreset:
 
 
 def value_label(name: str, value: float) -> str:
-    """`E_m = 6.95 MPa`."""
+    """Return `E_m = 6.95 MPa`."""
     slider = SLIDERS[name]
     return f"{name} = {value * slider.factor:.4g} {slider.unit}"
 
 
 def describe_difference(old: ExploreSetting, new: ExploreSetting) -> str:
-    """In what two settings differ, in words; for the label of a kept curve."""
+    """Return how two settings differ, as the label of a kept curve."""
     words = [value_label(n, new.value(n)) for n in SLIDERS if old.values.get(n) != new.values.get(n)]
     if old.on_skin != new.on_skin:
         words.insert(0, "on the skin" if new.on_skin else "free")
@@ -144,7 +148,7 @@ def describe_difference(old: ExploreSetting, new: ExploreSetting) -> str:
 def make_study(
     setting: ExploreSetting, kept_curves: Sequence[KeptCurve], variable: str, frequency_hz: Sequence[float]
 ) -> "Study":
-    """A study of one variable: over the values in which the kept curves differ, else over its slider in nine steps.
+    """Return a study of one variable: over the values of the kept curves if they differ, else over its slider in nine steps.
 
     Raises:
         ParameterError: a value at which the specimen is not physical.

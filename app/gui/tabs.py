@@ -297,4 +297,4 @@ class MainTabs(QTabWidget):
 
     def _overlay_runs(self, paths: list[Path]) -> None:
         self.setCurrentIndex(EXPLORE)
-        self.explore.overlay_runs(paths)
+        self.explore.overlaid.add(paths)

@@ -1,4 +1,4 @@
-"""Samples on their way to the screen: scaled and decimated in the bench thread, block by block. No Qt."""
+"""Live feed of samples to the screen: scaled and min/max decimated in the bench thread, block by block."""
 
 import threading
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from drivers.sensors.laser_sensor import LaserSensor
 
 @dataclass(frozen=True, slots=True)
 class TimeSpan:
-    """How much of the past is shown and kept. A `standing` one is kept longer, so that a cycle can be lined up."""
+    """A displayed and a buffered duration. A triggered span buffers more, so that its cycles can be aligned."""
 
     shown_s: float
     buffer_s: float
@@ -42,12 +42,12 @@ class LiveFeed:
 
     @property
     def streamed_s(self) -> float:
-        """Bench time of the samples taken since the stream began."""
+        """Bench time of the samples since the stream began."""
         with self._lock:
             return self._scans / self._rate_hz
 
     def start_stream(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
-        """A stream starts; what was there is gone."""
+        """Start a stream; drops earlier samples."""
         with self._lock:
             self._scales, self._sensor = scales, sensor
             self._rate_hz, self._scans = rate_hz, 0
@@ -56,7 +56,7 @@ class LiveFeed:
                 displacement.reset(rate_hz)
 
     def add_block(self, block: Block) -> None:
-        """Take a block; before `begin` it cannot be understood and is left out."""
+        """Append a block; ignored before `start_stream`, because its scale is not known."""
         if self._sensor is None:
             return
         drive_v = self._scales[DRIVE_CHANNEL].to_volts(block.raw[DRIVE_CHANNEL])
@@ -72,10 +72,10 @@ class LiveFeed:
 
     @property
     def latest_um(self) -> float | None:
-        """Mean displacement of the latest block; None before there is one."""
+        """Mean displacement of the latest block; None before the first."""
         with self._lock:
             return self._latest_um
 
     def traces(self, span: TimeSpan) -> tuple[MinMaxTrace, MinMaxTrace]:
-        """Drive and displacement over one of `SPANS`."""
+        """Return drive and displacement over one of `SPANS`."""
         return self._traces[span]

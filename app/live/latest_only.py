@@ -1,4 +1,4 @@
-"""Work beside the window of which only the newest matters: a slider moves on while its last curve is computed."""
+"""Background worker that processes only the newest request: a slider moves on while its last curve is computed."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -9,13 +9,13 @@ A = TypeVar("A")
 
 
 class LatestOnlyWorker(Generic[Q, A]):
-    """Answers questions in a thread of its own; a question that was overtaken is not begun, or is left unfinished.
+    """Computes results in its own thread, started with the first request; a superseded request is skipped or left unfinished.
 
     Args:
-        compute: yields one or several answers, the first as soon as it can.
-        told: hears each answer, or the error that ended it, with the question; called in the thread.
-        rest_s: how long it rests between two answers, so that a window can paint the one before: two threads that both
-            compute hold each other up by several milliseconds at every turn. A new question ends the rest.
+        compute: yields one or several results, the first as soon as possible.
+        on_result: called in the worker thread with the request and each result, or the exception that ended it.
+        pause_s: pause between two results in which a window can paint the first: two threads that both compute delay
+            each other by several milliseconds at every switch. A new request ends the pause.
     """
 
     def __init__(
@@ -30,47 +30,47 @@ class LatestOnlyWorker(Generic[Q, A]):
         self._next: Q | None = None
         self._closing = False
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
-        self._thread.start()
 
     def submit(self, request: Q) -> None:
-        """Want an answer; returns at once."""
+        """Request a computation; returns at once."""
         with self._wake:
             self._next = request
+            if self._thread.ident is None and not self._closing:
+                self._thread.start()
             self._wake.notify()
 
     def close(self) -> None:
-        """End the thread; what is being computed is not told any more."""
+        """Stop the thread; a result still being computed is dropped."""
         with self._wake:
             self._closing = True
             self._wake.notify()
-        self._thread.join()
-
-    def _is_closed(self) -> bool:
-        with self._wake:
-            return self._closing
+        if self._thread.ident is not None:
+            self._thread.join()
 
     def _superseded(self) -> bool:
-        """Whether what follows is of no use any more; asked after a rest."""
+        """Pause, then return whether further results of this request are not needed any more."""
         with self._wake:
             if self._pause_s > 0 and self._next is None and not self._closing:
                 self._wake.wait(self._pause_s)
             return self._closing or self._next is not None
 
+    def _deliver(self, request: Q, result: A | Exception) -> None:
+        with self._wake:
+            if self._closing:
+                return
+        self._on_result(request, result)
+
     def _work(self) -> None:
         while True:
             with self._wake:
-                while self._next is None and not self._closing:
-                    self._wake.wait()
-                question, self._next = self._next, None
-            if question is None or self._is_closed():
-                return
+                self._wake.wait_for(lambda: self._closing or self._next is not None)
+                request, self._next = self._next, None
+                if request is None or self._closing:
+                    return
             try:
-                for answer in self._compute(question):
-                    if self._is_closed():
-                        return
-                    self._on_result(question, answer)
+                for result in self._compute(request):
+                    self._deliver(request, result)
                     if self._superseded():
                         break
-            except Exception as error:  # noqa: BLE001 - whatever the model cannot do is shown, and the next slider still works
-                if not self._is_closed():
-                    self._on_result(question, error)
+            except Exception as error:  # noqa: BLE001 - any error of the model is displayed, and the next request still works
+                self._deliver(request, error)

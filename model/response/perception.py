@@ -8,12 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC
+from model.skin import THRESHOLD_M as THRESHOLD_M
 
 Array = NDArray[np.float64]
-
-THRESHOLD_M = 50e-6
-"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""
-
 
 THRESHOLD_AMPLITUDE = ParameterSpec(
     "threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M

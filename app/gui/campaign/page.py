@@ -48,7 +48,7 @@ class CampaignPage(QStackedWidget):
     ) -> None:
         super().__init__()
         self.controller, self._location, self._feed = controller, location, feed
-        self._overlay = Overlay(amplifier=overlay.amplifier)
+        self._overlay = Overlay(overlay.amplifier, overlay.cache)
         self._request: CurveRequest | None = None
         self._state: WindowState | None = None
         self._busy = False

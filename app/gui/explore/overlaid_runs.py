@@ -1,4 +1,4 @@
-"""Measured runs that lie over the model's curves, and the fit that brings the model to them: read and fitted beside the window."""
+"""Measured runs over the curves of the Explore page, read and fitted in background threads."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -13,19 +13,19 @@ from app.explore.state import ExploreSetting
 from app.gui.widgets.background import BackgroundWorker
 
 FitRuns = Callable[[Sequence[MeasuredResponse], ExploreSetting, Callable[[], bool]], ExploreFit]
-"""Finds the setting that meets the runs best, beginning from one, until it is cancelled; raises ValueError with a sentence."""
+"""Fits a setting to runs, starting from one, until cancelled; raises ValueError with a message for the operator."""
 
 
 class OverlaidRuns(QObject):
-    """Which runs lie over the curves, and whether they are being fitted."""
+    """The overlaid runs and their fit."""
 
     changed = Signal()
     fitting = Signal(bool)
-    """A fit has begun, or is over."""
+    """A fit has started (True) or finished."""
     fitted = Signal(object)
     """A `ExploreFit`."""
     message = Signal(str, bool)
-    """A remark, and whether it is a fault."""
+    """A message, and whether it is an error."""
 
     def __init__(self, fit: FitRuns | None, parent: QObject) -> None:
         super().__init__(parent)
@@ -42,15 +42,15 @@ class OverlaidRuns(QObject):
                 self._file_worker.submit(partial(read_measured_response, path), self._on_loaded, self._on_error)
 
     def remove(self, run: MeasuredResponse) -> None:
-        """Take one away."""
+        """Remove a run."""
         self._set_runs(tuple(r for r in self.runs if r is not run))
 
     def clear(self) -> None:
-        """Take all away."""
+        """Remove all runs."""
         self._set_runs(())
 
     def fit(self, setting: ExploreSetting) -> None:
-        """Let the model go where the runs are met best, from a setting; while that goes on: cancel it."""
+        """Fit the model to the runs, starting from a setting; during a fit: cancel it."""
         if self._fitting:
             self._cancelled.set()
             return
@@ -65,7 +65,7 @@ class OverlaidRuns(QObject):
         )
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._cancelled.set()
         self._file_worker.close()
         self._fit_worker.close()

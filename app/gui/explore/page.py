@@ -1,18 +1,14 @@
-"""The Explore page: sliders for every number of the model, and at once what the skin would feel.
-
-Where everything of the Explore page stands: sliders at the left, the curves and the motion at the right.
-"""
+"""Explore page: sliders for every parameter of the model, its response curves, and the motion of the beam."""
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QScrollArea, QSplitter, QVBoxLayout, QWidget
 
-from app.archive.replay import MeasuredResponse
 from app.explore.engine import ExploreRequest, ExploreResult, ResponseEngine
 from app.explore.fit import ExploreFit
 from app.explore.session import ExploreSession, write_study
@@ -32,67 +28,15 @@ from app.live.latest_only import LatestOnlyWorker
 from app.session.state import WindowState
 from model.parameter_spec import ParameterError
 
-
-def explore_columns(
-    sliders: SliderPanel, status_line: StatusLine, plot: ExplorePlot, shape: ShapePlot, toolbar: ExploreToolbar
-) -> tuple[QWidget, QWidget]:
-    """The left and the right side."""
-    return _left_column(sliders, status_line, toolbar), _right_column(plot, shape, toolbar)
-
-
-def _left_column(sliders: SliderPanel, status_line: StatusLine, toolbar: ExploreToolbar) -> QWidget:
-    scroll = QScrollArea()
-    scroll.setWidget(sliders)
-    scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    scroll.setWidgetResizable(True)
-    scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-    scroll.viewport().setAutoFillBackground(False)
-    sliders.setAutoFillBackground(False)
-    left, column = _empty_column(6)
-    column.setContentsMargins(0, 2, 4, 0)
-    column.addLayout(toolbar.start_row())
-    column.addWidget(scroll, 1)
-    column.addWidget(status_line)
-    column.addLayout(toolbar.export_row())
-    left.setMinimumWidth(400)
-    return left
-
-
-def _right_column(plot: ExplorePlot, shape: ShapePlot, toolbar: ExploreToolbar) -> QWidget:
-    right, column = _empty_column(4)
-    column.addLayout(toolbar.series_row())
-    column.addLayout(toolbar.overlay_row())
-    rows = QSplitter(Qt.Orientation.Vertical)
-    rows.addWidget(plot)
-    below, beam = _empty_column(2)
-    beam.addLayout(toolbar.motion_row())
-    beam.addWidget(shape, 1)
-    rows.addWidget(below)
-    rows.setSizes([400, 210])
-    rows.setObjectName("explore/rows")
-    rows.setChildrenCollapsible(False)
-    column.addWidget(rows, 1)
-    return right
-
-
-def _empty_column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
-    """An empty column that fills its place."""
-    widget = QWidget()
-    column = QVBoxLayout(widget)
-    column.setContentsMargins(0, 0, 0, 0)
-    column.setSpacing(spacing)
-    return widget, column
-
-
 PAINT_PAUSE_S = 0.02
-"""After the curve the worker waits so long for it to be painted, before it goes on with the motion."""
+"""Pause of the worker after the curve, so that it is painted before the motion is computed."""
 
 
 class ExplorePage(QSplitter):
     """One page of the window.
 
     Args:
-        fit: identifies from the runs laid over; without one there is no such button.
+        fit: fits the model to the overlaid runs; without it there is no such button.
     """
 
     title = "Explore"
@@ -103,17 +47,19 @@ class ExplorePage(QSplitter):
         self.session = ExploreSession()
         self.result: ExploreResult | None = None
         self.shown_request: ExploreRequest | None = None
-        """The question whose whole answer is on the screen."""
+        """The request whose complete result is displayed."""
         self._requested: ExploreRequest | None = None
         self._sliders_stale = True
         self._study_worker = BackgroundWorker("explore study", self)
         self.overlaid = OverlaidRuns(fit, self)
-        self._model_worker: LatestOnlyWorker[ExploreRequest, ExploreResult] | None = None
+        self._model_worker = LatestOnlyWorker(
+            ResponseEngine().compute, self._result_ready.emit, "explore model", PAINT_PAUSE_S
+        )
         self.sliders, self.plot, self.shape_plot = SliderPanel(), ExplorePlot(theme), ShapePlot(theme)
         self.toolbar = ExploreToolbar(PRESET_TITLES, fit is not None, self)
         self.status_line = StatusLine()
-        for side in explore_columns(self.sliders, self.status_line, self.plot, self.shape_plot, self.toolbar):
-            self.addWidget(side)
+        self.addWidget(self._left_column())
+        self.addWidget(self._right_column())
         self.setStretchFactor(0, 0)
         self.setStretchFactor(1, 1)
         self.setSizes([430, 820])
@@ -129,27 +75,22 @@ class ExplorePage(QSplitter):
     def setting(self) -> ExploreSetting:
         return self.session.setting
 
-    @property
-    def overlaid_responses(self) -> tuple[MeasuredResponse, ...]:
-        """The runs that lie over the curves."""
-        return self.overlaid.runs
-
-    # -- what the window does with a page ------------------------------------------------------------------------------
+    # -- the interface of a page -----------------------------------------------------------------------------------------
 
     def set_state(self, view: WindowState) -> None:
-        """Nothing here depends on the bench."""
+        """Do nothing: the page does not depend on the bench."""
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.plot.set_theme(theme)
         self.shape_plot.set_theme(theme)
 
     def activate(self) -> None:
-        """Take the keyboard."""
+        """Take the keyboard focus."""
         self.setFocus()
 
     def tick(self) -> None:
-        """Called at every tick while the page is seen."""
+        """Update the page; called at every tick while it is visible."""
         if self._requested is None:
             self._request_result()
         if self._sliders_stale:
@@ -159,43 +100,42 @@ class ExplorePage(QSplitter):
         self.shape_plot.tick()
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
-        if self._model_worker is not None:
-            self._model_worker.close()
+        """Stop background threads."""
+        self._model_worker.close()
         self._study_worker.close()
         self.overlaid.shutdown()
 
     def save_state(self, settings: QSettings) -> None:
-        """Remember how it is."""
+        """Save settings."""
         settings.setValue("explore/setting", json.dumps(self.session.to_record()))
 
     def restore_state(self, settings: QSettings) -> None:
-        """Be as it was."""
+        """Restore saved settings."""
         try:
             self.session.restore_record(json.loads(str(settings.value("explore/setting", ""))))
         except (ValueError, KeyError, TypeError, AttributeError):
             return
         self._show_setting()
 
-    # -- what a person wants -------------------------------------------------------------------------------------------
+    # -- commands --------------------------------------------------------------------------------------------------------
 
     def set_value(self, name: str, value: float) -> None:
-        """One slider to a value, SI."""
+        """Set a slider, SI."""
         self._apply_change(lambda: self.session.set_value(name, value))
 
     def reset_value(self, name: str) -> None:
-        """One slider back."""
-        self._apply_change(lambda: self.session.reset_value(name))
+        """Reset a slider."""
+        self.set_setting(self.setting.with_default(name))
 
     def set_setting(self, setting: ExploreSetting) -> None:
-        """Another setting."""
+        """Change the setting."""
         self._apply_change(lambda: self.session.set_setting(setting))
 
     def load_preset(self, name: str) -> None:
-        """Begin from a preset."""
+        """Start from a preset."""
         self._apply_change(lambda: self.session.load_preset(name))
         if self.session.kept_curves:
-            self.toolbar.series[1].setChecked(True)  # the paper's theory is the fundamental
+            self.toolbar.series[1].setChecked(True)  # the paper computes the fundamental
             self.toolbar.series[0].setChecked(False)
         self._request_result()
 
@@ -208,26 +148,22 @@ class ExplorePage(QSplitter):
         self._show_setting()
 
     def keep_curve(self) -> None:
-        """Let the present curve stay while the sliders move on."""
+        """Keep the current curve for comparison."""
         self.session.keep_curve()
         self._request_result()
 
     def clear_overlays(self) -> None:
-        """Take kept curves and measured runs away."""
+        """Remove kept curves and measured runs."""
         self.session.kept_curves = ()
         self.overlaid.clear()
         self._request_result()
 
-    def overlay_runs(self, paths: Sequence[Path]) -> None:
-        """Measured runs over the curves."""
-        self.overlaid.add(paths)
-
     def fit_runs(self) -> None:
-        """Let the sliders go where the runs are met best; while that goes on: cancel it."""
+        """Fit the model to the overlaid runs; during a fit: cancel it."""
         self.overlaid.fit(self.setting)
 
     def copy(self, kind: str) -> None:
-        """The numbers as text for `--set`."""
+        """Copy the parameters as text for `--set`."""
         text = self.setting.as_json() if kind == "JSON" else self.setting.as_toml()
         QGuiApplication.clipboard().setText(text)
         self.status_line.show_message(
@@ -235,21 +171,21 @@ class ExplorePage(QSplitter):
         )
 
     def save_study(self, path: Path) -> None:
-        """What the kept curves vary, or the slider moved last, as a study file."""
+        """Save a study of what the kept curves vary, else of the slider moved last."""
         self.status_line.show_message("computing the study …")
         setting, kept, variable = self.setting, self.session.kept_curves, self.session.study_variable
-        frequencies: Any = range(1, 251) if self.result is None else self.result.curve.frequency_hz
+        frequencies: Sequence[float] = range(1, 251) if self.result is None else self.result.curve.frequency_hz.tolist()
         self._study_worker.submit(
             lambda: write_study(path, make_study(setting, kept, variable, frequencies), variable),
-            lambda words: self.status_line.show_message(str(words)),
+            lambda text: self.status_line.show_message(str(text)),
             self._on_error,
         )
 
-    # -- inside --------------------------------------------------------------------------------------------------------
+    # -- internal --------------------------------------------------------------------------------------------------------
 
     def _on_fitted(self, result: ExploreFit) -> None:
         self.set_setting(result.setting)
-        self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until a slider is moved
+        self.status_line.show_message(f"Fitted: {result.summary}", persistent=True)  # until the next change
 
     def _on_fitting(self, fitting: bool) -> None:
         self.toolbar.show_fitting(fitting)
@@ -260,16 +196,16 @@ class ExplorePage(QSplitter):
         self.status_line.show_message(str(error), is_error=True)
 
     def _show_overlaid(self) -> None:
-        self.plot.show_runs(self.overlaid_responses)
-        self.toolbar.show_runs(self.overlaid_responses, self.overlaid.remove)
-        if other := self.session.runs_with_other_drive(self.overlaid_responses):
+        self.plot.show_runs(self.overlaid.runs)
+        self.toolbar.show_runs(self.overlaid.runs, self.overlaid.remove)
+        if other := self.session.runs_with_other_drive(self.overlaid.runs):
             drives = ", ".join(f"{run.label} at {run.peak_to_peak_v:.3g} V" for run in other)
             self.status_line.show_message(
                 f"{drives}; the curve is for {self.setting.peak_to_peak_v:.3g} V peak to peak", is_error=True
             )
 
     def _apply_change(self, change: Callable[[], object]) -> None:
-        """Do what moves sliders; where the model refuses, say why: they stay where they were."""
+        """Change the setting; if the model rejects it, show why and keep the old one."""
         try:
             change()
         except ParameterError as error:
@@ -283,18 +219,13 @@ class ExplorePage(QSplitter):
             self._request_result()
         else:
             self._requested = None
-        self._sliders_stale = True  # the curve first; the sliders follow with the next frame
+        self._sliders_stale = True  # the curve first; the sliders follow in the next frame
 
     def _request_result(self) -> None:
-        question = self.session.request
-        if question == self._requested:
-            return
-        self._requested = question
-        if self._model_worker is None:  # not before somebody looks: it loads the linear algebra
-            self._model_worker = LatestOnlyWorker(
-                ResponseEngine().compute, self._result_ready.emit, "explore model", PAINT_PAUSE_S
-            )
-        self._model_worker.submit(question)
+        request = self.session.request
+        if request != self._requested:
+            self._requested = request
+            self._model_worker.submit(request)
 
     def _on_result(self, request: ExploreRequest, result: ExploreResult | Exception) -> None:
         if isinstance(result, Exception):
@@ -322,13 +253,46 @@ class ExplorePage(QSplitter):
         self.plot.show_series(*(box.isChecked() for box in self.toolbar.series))
 
     def _choose_runs(self) -> None:
-        choose_files(self, "Runs to lay over", self.overlay_runs, "Runs (*.h5)", mode=Mode.ExistingFiles)
+        choose_files(self, "Runs to lay over", self.overlaid.add, "Runs (*.h5)", mode=Mode.ExistingFiles)
 
     def _choose_study_file(self) -> None:
         choose_files(
             self, "Save as study", lambda paths: self.save_study(paths[0]), "Study (*.h5);;Sheet (*.csv)", "study.h5",
             Mode.AnyFile,
         )  # fmt: skip
+
+    def _left_column(self) -> QWidget:
+        scroll = QScrollArea()
+        scroll.setWidget(self.sliders)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.viewport().setAutoFillBackground(False)
+        self.sliders.setAutoFillBackground(False)
+        left, column = _empty_column(6)
+        column.setContentsMargins(0, 2, 4, 0)
+        column.addLayout(self.toolbar.start_row())
+        column.addWidget(scroll, 1)
+        column.addWidget(self.status_line)
+        column.addLayout(self.toolbar.export_row())
+        left.setMinimumWidth(400)
+        return left
+
+    def _right_column(self) -> QWidget:
+        right, column = _empty_column(4)
+        column.addLayout(self.toolbar.series_row())
+        column.addLayout(self.toolbar.overlay_row())
+        rows = QSplitter(Qt.Orientation.Vertical)
+        rows.addWidget(self.plot)
+        below, beam = _empty_column(2)
+        beam.addLayout(self.toolbar.motion_row())
+        beam.addWidget(self.shape_plot, 1)
+        rows.addWidget(below)
+        rows.setSizes([400, 210])
+        rows.setObjectName("explore/rows")
+        rows.setChildrenCollapsible(False)
+        column.addWidget(rows, 1)
+        return right
 
     def _connect_signals(self) -> None:
         bar = self.toolbar
@@ -339,15 +303,15 @@ class ExplorePage(QSplitter):
         self.overlaid.message.connect(self.status_line.show_message)
         self.sliders.value_changed.connect(self.set_value)
         self.sliders.reset_requested.connect(self.reset_value)
-        self.sliders.input_rejected.connect(lambda words: self.status_line.show_message(words, is_error=True))
+        self.sliders.input_rejected.connect(lambda text: self.status_line.show_message(text, is_error=True))
         self.plot.cursor_moved.connect(self._on_cursor_moved)
         bar.preset_chosen.connect(self.load_preset)
-        bar.skin_chosen.connect(lambda on: self._apply_change(lambda: self.session.set_on_skin(on)))
+        bar.skin_chosen.connect(lambda on: self.set_setting(replace(self.setting, on_skin=on)))
         bar.frequency_chosen.connect(self.plot.cursor_line.setValue)
         bar.range_chosen.connect(self._set_range)
         bar.series_changed.connect(self._update_series)
         bar.copy_chosen.connect(self.copy)
-        for button, do in (
+        for button, action in (
             (bar.undo_button, self.undo),
             (bar.redo_button, self.redo),
             (bar.keep_button, self.keep_curve),
@@ -356,7 +320,7 @@ class ExplorePage(QSplitter):
             (bar.fit_button, self.fit_runs),
             (bar.study_button, self._choose_study_file),
         ):
-            button.clicked.connect(do)
+            button.clicked.connect(action)
         add_actions(
             self,
             {
@@ -376,5 +340,14 @@ class ExplorePage(QSplitter):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        self.overlay_runs(dropped_runs(event))
+        self.overlaid.add(dropped_runs(event))
         event.acceptProposedAction()
+
+
+def _empty_column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
+    """Make a widget with an empty column layout without margins."""
+    widget = QWidget()
+    column = QVBoxLayout(widget)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.setSpacing(spacing)
+    return widget, column

@@ -1,33 +1,30 @@
-"""The beam in motion, slowed down: both halves, its envelope, where the MFC lies and where the cylinder sits."""
+"""Animated deflection shape of the beam: both halves, envelope, MFC layer and cylinder, in slow motion."""
 
 import time
+from collections.abc import Iterable
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.explore.engine import PHASES, BeamMotion
-from app.gui.plots.base import CornerLabel, apply_plot_theme, round_step, style_axes
-from app.gui.plots.copy import PlotCopyButtons, series_as_text, series_of
+from app.gui.plots.base import PlotBase, round_step
+from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets.theme import Theme
 
 CYCLE_S = 1.6
-"""How long one period is shown."""
+"""Duration of one displayed period."""
 
 
-class ShapePlot(QWidget):
-    """`refresh` moves it on; it rests while nothing is known or it is not seen."""
+class ShapePlot(PlotBase):
+    """`tick` advances the animation; it pauses without a motion and while the plot is hidden."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+        super().__init__(theme, parent)
         self._motion: BeamMotion | None = None
         self._max_um, self._drawn_phase = 0.0, -1
         self.frames = 0
-        self.canvas = pg.PlotWidget(enableMenu=False)
-        self.plot = self.canvas.getPlotItem()
-        style_axes(self.plot, self.font())
-        self.plot.setContentsMargins(0, 0, 8, 0)
-        self.plot.getAxis("left").setWidth(62)
+        self.show_simulated(False)  # the model is no simulated measurement
         self.plot.setLabel("left", "shape (µm)")
         self.plot.setLabel("bottom", "along the beam (mm)")
         self._envelope = [pg.PlotCurveItem(antialias=True) for _ in range(2)]
@@ -37,17 +34,12 @@ class ShapePlot(QWidget):
         self._clamps = [pg.PlotCurveItem() for _ in range(2)]
         for item in (self._fill, *self._envelope, self.layer, self.beam, self.cylinder, *self._clamps):
             self.plot.addItem(item)
-        self.corner_label = CornerLabel(self.plot, "", self.font(), right=False)
-        self.copy_buttons = PlotCopyButtons(self.canvas, self._table)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self.canvas)
+        self._add_head()
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
-        self.canvas.setBackground(theme.panel)
-        apply_plot_theme(self.plot, theme)
+        """Apply a theme."""
+        super().set_theme(theme)
         self.beam.setPen(pg.mkPen(theme.model, width=2))
         self.layer.setPen(pg.mkPen(theme.warning, width=5))
         self.cylinder.setPen(pg.mkPen(theme.text, width=7))
@@ -58,16 +50,16 @@ class ShapePlot(QWidget):
         self._fill.setBrush(fill)
         for clamp in self._clamps:
             clamp.setPen(pg.mkPen(theme.secondary_text, width=6))
-        self.corner_label.set_color(theme.text)
 
-    def _table(self) -> str:
-        shown = list(series_of("the beam", self.beam))
-        for name, line in zip(("lowest", "highest"), self._envelope, strict=True):
-            shown += series_of(name, line)
-        return series_as_text(shown, "along the beam (mm)", "deflection (µm), by the model", simulated=False)
+    def _series(self) -> Iterable[PlotSeries]:
+        for name, line in zip(("the beam", "lowest", "highest"), (self.beam, *self._envelope), strict=True):
+            yield from series_of(name, line)
+
+    def _column_names(self) -> tuple[str, str]:
+        return "along the beam (mm)", "deflection (µm), by the model"
 
     def show_motion(self, motion: BeamMotion, frequency_hz: float) -> None:
-        """Another motion."""
+        """Show a motion."""
         self._motion, self._drawn_phase = motion, -1
         low, high = (1e6 * mirror_half(v) for v in (motion.deflection.min(0), motion.deflection.max(0)))
         x = 1e3 * beam_positions(motion)
@@ -90,7 +82,7 @@ class ShapePlot(QWidget):
         self.tick()
 
     def tick(self) -> None:
-        """Move on with the clock."""
+        """Draw the phase that the clock has reached."""
         if self._motion is None or not self.isVisible():
             return
         phase = int(time.monotonic() / CYCLE_S * PHASES) % PHASES
@@ -109,10 +101,10 @@ class ShapePlot(QWidget):
 
 
 def beam_positions(motion: BeamMotion) -> np.ndarray:
-    """Positions on the whole beam, m, from one clamp to the other."""
+    """Return positions on the whole beam, m, from one clamp to the other."""
     return np.concatenate((motion.x, 2 * motion.x[-1] - motion.x[-2::-1]))
 
 
 def mirror_half(half: np.ndarray) -> np.ndarray:
-    """The other half of the beam does the same."""
+    """Return the deflection of the whole beam, which is symmetric."""
     return np.concatenate((half, half[-2::-1]))

@@ -1,4 +1,4 @@
-"""Sliders for every number of the model, each with a field that understands units and a way back."""
+"""Slider panel: a slider, a text field that accepts units and a reset button for every model parameter."""
 
 from collections.abc import Iterable
 
@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButt
 from app.common.units import PEAK_TO_PEAK, UnitError, read_number
 from app.explore.sliders import GROUPS, SliderSpec
 from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
+from app.gui.plots.base import caption_label
 from app.gui.widgets.form import set_style_kind
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.specimen import variable_specs
@@ -17,14 +18,14 @@ SLIDER_STEPS = 1000
 
 
 class _Slider(QSlider):
-    """Does not turn with the wheel: the wheel scrolls the panel it is in."""
+    """A slider that ignores the mouse wheel, which scrolls the panel instead."""
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         event.ignore()
 
 
 class SliderRow:
-    """Name, slider, field, unit and the way back of one number."""
+    """Label, slider, text field, unit and reset button of one parameter."""
 
     def __init__(self, spec: SliderSpec, quantity: ParameterSpec, panel: "SliderPanel") -> None:
         self.spec, self._quantity, self._panel = spec, quantity, panel
@@ -54,7 +55,7 @@ class SliderRow:
         self.reset_button.clicked.connect(lambda: panel.reset_requested.emit(spec.name))
 
     def show_value(self, value: float, moved: bool, in_use: bool) -> None:
-        """Stand where a setting says."""
+        """Show a value; `moved`: it differs from the default; `in_use`: it affects the model."""
         with QSignalBlocker(self.slider_widget):
             if not self.slider_widget.isSliderDown():
                 self.slider_widget.setValue(round(SLIDER_STEPS * self.spec.position(value)))
@@ -92,13 +93,13 @@ class SliderRow:
 
 
 class SliderPanel(QWidget):
-    """All of them, in groups."""
+    """The sliders in groups."""
 
     value_changed = Signal(str, float)
-    """A number's name and its new value, SI."""
+    """A parameter's name and its new value, SI."""
     reset_requested = Signal(str)
     input_rejected = Signal(str)
-    """Why what was typed cannot be."""
+    """Why the typed value is not valid."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -108,15 +109,15 @@ class SliderPanel(QWidget):
         layout.setSpacing(4)
         known = variable_specs()
         for title, sliders in GROUPS.items():
-            layout.addWidget(_caption(title))
+            layout.addWidget(caption_label(title))
             layout.addLayout(self._group_layout((s, known[s.name]) for s in sliders))
             if title == "Tactor":
-                layout.addWidget(_caption("Drive"))
+                layout.addWidget(caption_label("Drive"))
                 layout.addLayout(self._group_layout([(DRIVE_SLIDER, PEAK_TO_PEAK)]))
         layout.addStretch()
 
     def show_setting(self, setting: ExploreSetting) -> None:
-        """Stand as a setting says."""
+        """Show a setting."""
         values = setting.all_values
         for name, row in self.rows.items():
             if name == DRIVE_SLIDER.name:
@@ -138,9 +139,3 @@ class SliderPanel(QWidget):
                 grid.addWidget(widget, at, column)
             self.rows[slider.name] = row
         return grid
-
-
-def _caption(text: str) -> QLabel:
-    label = QLabel(text)
-    label.setProperty("kind", "caption")
-    return label

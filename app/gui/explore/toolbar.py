@@ -1,31 +1,23 @@
-"""The buttons around the Explore page: where to begin, what is drawn, which runs lie over it, and how numbers leave."""
+"""Toolbar of the Explore page: presets, displayed series, overlaid runs, export."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtWidgets import (
-    QButtonGroup,
-    QCheckBox,
-    QComboBox,
-    QHBoxLayout,
-    QLabel,
-    QLineEdit,
-    QPushButton,
-    QWidget,
-)
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QHBoxLayout, QLabel, QLineEdit, QPushButton
 
 from app.archive.replay import MeasuredResponse
 from app.common.undo import UndoHistory
 from app.common.units import UnitError, to_number
 from app.explore.state import ExploreSetting
+from app.gui.plots.base import caption_label, widget_row
+from app.gui.plots.series import SERIES
 from app.gui.widgets.actions import tooltip
 
 RANGES_HZ = (250, 500, 1000, 4000)
-SERIES = ("max − min", "2 × fundamental", "phase", "log")
 
 
 class ExploreToolbar(QObject):
-    """Holds the buttons; the page lays its rows out where they belong."""
+    """Makes the buttons; the page lays out the rows."""
 
     preset_chosen = Signal(str)
     skin_chosen = Signal(bool)
@@ -55,7 +47,7 @@ class ExploreToolbar(QObject):
         )
         self.undo_button.setAccessibleName("undo")
         self.redo_button.setAccessibleName("redo")
-        self.series = [QCheckBox(words) for words in SERIES]
+        self.series = [QCheckBox(label) for label in (*(series.label for series in SERIES), "phase", "log")]
         self.series[0].setChecked(True)
         for box in self.series:
             box.toggled.connect(self.series_changed)
@@ -74,7 +66,7 @@ class ExploreToolbar(QObject):
         self.clear_button = _button("Clear", "Take kept curves and measured runs away")
         self.overlay_button = _button("Lay a run over …", f"{tooltip('explore.overlay')}, or drop files here")
         self.fit_button = _button("Fit these", tooltip("explore.fit"))
-        if not fits:  # shown before it has a place it would be a window of its own
+        if not fits:  # showing it before it has a parent would open a window
             self.fit_button.hide()
         self.study_button = _button("Save study …", tooltip("explore.study"))
         self.copy_json_button = _button("Copy JSON", tooltip("explore.copy-json"))
@@ -86,11 +78,11 @@ class ExploreToolbar(QObject):
         self.run_chips: list[QPushButton] = []
 
     def toggle_skin(self) -> None:
-        """From free to the skin, or back."""
+        """Switch between free and on the skin."""
         (self.free_button if self.skin_button.isChecked() else self.skin_button).click()
 
     def show_setting(self, setting: ExploreSetting, history: UndoHistory[ExploreSetting]) -> None:
-        """Tell where the tactor is, and whether there is a way back."""
+        """Show whether the tactor is on the skin, and enable undo and redo."""
         for button, there in ((self.free_button, not setting.on_skin), (self.skin_button, setting.on_skin)):
             with QSignalBlocker(button):
                 button.setChecked(there)
@@ -102,7 +94,7 @@ class ExploreToolbar(QObject):
             self.frequency.setText(f"{hz:.4g}")
 
     def show_runs(self, runs: Sequence[MeasuredResponse], remove: Callable[[MeasuredResponse], None]) -> None:
-        """A button for each run laid over; pressing it takes the run away."""
+        """Show a button for each overlaid run, which removes it."""
         for chip in self.run_chips:
             self._chips.removeWidget(chip)
             chip.deleteLater()
@@ -115,33 +107,27 @@ class ExploreToolbar(QObject):
             self.run_chips.append(chip)
 
     def show_fitting(self, fitting: bool) -> None:
-        """The button that fits is the one that cancels while it does."""
+        """Let the fit button cancel while a fit runs."""
         self.fit_button.setText("Cancel the fit" if fitting else "Fit these")
 
     def start_row(self) -> QHBoxLayout:
-        """Preset, free or on skin, undo and redo."""
-        return _row(self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button)
+        """Make the row of preset, skin, undo and redo."""
+        return widget_row(self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button)
 
     def export_row(self) -> QHBoxLayout:
-        return _row(self.copy_json_button, self.copy_toml_button, self.study_button, None)
+        return widget_row(self.copy_json_button, self.copy_toml_button, self.study_button, None)
 
     def series_row(self) -> QHBoxLayout:
-        """What is drawn."""
-        caption = QLabel("Response")
-        caption.setProperty("kind", "caption")
-        return _row(
-            caption, *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"),
-        )  # fmt: skip
+        """Make the row of displayed series and frequency range."""
+        return widget_row(caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"))
 
     def motion_row(self) -> QHBoxLayout:
-        """Which motion is shown."""
-        caption = QLabel("Motion")
-        caption.setProperty("kind", "caption")
-        return _row(caption, QLabel("at"), self.frequency, QLabel("Hz"), None)
+        """Make the row of the displayed motion."""
+        return widget_row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None)
 
     def overlay_row(self) -> QHBoxLayout:
-        """Kept curves and measured runs."""
-        row = _row(self.keep_button, self.overlay_button, self.fit_button)
+        """Make the row of kept curves and measured runs."""
+        row = widget_row(self.keep_button, self.overlay_button, self.fit_button)
         row.addLayout(self._chips)
         row.addStretch()
         row.addWidget(self.clear_button)
@@ -158,17 +144,6 @@ class ExploreToolbar(QObject):
             hz = float("nan")
         if 1 <= hz <= RANGES_HZ[-1]:
             self.frequency_chosen.emit(hz)
-
-
-def _row(*items: QWidget | None) -> QHBoxLayout:
-    row = QHBoxLayout()
-    row.setSpacing(6)
-    for item in items:
-        if item is None:
-            row.addStretch()
-        else:
-            row.addWidget(item)
-    return row
 
 
 def _button(text: str, tip: str) -> QPushButton:

@@ -1,41 +1,54 @@
-"""What all plots share: quiet axes in the theme's colours, SIMULATED in the corner, and ranges that do not twitch.
-
-The two ways to state an amplitude over frequency: their names, their symbols, and how a legend shows them.
-
-What the plots of a run's results have in common: one plot under a head line, with what it says in its corners.
-"""
+"""Base class of all plots: theme, axes, corner labels, SIMULATED mark, legend, 50 µm threshold line, copying."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import NDArray
-from PySide6.QtCore import QPointF, QSize, Qt
-from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QIcon, QPainter, QPainterPath, QPen, QPixmap
-from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
+from PySide6.QtWidgets import (
+    QGraphicsPathItem,
+    QGraphicsSimpleTextItem,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QVBoxLayout,
+    QWidget,
+)
 
 from app.gui.plots.copy import PlotCopyButtons
+from app.gui.plots.series import Array, PlotSeries, series_as_text, series_of
 from app.gui.widgets.theme import Theme
-from protocols.base.protocol import Protocol
+from app.session.messages import format_estimate
+from model.skin import THRESHOLD_M
+from protocols.base.events import RunEnded
 
-Array = NDArray[np.float64]
+FELT_THRESHOLD_UM = 1e6 * THRESHOLD_M
 
+AXIS_WIDTH = 62
+"""Width of the left axis in pixels, so that plots above each other share their left edge."""
+
+TRACE_AXIS_WIDTH = 48
+
+LEGEND_STYLE: dict[str, Any] = {"labelTextSize": "9pt", "verSpacing": -6}
 MAX_LEGEND_SHARE = 0.5
-"""Of a plot's height that a legend may take from what is drawn."""
+"""Largest share of a plot's height reserved for its legend."""
+
+MAX_LEGEND_ENTRIES = 12
 
 TICK_LINES = 0.85
-"""How many lines of writing a tick takes: figures are lower than a line."""
+"""Height of a tick label in lines of text: digits are lower than a line."""
 
 LABEL_ON_LINE = {"position": 0.01, "anchors": [(0, 1), (0, 1)]}
-"""Where a line is named: at its left end, above it. A response comes down to it at the other."""
+"""The label of a horizontal line: at its left end and above it, because a response comes down to it at the right."""
 
 CURVE_COLORS = ("#8e44ad", "#b9770e", "#138d75", "#c2185b", "#5d6d7e", "#2e7d32", "#a0522d", "#00838f")
 
 
 def trace_pen(color: str) -> QPen:
-    """One pixel wide whatever the scaling: a wider pen costs more than the data (docs/decisions/0006-live-plot.md)."""
+    """Return a pen of one pixel at any scaling: a wider one costs more than the data (docs/decisions/0006-live-plot.md)."""
     pen = QPen(QColor(color))
     pen.setWidth(1)
     pen.setCosmetic(True)
@@ -43,13 +56,13 @@ def trace_pen(color: str) -> QPen:
 
 
 def curve_color(index: int, theme: Theme) -> QColor:
-    """The colour of the n-th thing among several."""
+    """Return the colour of the n-th of several curves."""
     colour = QColor(CURVE_COLORS[index % len(CURVE_COLORS)])
     return colour.lighter(160) if theme.dark else colour
 
 
 def style_axes(plot: Any, font: QFont) -> None:
-    """Take from a plot item what a reader cannot use, and leave a strip above it for `CornerLabel`s."""
+    """Disable the menu, mouse and auto-range of a plot item, and reserve a strip above it for `CornerLabel`s."""
     plot.setMenuEnabled(False)
     plot.hideButtons()
     plot.setMouseEnabled(x=False, y=False)
@@ -66,26 +79,18 @@ def style_axes(plot: Any, font: QFont) -> None:
 
 
 def _hide_long_name(axis: Any, height: float) -> None:
-    """An axis that is lower than its name is long has none: half of it would be cut off."""
+    """Hide the label of a vertical axis that is shorter than the label, which would be cut off."""
     axis.label.setVisible(bool(axis.labelText) and axis.label.boundingRect().width() <= height)
 
 
-def apply_plot_theme(plot: Any, theme: Theme) -> None:
-    """Give a plot item the theme's colours."""
-    for side in ("left", "bottom"):
-        axis = plot.getAxis(side)
-        axis.setPen(pg.mkPen(theme.line))
-        axis.setTextPen(pg.mkPen(theme.text))
-        axis.label.setDefaultTextColor(QColor(theme.text))
-
-
 class CornerLabel:
-    """A word in the strip above a plot, at its left or right end, where no trace runs through it."""
+    """A text in the strip above a plot, where no trace crosses it: at the left, elided, or at the right, bold."""
 
     def __init__(self, plot: Any, text: str, font: QFont, right: bool) -> None:
-        self._plot, self._right = plot, right
-        self._text = text
+        self._plot, self._right, self._text = plot, right, text
         self._item = QGraphicsSimpleTextItem(text, plot)
+        font = QFont(font)
+        font.setBold(right)
         self._item.setFont(font)
         plot.getViewBox().sigResized.connect(self._place_label)
         self._place_label()
@@ -112,23 +117,16 @@ class CornerLabel:
 
     def _place_label(self, *_: object) -> None:
         box = self._plot.getViewBox().geometry()
-        if not self._right:  # the other end is SIMULATED's
-            room = max(box.width() - 8 * QFontMetricsF(self._item.font()).averageCharWidth() - 80, 40)
+        if not self._right:  # the right end is kept free for SIMULATED
             metrics = QFontMetricsF(self._item.font())
-            self._item.setText(metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, room))
+            width = max(box.width() - 8 * metrics.averageCharWidth() - 80, 40)
+            self._item.setText(metrics.elidedText(self._text, Qt.TextElideMode.ElideRight, width))
         left = box.right() - self._item.boundingRect().width() if self._right else box.left()
         self._item.setPos(max(left, 0), box.top() - self._item.boundingRect().height())
 
 
-def simulated_label(plot: Any, font: QFont) -> CornerLabel:
-    """SIMULATED in the corner of a plot, so that no picture of it can be taken for a measurement."""
-    bold = QFont(font)
-    bold.setBold(True)
-    return CornerLabel(plot, "SIMULATED", bold, right=True)
-
-
 def legend_share(legend: Any, plot: Any) -> float:
-    """How much of a plot's height the legend in its upper corner takes, so that a range can leave that to it."""
+    """Return the share of a plot's height that the legend in its upper corner covers, so that a range can leave it free."""
     if not len(legend.items):
         return 0.0
     legend.updateSize()
@@ -137,7 +135,7 @@ def legend_share(legend: Any, plot: Any) -> float:
 
 
 class BandFill(QGraphicsPathItem):
-    """The ground between two curves, translucent: where a curve lies within its errors."""
+    """A translucent band between two curves: the error band of a curve."""
 
     ALPHA = 56
 
@@ -146,7 +144,7 @@ class BandFill(QGraphicsPathItem):
         self.setPen(QPen(Qt.PenStyle.NoPen))
         self.setZValue(-10)
         self.ends: tuple[Array, Array, Array] | None = None
-        """What is drawn: x, lower and upper end, each (N,)."""
+        """The drawn x, lower and upper ends, each (N,)."""
         plot.addItem(self, ignoreBounds=True)
 
     def set_color(self, color: str) -> None:
@@ -155,7 +153,7 @@ class BandFill(QGraphicsPathItem):
         self.setBrush(QBrush(fill))
 
     def show_between(self, x: Array, low: Array, high: Array) -> None:
-        """Fill between two curves over x; a stretch where one of them is nowhere stays empty."""
+        """Fill between two curves over x; empty where one of them is not finite."""
         self.ends = (x, low, high)
         path = QPainterPath()
         there = np.isfinite(low) & np.isfinite(high)
@@ -166,13 +164,13 @@ class BandFill(QGraphicsPathItem):
         self.setPath(path)
 
     def clear(self) -> None:
-        """Nothing is known of the errors."""
+        """Draw no band."""
         self.ends = None
         self.setPath(QPainterPath())
 
 
 def stable_range(low: float, high: float, current: tuple[float, float] | None) -> tuple[float, float]:
-    """Limits that hold `low..high`: the present ones while they still fit and are not three times too wide."""
+    """Return axis limits around `low..high`: the current ones while they still fit and are at most three times too wide."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return current or (-1.0, 1.0)
     span = max(high - low, 1e-3)
@@ -183,12 +181,12 @@ def stable_range(low: float, high: float, current: tuple[float, float] | None) -
 
 
 def tick_spacing(low: float, high: float, max_ticks: float = 4.0) -> float:
-    """The spacing of two to four ticks, or of less: more would run into each other in a low plot."""
+    """Return the spacing of two to four ticks or fewer: more would overlap in a low plot."""
     return round_step(max(high - low, 1e-9), max_ticks)
 
 
 def limit_ticks(plot: Any, font: QFont) -> None:
-    """As few ticks on the left axis as its height has room for, whatever its range and height become."""
+    """Keep the number of ticks on the left axis to what its height has space for, also after a resize or a new range."""
     box, line = plot.getViewBox(), TICK_LINES * QFontMetricsF(font).height()
 
     def space(*_: object) -> None:
@@ -202,98 +200,191 @@ def limit_ticks(plot: Any, font: QFont) -> None:
 
 
 def round_step(span: float, max_steps: float) -> float:
-    """The smallest of 1, 2, 5 times a power of ten of which at most `most` fit into `span`."""
+    """Return the smallest of 1, 2, 5 times a power of ten that fits at most `max_steps` times into `span`."""
     decade = 10.0 ** math.floor(math.log10(span / max_steps))
     return next(decade * m for m in (1.0, 2.0, 5.0, 10.0) if span / (decade * m) <= max_steps)
 
 
-def finite_max(values: NDArray[np.float64]) -> float:
-    """The largest of those that are numbers; 0 where none is."""
+def finite_max(values: Array) -> float:
+    """Return the largest finite value, 0 if there is none."""
     return float(np.max(values, where=np.isfinite(values), initial=0.0))
 
 
-LEGEND_ICON_SIZE = QSize(46, 14)
-"""Size of a legend's sample."""
+def caption_label(text: str = "") -> QLabel:
+    """Make a label in the style of a caption."""
+    label = QLabel(text)
+    label.setProperty("kind", "caption")
+    return label
 
 
-@dataclass(frozen=True, slots=True)
-class AmplitudeSeries:
-    """One way to state the amplitude: its name, its symbol, its line, and its column times a factor."""
-
-    label: str
-    symbol: str
-    line: Qt.PenStyle
-    size_px: int
-    column: str
-    factor: float
-
-
-SERIES = (
-    AmplitudeSeries("max − min", "o", Qt.PenStyle.SolidLine, 11, "peak_to_peak", 1e6),
-    AmplitudeSeries("2 × fundamental", "s", Qt.PenStyle.DashLine, 6, "fundamental", 2e6),
-)
-
-
-def is_response_protocol(kind: type[Protocol]) -> bool:
-    """Whether a protocol's points are amplitudes over frequency."""
-    return all(hasattr(kind.point_type, series.column) for series in SERIES)
-
-
-def legend_icon(series: AmplitudeSeries, line: str, color: str, ratio: float) -> QIcon:
-    """Symbol and line as a legend shows them, on a screen with `ratio` pixels to a point."""
-    pixmap = QPixmap(LEGEND_ICON_SIZE * ratio)
-    pixmap.setDevicePixelRatio(ratio)
-    pixmap.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(pixmap)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(QColor(line), 1.8, series.line))
-    painter.drawLine(QPointF(15, 7), QPointF(45, 7))
-    painter.setPen(Qt.PenStyle.NoPen)
-    painter.setBrush(QColor(color))
-    if series.symbol == "o":
-        painter.drawEllipse(QPointF(6, 7), 4.5, 4.5)
-    else:
-        painter.drawRect(3, 4, 6, 6)
-    painter.end()
-    return QIcon(pixmap)
-
-
-AXIS_WIDTH = 62
+def widget_row(*items: QWidget | None, spacing: int = 6) -> QHBoxLayout:
+    """Lay out widgets in a row; None is a stretch."""
+    row = QHBoxLayout()
+    row.setSpacing(spacing)
+    for item in items:
+        if item is None:
+            row.addStretch()
+        else:
+            row.addWidget(item)
+    return row
 
 
 class PlotBase(QWidget):
-    """`_table` gives what it shows as text; `_add_head` is called with the head line once that is made."""
+    """A canvas with one plot, or with several, below an optional head row.
 
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+    Subclasses implement `_series`, and `_column_names` where the axis labels do not name the columns of a copied table.
+
+    Args:
+        canvas: a pyqtgraph view; without one, a single plot is made.
+        plots: the plot items of `canvas`.
+        axis_width: of the left axes, in pixels; None for as wide as the labels need.
+        grid: draw a grid. It is slow to paint: only for plots that are painted once a point, not once a frame.
+    """
+
+    MAX_ESTIMATES: int | None = 3
+    """Number of identified quantities that are named above the plot; None for all."""
+
+    def __init__(
+        self,
+        theme: Theme,
+        parent: QWidget | None = None,
+        *,
+        canvas: Any = None,
+        plots: Sequence[Any] = (),
+        axis_width: int | None = AXIS_WIDTH,
+        grid: bool = False,
+    ) -> None:
         super().__init__(parent)
         self._theme = theme
-        self.canvas = pg.PlotWidget(enableMenu=False)
-        self._plot = self.canvas.getPlotItem()
-        style_axes(self._plot, self.font())
-        self._plot.getAxis("left").setWidth(AXIS_WIDTH)
-        self._plot.setContentsMargins(0, 0, 8, 0)
-        self._plot.showGrid(x=True, y=True, alpha=0.12)  # drawn once a point, not once a frame
-        self.simulated_label = simulated_label(self._plot, self.font())
-        self.estimates_label = CornerLabel(self._plot, "", self.font(), right=False)
-        self.copy_buttons = PlotCopyButtons(self.canvas, self._table)
+        self._canvases: list[Any] = []
+        self._plots: list[Any] = []
+        self.copy_buttons: list[PlotCopyButtons] = []
+        self.canvas = pg.PlotWidget(enableMenu=False) if canvas is None else canvas
+        self._add_canvas(self.canvas, plots or (self.canvas.getPlotItem(),), axis_width)
+        self.plot = self._plots[0]
+        if grid:
+            self.plot.showGrid(x=True, y=True, alpha=0.12)
+        self.legend: Any = None
+        self._threshold_line: Any = None
+        self._threshold_width = 1.0
+        self.simulated_labels = [CornerLabel(plot, "SIMULATED", self.font(), right=True) for plot in self._plots]
+        self.corner_labels = [CornerLabel(plot, "", self.font(), right=False) for plot in self._plots]
+        self.simulated = True
+        """Whether data are marked as simulated, in the plot and in copied tables."""
         self._layout = QVBoxLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setSpacing(2)
 
+    @property
+    def simulated_label(self) -> "CornerLabel":
+        return self.simulated_labels[0]
+
+    @property
+    def corner_label(self) -> "CornerLabel":
+        """The text above the plot, at the left."""
+        return self.corner_labels[0]
+
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
-        self.canvas.setBackground(theme.panel)
-        apply_plot_theme(self._plot, theme)
-        self.simulated_label.set_color(theme.simulated)
-        self.estimates_label.set_color(theme.text)
+        for canvas in self._canvases:
+            canvas.setBackground(theme.panel)
+        for plot in self._plots:
+            for side in ("left", "bottom"):
+                axis = plot.getAxis(side)
+                axis.setPen(pg.mkPen(theme.line))
+                axis.setTextPen(pg.mkPen(theme.text))
+                axis.label.setDefaultTextColor(QColor(theme.text))
+        for simulated, text in zip(self.simulated_labels, self.corner_labels, strict=True):
+            simulated.set_color(theme.simulated)
+            text.set_color(theme.text)
+        if self.legend is not None:
+            self.legend.setLabelTextColor(theme.text)
+        if self._threshold_line is not None:
+            self._threshold_line.setPen(pg.mkPen(theme.threshold, width=self._threshold_width))
+            if (label := getattr(self._threshold_line, "label", None)) is not None:
+                label.setColor(QColor(theme.threshold))
 
     def show_simulated(self, simulated: bool) -> None:
-        self.simulated_label.set_visible(simulated)
+        """Mark the plot as simulated, or not."""
+        self.simulated = simulated
+        for label in self.simulated_labels:
+            label.set_visible(simulated)
 
-    def _table(self) -> str:
+    def show_estimates(self, outcome: RunEnded | None) -> None:
+        """Write the identified quantities above the plot."""
+        self.corner_label.set_text(self._estimates_text(outcome))
+
+    def _estimates_text(self, outcome: RunEnded | None) -> str:
+        estimates = () if outcome is None else outcome.estimates[: self.MAX_ESTIMATES]
+        return ",   ".join(format_estimate(estimate) for estimate in estimates)
+
+    def _series(self) -> Iterable[PlotSeries]:
+        """Return the data that are copied as a table."""
         raise NotImplementedError
 
-    def _add_head(self, head: QLayout) -> None:
-        self._layout.addLayout(head)
+    def _column_names(self) -> tuple[str, str]:
+        """Return the names of x and y in a copied table."""
+        return self.plot.getAxis("bottom").labelText, self.plot.getAxis("left").labelText
+
+    def _table(self) -> str:
+        return series_as_text(self._series(), *self._column_names(), self.simulated)
+
+    def _add_canvas(self, canvas: Any, plots: Sequence[Any], axis_width: int | None) -> None:
+        """Style the plots of a canvas and give it copy buttons; the caller lays it out."""
+        for plot in plots:
+            style_axes(plot, self.font())
+            if axis_width is not None:
+                plot.getAxis("left").setWidth(axis_width)
+        if len(plots) == 1:
+            plots[0].setContentsMargins(0, 0, 8, 0)
+        self._canvases.append(canvas)
+        self._plots += plots
+        self.copy_buttons.append(PlotCopyButtons(canvas, self._table))
+
+    def _add_head(self, head: QLayout | None = None) -> None:
+        """Lay out the canvas, below a head row if there is one."""
+        if head is not None:
+            self._layout.addLayout(head)
         self._layout.addWidget(self.canvas, 1)
+
+    def _add_legend(self, left: bool = True) -> None:
+        self.legend = self.plot.addLegend(offset=(8 if left else -8, 4), **LEGEND_STYLE)
+
+    def _add_threshold_line(self, labelled: bool, width: float = 1.0) -> None:
+        """Add a line at the skin's discrimination threshold."""
+        options = {"label": f"{FELT_THRESHOLD_UM:g} µm: felt on the abdomen", "labelOpts": LABEL_ON_LINE}
+        self._threshold_line = pg.InfiniteLine(FELT_THRESHOLD_UM, angle=0, **(options if labelled else {}))
+        self._threshold_width = width
+        if labelled:
+            self._threshold_line.label.setFont(self.font())
+        self.plot.addItem(self._threshold_line)
+
+
+class TracePlotBase(PlotBase):
+    """Displacement above drive on one time axis; `curves` are the two lines in this order."""
+
+    NAMES = ("displacement (µm)", "drive at the amplifier (V)")
+
+    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
+        canvas = pg.GraphicsLayoutWidget()
+        canvas.ci.setContentsMargins(0, 0, 10, 0)
+        canvas.ci.setSpacing(0)
+        plots = [canvas.addPlot(row=row, col=0, enableMenu=False) for row in (0, 1)]
+        super().__init__(theme, parent, canvas=canvas, plots=plots, axis_width=TRACE_AXIS_WIDTH)
+        plots[1].setXLink(plots[0])
+        plots[0].getAxis("bottom").setStyle(showValues=False)
+        # One-pixel pens, no grid, no antialiasing, never raw samples: docs/decisions/0006-live-plot.md.
+        self.curves = [pg.PlotCurveItem(antialias=False, skipFiniteCheck=True) for _ in plots]
+        for plot, curve, label, name in zip(plots, self.curves, self.corner_labels, self.NAMES, strict=True):
+            plot.addItem(curve)
+            label.set_text(name)
+
+    def set_theme(self, theme: Theme) -> None:
+        super().set_theme(theme)
+        for curve, label, color in zip(self.curves, self.corner_labels, (theme.measured, theme.second), strict=True):
+            curve.setPen(trace_pen(color))
+            label.set_color(color)
+
+    def _series(self) -> Iterable[PlotSeries]:
+        return [one for name, curve in zip(self.NAMES, self.curves, strict=True) for one in series_of(name, curve)]

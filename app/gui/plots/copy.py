@@ -1,11 +1,7 @@
-"""What a plot shows, taken elsewhere: a picture or its numbers on the clipboard, from buttons in its corner or by a key."""
+"""Copy buttons of a plot: a picture or a table of its numbers on the clipboard."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
@@ -13,49 +9,15 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 from app.gui.widgets.actions import add_actions, tooltip
 from app.gui.widgets.form import set_style_kind
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class PlotSeries:
-    """One thing a plot shows: x, y and where there is one its standard error, each (N,), in the units of the axes."""
-
-    name: str
-    x: Array
-    y: Array
-    errors: Array | None = None
-
-
-def series_as_text(series: Iterable[PlotSeries], x_label: str, y_label: str, simulated: bool) -> str:
-    """A table with tabs between its columns, as spreadsheets take it; it begins with SIMULATED where that is so."""
-    lines = ["SIMULATED"] if simulated else []
-    lines.append(f"series\t{x_label}\t{y_label}\tstandard error")
-    for one in series:
-        errors = np.full(len(one.y), np.nan) if one.errors is None else one.errors
-        lines += [
-            f"{one.name}\t{x:.10g}\t{y:.10g}\t{'' if np.isnan(error) else f'{error:.6g}'}"
-            for x, y, error in zip(one.x, one.y, errors, strict=True)
-            if np.isfinite(x) and np.isfinite(y)
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def series_of(name: str, item: Any, bars: Any = None) -> Iterable[PlotSeries]:
-    """What an item of a plot shows, with the bars that belong to it; nothing where it is hidden or empty."""
-    x, y = item.getData()
-    if item.isVisible() and x is not None and len(x):
-        errors = None if bars is None else np.asarray(bars.opts["height"], float) / 2
-        yield PlotSeries(name, np.asarray(x, float) + item.pos().x(), np.asarray(y, float), errors)
-
 
 class PlotCopyButtons(QWidget):
-    """Two buttons in the lower corner of a canvas, there while the mouse or the keyboard is in it: Ctrl+P, Ctrl+D.
+    """Two buttons in the lower corner of a canvas, shown while it has the mouse or the keyboard focus: Ctrl+P, Ctrl+D.
 
-    No menu that drops down: that would keep the Stop key to itself.
+    Buttons instead of a context menu: an open menu would take the Stop key.
 
     Args:
-        canvas: what is copied.
-        text: its numbers as a table.
+        canvas: the widget that is copied.
+        text: returns its numbers as a table.
     """
 
     def __init__(self, canvas: QWidget, text: Callable[[], str]) -> None:
@@ -70,7 +32,7 @@ class PlotCopyButtons(QWidget):
         self.hide()
 
     def show_buttons(self) -> None:
-        """Show the buttons, which are made when the mouse comes for the first time."""
+        """Show the buttons; they are created when first shown."""
         if self.layout() is None:
             row = QHBoxLayout(self)
             row.setContentsMargins(0, 0, 0, 0)
@@ -89,7 +51,7 @@ class PlotCopyButtons(QWidget):
         self._place_buttons()
 
     def copy_picture(self) -> None:
-        """The plot as it is seen, without these buttons."""
+        """Copy the plot as it is displayed, without these buttons."""
         seen, ringed = self.isVisible(), self._button_frame.isVisible()
         self.hide()
         self._button_frame.hide()
@@ -98,7 +60,7 @@ class PlotCopyButtons(QWidget):
         self._button_frame.setVisible(ringed)
 
     def copy_data(self) -> None:
-        """The numbers."""
+        """Copy the numbers as a table."""
         QGuiApplication.clipboard().setText(self._text())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

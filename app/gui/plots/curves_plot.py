@@ -1,139 +1,120 @@
-"""Curves that entries give beside their points - frequency responses, decays - as they arrive, each within its errors."""
+"""Plot of the curves that entries return beside their points: frequency responses, decays, loops, with error bands."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
+from app.common.minmax import minmax_decimate
 from app.common.units import display_unit
-from app.gui.plots.base import BandFill, PlotBase, curve_color, stable_range
-from app.gui.plots.copy import PlotSeries, series_as_text, series_of
+from app.gui.plots.base import (
+    MAX_LEGEND_ENTRIES,
+    BandFill,
+    PlotBase,
+    caption_label,
+    curve_color,
+    stable_range,
+    widget_row,
+)
+from app.gui.plots.series import Array, PlotSeries, series_of
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve as Modelled
-from app.session.messages import format_estimate
-from protocols.base.events import RunEnded
+from app.live.overlay import OverlayCurve
 from protocols.base.records import ResultCurve
 
-Array = NDArray[np.float64]
-
 MAX_DRAWN_POINTS = 4000
-"""More points than this are drawn as the smallest and largest of each stretch."""
+"""A longer curve is drawn as its min/max decimation to about this number of points."""
 
 SIGMAS = 2.0
-MAX_LEGEND_ENTRIES = 12
 
 
 class CurvesPlot(PlotBase):
-    """The newest kind of curve of the present run; under a frequency response of the bare tactor lies the model's."""
+    """Curves of the run with the axes of the newest; the model's is added to a frequency response of the bare tactor."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent)
+        super().__init__(theme, parent, grid=True)
         self._curves: Sequence[ResultCurve] = ()
-        self._model_curve: Modelled | None = None
+        self._model_curve: OverlayCurve | None = None
         self._bare_tactor = False
-        self.model, self.band = pg.PlotCurveItem(antialias=True), BandFill(self._plot)
-        self._plot.addItem(self.model)
-        self.legend = self._plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6)
+        self.model, self.band = pg.PlotCurveItem(antialias=True), BandFill(self.plot)
+        self.plot.addItem(self.model)
+        self._add_legend(left=False)
         self.drawn_curves: list[tuple[pg.PlotCurveItem, BandFill]] = []
-        self.caption, self.source = QLabel("Curves"), QLabel()
-        set_style_kind(self.caption, "caption")
+        self.caption, self.source = caption_label("Curves"), QLabel()
         set_style_kind(self.source, "note")
         self.points_button = QPushButton("Show the points")
         set_style_kind(self.points_button, "choice")
-        head = QHBoxLayout()
-        head.setSpacing(14)
-        head.addWidget(self.caption)
-        head.addWidget(self.source)
-        head.addStretch()
-        head.addWidget(self.points_button)
-        self._add_head(head)
+        self._add_head(widget_row(self.caption, self.source, None, self.points_button, spacing=14))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         super().set_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.set_color(theme.model)
-        self.legend.setLabelTextColor(theme.text)
         self._draw()
 
     def show_curves(self, curves: Sequence[ResultCurve], bare_tactor: bool) -> None:
-        """Draw the curves of the present run; `bare`: of the tactor as the model's curve has it, without a mass or skin."""
+        """Draw the curves of the run; `bare_tactor`: without added mass or skin, as in the model's curve."""
         if curves is not self._curves:
             self._curves, self._bare_tactor = curves, bare_tactor
             self._draw()
 
-    def show_model_curve(self, curve: Modelled) -> None:
-        """The model under a frequency response."""
+    def show_model_curve(self, curve: OverlayCurve) -> None:
+        """Draw the model's curve under a frequency response."""
         if curve is not self._model_curve:
             self._model_curve = curve
             self._draw_model()
             self._scale()
 
-    def show_estimates(self, outcome: RunEnded | None) -> None:
-        """Write what was identified."""
-        self.estimates_label.set_text(
-            "" if outcome is None else ",   ".join(format_estimate(e) for e in outcome.estimates[:3])
-        )
-
     @property
     def _visible_curves(self) -> list[ResultCurve]:
-        """Those that have the axes of the newest."""
+        """Those with the axes of the newest curve."""
         last = self._curves[-1] if self._curves else None
         return [c for c in self._curves if last is not None and (c.x, c.y) == (last.x, last.y)]
 
-    def _table(self) -> str:
-        """Every line of the curves, also those that are too many to be drawn."""
-        shown = []
+    def _series(self) -> Iterable[PlotSeries]:
+        """Return every point of the curves, also of those that are drawn decimated."""
         for curve in self._visible_curves:
-            across, factor = (display_unit(curve.columns[name].unit)[0] for name in (curve.x, curve.y))
-            errors = curve.columns.get(f"{curve.y}_errors")
-            x, y = across * curve.columns[curve.x].values, factor * curve.columns[curve.y].values
-            name = f"{curve.name} {curve.label}".strip()
-            shown.append(PlotSeries(name, x, y, None if errors is None else factor * errors.values))
-        across, up = (self._plot.getAxis(side).labelText for side in ("bottom", "left"))
-        return series_as_text(
-            (*shown, *series_of(self.source.text(), self.model)), across, up, self.simulated_label.visible
-        )
+            yield PlotSeries(f"{curve.name} {curve.label}".strip(), *_display_values(curve))
+        yield from series_of(self.source.text(), self.model)
 
     def _draw(self) -> None:
         for line, fill in self.drawn_curves:
             self.legend.removeItem(line)
-            self._plot.removeItem(line)
-            self._plot.removeItem(fill)
+            self.plot.removeItem(line)
+            self.plot.removeItem(fill)
         self.drawn_curves = []
         shown = self._visible_curves
         for at, curve in enumerate(shown):
             colour = QColor(self._theme.measured) if len(shown) == 1 else curve_color(at, self._theme)
-            (across, x_unit), (factor, y_unit) = (display_unit(curve.columns[name].unit) for name in (curve.x, curve.y))
-            x, y = across * curve.columns[curve.x].values, factor * curve.columns[curve.y].values
-            errors = curve.columns.get(f"{curve.y}_errors")
-            line, fill = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self._plot)
-            line.setData(*minmax_decimate(x, y), connect="finite")
-            self._plot.addItem(line)
+            x, y, errors = _display_values(curve)
+            line, fill = pg.PlotCurveItem(pen=pg.mkPen(colour, width=1)), BandFill(self.plot)
+            line.setData(*decimate_to_drawn(x, y), connect="finite")
+            self.plot.addItem(line)
             fill.set_color(colour.name())
             if errors is not None:
-                reach = SIGMAS * factor * errors.values
-                (places, low), (_, high) = minmax_decimate(x, y - reach), minmax_decimate(x, y + reach)
+                (places, low), (_, high) = (decimate_to_drawn(x, y + side * errors) for side in (-SIGMAS, SIGMAS))
                 fill.show_between(places, low, high)
             if curve.label and at >= len(shown) - MAX_LEGEND_ENTRIES:
                 self.legend.addItem(line, curve.label)
             self.drawn_curves.append((line, fill))
             self.caption.setText(curve.name.capitalize())
-            for side, name, unit in (("bottom", curve.x, x_unit), ("left", curve.y, y_unit)):
-                self._plot.setLabel(side, f"{name} ({unit})" if unit else name)
-        left = any((np.diff(curve.columns[curve.x].values) < 0).any() for curve in shown)  # a loop rises to the right
+            for side, name in (("bottom", curve.x), ("left", curve.y)):
+                unit = display_unit(curve.columns[name].unit)[1]
+                self.plot.setLabel(side, f"{name} ({unit})" if unit else name)
+        left = any(
+            (np.diff(curve.columns[curve.x].values) < 0).any() for curve in shown
+        )  # a loop, which rises to the right
         self.legend.setOffset((8, 4) if left else (-8, 4))
         self._draw_model()
         self._scale()
 
     def _draw_model(self) -> None:
-        """A response to a volt at the amplifier's input: the fundamental of the curve by its amplitude."""
+        """Draw the response to one volt at the amplifier's input: the curve's fundamental divided by its amplitude."""
         curve, shown = self._model_curve, self._visible_curves
         fits = self._bare_tactor and curve is not None and bool(shown) and shown[-1].columns[shown[-1].y].unit == "m/V"
         self.model.setVisible(fits)
@@ -159,15 +140,25 @@ class CurvesPlot(PlotBase):
         if self.model.isVisible():
             y = np.concatenate((y, self.model.getData()[1], () if self.band.ends is None else self.band.ends[2]))
         low, high = stable_range(min(float(y.min()), 0.0), float(y.max()), None)
-        self._plot.setXRange(float(x.min()), float(x.max()), padding=0.01)
-        self._plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)
+        self.plot.setXRange(float(x.min()), float(x.max()), padding=0.01)
+        self.plot.setYRange(low if y.min() < 0 else 0.0, high, padding=0)
 
 
-def minmax_decimate(x: Array, y: Array) -> tuple[Array, Array]:
-    """At most about `MAX_DRAWN_POINTS` points: the smallest and the largest of each stretch."""
-    per = -(-2 * x.size // MAX_DRAWN_POINTS)
+def _display_values(curve: ResultCurve) -> tuple[Array, Array, Array | None]:
+    """Return x, y and the standard errors of y, if known, in display units."""
+    x, y, errors = (curve.columns.get(name) for name in (curve.x, curve.y, f"{curve.y}_errors"))
+    assert x is not None
+    assert y is not None
+    factor = display_unit(y.unit)[0]
+    return (
+        display_unit(x.unit)[0] * x.values,
+        factor * y.values,
+        None if errors is None else factor * errors.values,
+    )
+
+
+def decimate_to_drawn(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the curve itself, or its min/max decimation if it has more than `MAX_DRAWN_POINTS`."""
     if x.size <= MAX_DRAWN_POINTS:
         return x, y
-    edges = np.arange(0, x.size, per)
-    pairs = np.stack((np.minimum.reduceat(y, edges), np.maximum.reduceat(y, edges)), axis=1)
-    return np.repeat(x[edges], 2), pairs.ravel()
+    return minmax_decimate(x, y, samples_per_column=-(-2 * x.size // MAX_DRAWN_POINTS))

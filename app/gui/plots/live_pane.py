@@ -1,4 +1,4 @@
-"""What is seen of a run while it goes on: the response or the protocol's own points, and below them the live traces."""
+"""Live plots of a run: its results, and below them the live traces."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
@@ -20,7 +20,7 @@ MIN_PLOT_HEIGHT = 56
 
 
 class LivePane(QSplitter):
-    """The plots of one run; whoever shows them may add something below."""
+    """The plots of one run; a page may add widgets below."""
 
     repeat_requested = Signal(tuple)
 
@@ -35,32 +35,29 @@ class LivePane(QSplitter):
 
     @property
     def response(self) -> ResponsePlot:
-        """Amplitudes over frequency."""
         return self.plots.response
 
     @property
     def points(self) -> PointsPlot:
-        """Points that are no amplitudes over frequency."""
         return self.plots.points
 
     @property
     def curves(self) -> CurvesPlot:
-        """What entries give beside their points."""
         return self.plots.curves
 
     def add_widget(self, widget: QWidget, share: int) -> None:
-        """Put something below what is there."""
+        """Add a widget at the bottom."""
         self.addWidget(widget)
         self.setStretchFactor(self.count() - 1, share)
         widget.setMinimumHeight(MIN_PLOT_HEIGHT)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.plots.set_theme(theme)
         self.time_plot.set_theme(theme)
 
     def set_state(self, view: WindowState, otherwise: type[Protocol]) -> None:
-        """Show the present or last run; where there is none, the empty plot of the protocol `otherwise`."""
+        """Show the current or last run; without one, the empty plot of the protocol `otherwise`."""
         kind = PROTOCOLS.get(view.protocol, otherwise) if view.busy or view.points else otherwise
         self.plots.show_results(
             kind, view.points, view.curves, view.outcome, view.simulated, view.entries, view.can_run
@@ -72,5 +69,5 @@ class LivePane(QSplitter):
         self.plots.show_model_curve(curve)
 
     def tick(self) -> None:
-        """What moves between events: called at every tick."""
+        """Redraw the live traces; called at every tick of the window."""
         self.time_plot.tick()

@@ -1,4 +1,4 @@
-"""The model's curves under the points, each within its errors: of the free tactor, and on a membrane at every elongation."""
+"""Model curves under measured points, with error bands: the free tactor and each elongation of the membrane."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,8 +9,8 @@ from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon, QPixmap
 from PySide6.QtWidgets import QCheckBox
 
-from app.gui.plots.base import SERIES, BandFill, curve_color
-from app.gui.plots.copy import PlotSeries, series_of
+from app.gui.plots.base import LEGEND_STYLE, BandFill, curve_color
+from app.gui.plots.series import SERIES, PlotSeries, series_of
 from app.gui.widgets.elided_label import ElidedLabel
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
@@ -21,7 +21,7 @@ NO_ERRORS_TEXT = "The paper's values have no errors: identify this specimen and 
 
 
 class DrawnCurve:
-    """One curve of the model: a line for each series, and the ground it lies in."""
+    """The plot items of one model curve: a line and a band for each series."""
 
     def __init__(self, plot: Any) -> None:
         self._plot = plot
@@ -32,38 +32,38 @@ class DrawnCurve:
             plot.addItem(line)
 
     def set_color(self, color: str) -> None:
-        """Take another colour."""
+        """Set the colour of lines and bands."""
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
             line.setPen(pg.mkPen(color, width=1.5, style=series.line))
             fill.set_color(color)
 
     def show(self, curve: OverlayCurve) -> None:
-        """Draw a curve, with its band where it has one."""
+        """Draw a curve and its band, if it has one."""
         self.curve = curve
         for series, line, fill in zip(SERIES, self.lines, self.fills, strict=True):
-            line.setData(curve.frequency_hz, series.factor * getattr(curve, series.column))
+            line.setData(curve.frequency_hz, series.values_of(curve))
             if curve.band is None:
                 fill.clear()
             else:
-                low, high = (series.factor * end for end in getattr(curve.band, series.column))
+                low, high = series.values_of(curve.band)
                 fill.show_between(curve.frequency_hz, low, high)
 
     def remove(self) -> None:
-        """Take it from the plot."""
+        """Remove the items from the plot."""
         for item in (*self.lines, *self.fills):
             self._plot.removeItem(item)
 
 
 class ModelCurveItems:
-    """Curves in a plot, a legend's entry that ticks their bands off, and a line that says whose they are."""
+    """The model curves of a plot, the check box of their bands, and the label of the model they belong to."""
 
     def __init__(self, plot: Any) -> None:
         self._plot = plot
         self._theme: Theme | None = None
         self.free = DrawnCurve(plot)
         self.on_membrane: list[DrawnCurve] = []
-        """On the membrane, by rising elongation."""
-        self.legend = plot.addLegend(offset=(-8, 4), labelTextSize="9pt", verSpacing=-6, colCount=LEGEND_COLUMNS)
+        """On the membrane, in order of rising elongation."""
+        self.legend = plot.addLegend(offset=(-8, 4), colCount=LEGEND_COLUMNS, **LEGEND_STYLE)
         self.band_box = QCheckBox(f"{100 * COVERAGE:g} % band")
         self.band_box.setChecked(True)
         self.band_box.setEnabled(False)
@@ -74,31 +74,21 @@ class ModelCurveItems:
         self._series: Sequence[bool] = [True for _ in SERIES]
 
     @property
-    def lines(self) -> list[Any]:
-        """Those of the free tactor, one of each series."""
-        return self.free.lines
-
-    @property
-    def fills(self) -> list[BandFill]:
-        """The grounds of the free tactor, one of each series."""
-        return self.free.fills
-
-    @property
     def all_curves(self) -> list[DrawnCurve]:
         return [self.free, *self.on_membrane]
 
     def color_at(self, elongation_m: float, default: str) -> QColor:
-        """The colour of what was measured at an elongation (NaN: free) where several curves are drawn."""
+        """Return the colour of points at an elongation (NaN: free) if several curves are drawn, else `default`."""
         if not self.on_membrane:
             return QColor(default)
         assert self._theme is not None
         for at, each in enumerate(self.all_curves):
             if self.free.curve is not None and self.free.curve.at_elongation(elongation_m) is each.curve:
                 return curve_color(at, self._theme)
-        return QColor(self._theme.text)  # of this elongation there is no curve
+        return QColor(self._theme.text)  # no curve at this elongation
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
         self.legend.setLabelTextColor(theme.text)
         for at, each in enumerate(self.all_curves):
@@ -109,7 +99,7 @@ class ModelCurveItems:
         self.band_box.setIcon(QIcon(swatch))
 
     def show_curve(self, curve: OverlayCurve) -> None:
-        """Draw a curve and those on the membrane, and say whose they are."""
+        """Draw a curve with those on the membrane, and name their model."""
         while len(self.on_membrane) > len(curve.on_membrane):
             self.on_membrane.pop().remove()
         while len(self.on_membrane) < len(curve.on_membrane):
@@ -129,17 +119,17 @@ class ModelCurveItems:
         self._update_visibility()
 
     def select_series(self, series: Sequence[bool]) -> None:
-        """Which series are drawn."""
+        """Set which series are drawn."""
         self._series = series
         self._update_visibility()
 
     def maxima(self) -> list[float]:
-        """The largest of every line that is seen."""
+        """Return the maximum of each visible line."""
         seen = [line for each in self.all_curves for line in each.lines if line.isVisible()]
         return [float(np.nanmax(y)) for _, y in (line.getData() for line in seen) if y is not None and len(y)]
 
     def plot_series(self) -> list[PlotSeries]:
-        """The lines and bands that are seen, as numbers."""
+        """Return the data of the visible lines and bands."""
         shown: list[PlotSeries] = []
         for each in self.all_curves:
             where = f", {curve_label(each.curve)}" if self.on_membrane and each.curve is not None else ""
@@ -153,7 +143,7 @@ class ModelCurveItems:
         return shown
 
     def _label_curves(self) -> None:
-        """Which colour is which, in words of the present theme's."""
+        """Fill the legend, in the text colour of the theme."""
         self.legend.clear()
         for each in self.all_curves:
             if self.on_membrane and each.curve is not None:
@@ -167,5 +157,5 @@ class ModelCurveItems:
 
 
 def curve_label(curve: OverlayCurve) -> str:
-    """`free`, `2.54 mm`."""
+    """Return `free`, `2.54 mm`."""
     return "free" if curve.elongation_m is None else f"{1e3 * curve.elongation_m:g} mm"

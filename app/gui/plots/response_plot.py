@@ -1,37 +1,33 @@
-"""Amplitude over frequency: points as they arrive, on the model's curve, above the line where skin feels them.
-
-Points chosen with the mouse, to be measured again.
-"""
+"""Response plot: measured amplitude over frequency on the model's curve, above the threshold line of the skin."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.plots.base import AXIS_WIDTH, LABEL_ON_LINE, LEGEND_ICON_SIZE, SERIES, PlotBase, legend_icon, stable_range
-from app.gui.plots.copy import PlotSeries, series_as_text, series_of
+from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, stable_range, widget_row
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
+from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
 from app.gui.widgets.elided_label import ElidedLabel
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve, elongations_of
-from app.session.messages import describe_point, format_estimate
-from protocols.base.events import RunEnded
+from app.session.messages import describe_point
 from protocols.base.quality import Quality
 
 
 class EntrySelection:
-    """Entries of the plan, and the button that measures them again: it is there while something is chosen.
+    """Selected entries of the plan, and the button that repeats them, visible while something is selected.
 
     Args:
-        button: measures again.
-        changed: called when other entries are chosen.
+        button: repeats the selected entries.
+        changed: called when the selection changes.
     """
 
     def __init__(self, button: QPushButton, changed: Callable[[], None]) -> None:
@@ -42,21 +38,21 @@ class EntrySelection:
         button.hide()
 
     def toggle(self, entries: Sequence[int], spots: Sequence[Any]) -> None:
-        """A click on points: choose them, or not any more."""
+        """Select the clicked points, or deselect them."""
         at = {entries[spot.index()] for spot in spots if spot.index() < len(entries)}
         self._set_entries(self.entries ^ at)
 
     def retain(self, entries: Sequence[int]) -> None:
-        """Other points are shown: what is not among them is not chosen."""
+        """Deselect all entries but these: other points are displayed."""
         self._set_entries(self.entries & set(entries))
 
     def set_allowed(self, allowed: bool) -> None:
-        """Whether a run may begin."""
+        """Set whether a run may start."""
         self._allowed = allowed
         self._update_button()
 
     def pop(self) -> tuple[int, ...]:
-        """What was chosen, which is then done with."""
+        """Return the selected entries and clear the selection."""
         taken = tuple(sorted(self.entries))
         self._set_entries(frozenset())
         return taken
@@ -74,40 +70,34 @@ class EntrySelection:
         self._button.setEnabled(self._allowed)
 
 
-FELT_THRESHOLD_UM = 50.0
-"""Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I; `model.response.perception_blocks`)."""
-
-
 HOLLOW_HINT = "hollow: not usable"
 HOLLOW_TOOLTIP = "A hollow point is one that no fit may use; point at it for the reason"
 
 
 class ResponsePlot(PlotBase):
-    """Measured points and the model's curve; the points are those of one run. A click on a point chooses it."""
+    """Measured points of one run and the model's curve. A click on a point selects it."""
 
+    MAX_ESTIMATES = None
     repeat_requested = Signal(tuple)
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(theme, parent)
+        super().__init__(theme, parent, grid=True)
         self._curve: OverlayCurve | None = None
         self._points: Sequence[Any] = ()
         self._entries: Sequence[int] = ()
         self._last_points: Sequence[Any] = ()
         self._max_hz = 250.0
-        self._plot.setLabel("left", "amplitude (µm)")
-        self._plot.setLabel("bottom", "frequency (Hz)")
-        words = f"{FELT_THRESHOLD_UM:g} µm: felt on the abdomen"
-        self._threshold_line = pg.InfiniteLine(FELT_THRESHOLD_UM, angle=0, label=words, labelOpts=LABEL_ON_LINE)
-        self._threshold_line.label.setFont(self.font())
-        self._plot.addItem(self._threshold_line)
-        self.model_curves = ModelCurveItems(self._plot)
+        self.plot.setLabel("left", "amplitude (µm)")
+        self.plot.setLabel("bottom", "frequency (Hz)")
+        self._add_threshold_line(labelled=True, width=1.5)
+        self.model_curves = ModelCurveItems(self.plot)
         self._bars = [pg.ErrorBarItem(beam=0.0) for _ in SERIES]
         self.scatters = [
-            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=_tooltip)
+            pg.ScatterPlotItem(size=s.size_px, antialias=True, hoverable=True, hoverSize=s.size_px + 5, tip=hover_text)
             for s in SERIES
         ]
         for item in (*self._bars, *self.scatters):
-            self._plot.addItem(item)
+            self.plot.addItem(item)
         self.series_boxes = [QCheckBox(series.label) for series in SERIES]
         self.hint_label = ElidedLabel()
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
@@ -125,10 +115,8 @@ class ResponsePlot(PlotBase):
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         super().set_theme(theme)
-        self._threshold_line.setPen(pg.mkPen(theme.threshold, width=1.5))
-        self._threshold_line.label.setColor(QColor(theme.threshold))
         for at, (box, bars) in enumerate(zip(self.series_boxes, self._bars, strict=True)):
             bars.setData(pen=pg.mkPen(self._series_color(at)))
             box.setIcon(legend_icon(SERIES[at], theme.model, self._series_color(at), self.devicePixelRatioF()))
@@ -149,42 +137,33 @@ class ResponsePlot(PlotBase):
         self._scale()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
-        """Draw the points of the present run."""
+        """Draw the points of the run."""
         self.selection.set_allowed(can_run)
         if points is self._last_points:
             return
         self._entries = entries
         self.selection.retain(entries)
         self._last_points = points
-        # Other protocols measure other things (the wiring check); they are told in the log.
+        # Points of other protocols, such as the wiring check, appear in the log only.
         self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
         self._draw_points()
         self._scale()
-
-    def show_estimates(self, outcome: RunEnded | None) -> None:
-        """Write what was identified from the points."""
-        self.estimates_label.set_text(
-            "" if outcome is None else ",   ".join(format_estimate(e) for e in outcome.estimates)
-        )
 
     def _draw_points(self) -> None:
         x = np.array([p.frequency for p in self._points])
         usable = [Quality(p.quality).usable for p in self._points]
         words = [describe_point(p) for p in self._points]
         for at, series in enumerate(SERIES):
-            y = series.factor * np.array([getattr(p, series.column) for p in self._points])
-            errors = series.factor * np.array([getattr(p, f"{series.column}_errors") for p in self._points])
-            inks = [
-                self.model_curves.color_at(getattr(p, "elongation", math.nan), self._series_color(at))
-                for p in self._points
-            ]
-            taken = [at < len(self._entries) and self._entries[at] in self.selection.entries for at in range(len(x))]
+            y = np.array([series.values_of(p) for p in self._points])
+            errors = np.array([series.errors_of(p) for p in self._points])
+            inks = self._point_colors(at)
+            taken = [i < len(self._entries) and self._entries[i] in self.selection.entries for i in range(len(x))]
             pens = [
                 pg.mkPen(QColor(self._theme.accent) if t else ink, width=5 if t else 2)
                 for t, ink in zip(taken, inks, strict=True)
             ]
             fills = [pg.mkBrush(ink if good else self._theme.panel) for good, ink in zip(usable, inks, strict=True)]
-            # Qt does not survive painting what is nowhere: an imported table may tell one of the two only.
+            # An imported table may have one of the two only, and Qt crashes when it paints a point that is not finite.
             there = np.flatnonzero(np.isfinite(y)).tolist()
             pens, fills, said = ([every[i] for i in there] for every in (pens, fills, words))
             self.scatters[at].setData(x=x[there], y=y[there], symbol=series.symbol, pen=pens, brush=fills, data=said)
@@ -196,48 +175,35 @@ class ResponsePlot(PlotBase):
         tops = [FELT_THRESHOLD_UM * 1.5]
         visible = [series for series, box in zip(SERIES, self.series_boxes, strict=True) if box.isChecked()]
         for series in visible:
-            sizes = (series.factor * getattr(p, series.column) for p in self._points)
-            tops += [size for size in sizes if np.isfinite(size)]
+            tops += [float(size) for size in map(series.values_of, self._points) if np.isfinite(size)]
         tops += self.model_curves.maxima()
         right = max([self._max_hz, *(1.03 * p.frequency for p in self._points)])
-        self._plot.setXRange(0, right, padding=0)
-        self._plot.setYRange(0, stable_range(0.0, max(tops), None)[1], padding=0)
+        self.plot.setXRange(0, right, padding=0)
+        self.plot.setYRange(0, stable_range(0.0, max(tops), None)[1], padding=0)
 
     def _warn_mismatch(self) -> None:
-        """Say it where curve and points do not belong to the same drive: the form was changed after the run."""
+        """Warn if curve and points belong to different drives: the form was changed after the run."""
         hollow = any(not Quality(p.quality).usable for p in self._points)
-        words, curve_v = (
-            HOLLOW_HINT if hollow else "",
-            None if self._curve is None else 2 * self._curve.request.amplitude_v,
-        )
-        if self._points and curve_v is not None:
+        words = HOLLOW_HINT if hollow else ""
+        if self._points and self._curve is not None:
+            curve_v = 2 * self._curve.request.amplitude_v
             points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
             if abs(points_v - curve_v) > 0.02 * curve_v:
                 words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
-            bare = [
-                e
-                for e in elongations_of(self._points)
-                if self._curve is not None and self._curve.at_elongation(e) is None
-            ]
-            if bare:
+            if bare := [e for e in elongations_of(self._points) if self._curve.at_elongation(e) is None]:
                 words = f"no curve of {', '.join(f'{1e3 * e:g}' for e in bare)} mm"
         self.hint_label.setText(words)
         self.hint_label.setVisible(bool(words))
         set_style_kind(self.hint_label, "fault" if words and words != HOLLOW_HINT else "note")
 
     def _head_row(self) -> QHBoxLayout:
-        head = QHBoxLayout()
-        head.setSpacing(10)
-        caption = QLabel("Response")
-        caption.setProperty("kind", "caption")
-        head.addWidget(caption)
         for at, box in enumerate(self.series_boxes):
             box.setChecked(True)
             box.setToolTip(f"{SERIES[at].label}: measured points and the model's curve")
             box.toggled.connect(self._on_series_toggled)
-            head.addWidget(box)
-        head.addWidget(self.model_curves.band_box)
-        head.addWidget(self.repeat_button)
+        head = widget_row(
+            caption_label("Response"), *self.series_boxes, self.model_curves.band_box, self.repeat_button, spacing=10
+        )
         head.addWidget(self.model_curves.source_label, 3)
         self.hint_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         head.addWidget(self.hint_label)
@@ -254,38 +220,34 @@ class ResponsePlot(PlotBase):
 
     @property
     def residual_strip(self) -> ResidualStrip:
-        """What is drawn below; made when somebody wants it."""
+        """The plot below the response; created when first used."""
         if self._residual_strip is None:
-            self._residual_strip = ResidualStrip(self._plot, AXIS_WIDTH, self._theme)
-            self._residual_strip.set_theme(self._theme)
+            self._residual_strip = ResidualStrip(self.plot, self._theme)
             self._layout.addWidget(self._residual_strip)
         return self._residual_strip
 
     def _draw_strip(self) -> None:
         if self._residual_strip is not None:
-            inks = [
-                self.model_curves.color_at(getattr(p, "elongation", math.nan), self._series_color(0))
-                for p in self._points
-            ]
-            self._residual_strip.draw(self._points, self._curve, inks)
+            self._residual_strip.draw(self._points, self._curve, self._point_colors(0))
 
     def _select_strip(self, index: int) -> None:
         self.residual_strip.quantity = STRIP_QUANTITIES[index]
         self._draw_strip()
 
-    def _table(self) -> str:
-        """What is drawn, as numbers."""
-        shown: list[PlotSeries] = []
-        for at, series in enumerate(SERIES):
-            shown += series_of(f"{series.label}, measured", self.scatters[at], self._bars[at])
-        return series_as_text(
-            (*shown, *self.model_curves.plot_series()), "frequency (Hz)", "amplitude (µm)", self.simulated_label.visible
-        )
+    def _series(self) -> Iterable[PlotSeries]:
+        for series, scatter, bars in zip(SERIES, self.scatters, self._bars, strict=True):
+            yield from series_of(f"{series.label}, measured", scatter, bars)
+        yield from self.model_curves.plot_series()
+
+    def _point_colors(self, series_index: int) -> list[QColor]:
+        default = self._series_color(series_index)
+        return [self.model_curves.color_at(getattr(p, "elongation", math.nan), default) for p in self._points]
 
     def _series_color(self, index: int) -> str:
         return (self._theme.measured, self._theme.second)[index]
 
 
-def _tooltip(x: float, y: float, data: str) -> str:
+def hover_text(x: float, y: float, data: str) -> str:
+    """Return the text of a point, as pyqtgraph requests it."""
     del x, y
     return data

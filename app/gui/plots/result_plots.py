@@ -1,4 +1,4 @@
-"""What a run gave, in the plot that suits it: amplitudes over frequency, a protocol's own points, or whole curves."""
+"""Result plots of a run: response over frequency, the protocol's own points, or whole curves."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,19 +6,19 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
 
-from app.gui.plots.base import is_response_protocol
 from app.gui.plots.curves_plot import CurvesPlot
 from app.gui.plots.points_plot import PointsPlot
 from app.gui.plots.response_plot import ResponsePlot
+from app.gui.plots.series import is_response_protocol
 from app.gui.widgets.theme import Theme
-from app.live.overlay import OverlayCurve as Modelled
+from app.live.overlay import OverlayCurve
 from protocols.base.events import RunEnded
 from protocols.base.protocol import Protocol
 from protocols.base.records import ResultCurve
 
 
 class ResultPlots(QStackedWidget):
-    """Shows one of three; the two that are seldom needed are made when they are."""
+    """Shows one of three plots; points and curves are created when first used."""
 
     repeat_requested = Signal(tuple)
 
@@ -30,12 +30,12 @@ class ResultPlots(QStackedWidget):
         self.addWidget(self.response)
         self._points: PointsPlot | None = None
         self._curves: CurvesPlot | None = None
-        self._model_curve: Modelled | None = None
+        self._model_curve: OverlayCurve | None = None
         self._points_selected = False
 
     @property
     def points(self) -> PointsPlot:
-        """For points that are no amplitudes over frequency."""
+        """The plot of points that are not amplitudes over frequency."""
         if self._points is None:
             self._points = PointsPlot(self._theme)
             self._points.repeat_requested.connect(self.repeat_requested)
@@ -44,7 +44,7 @@ class ResultPlots(QStackedWidget):
 
     @property
     def curves(self) -> CurvesPlot:
-        """For what entries give beside their points."""
+        """The plot of the curves that entries return beside their points."""
         if self._curves is None:
             self._curves = CurvesPlot(self._theme)
             self._curves.points_button.clicked.connect(lambda: self._show_points(points=True))
@@ -55,7 +55,7 @@ class ResultPlots(QStackedWidget):
         return self._curves
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
         for plot in (self.response, self._points, self._curves):
             if plot is not None:
@@ -71,12 +71,12 @@ class ResultPlots(QStackedWidget):
         entries: Sequence[int] = (),
         can_run: bool = False,
     ) -> None:
-        """Show what a run of a protocol gave so far."""
+        """Show the points, curves and estimates of a run so far."""
         plot = self.response if is_response_protocol(kind) else self.points
         if isinstance(plot, PointsPlot):
             plot.set_protocol(kind)
             plot.curves_button.setVisible(bool(curves))
-            self.response.show_points(())  # nothing of the run before
+            self.response.show_points(())  # of the run before
         plot.show_points(points, entries, can_run)
         shown: list[ResponsePlot | PointsPlot | CurvesPlot] = [plot]
         if curves or self._curves is not None:
@@ -87,14 +87,14 @@ class ResultPlots(QStackedWidget):
             each.show_estimates(outcome)
         self.setCurrentWidget(self.curves if curves and not self._points_selected else plot)
 
-    def show_model_curve(self, curve: Modelled) -> None:
-        """Show the model's curve under them."""
+    def show_model_curve(self, curve: OverlayCurve) -> None:
+        """Show the model's curve under the results."""
         self._model_curve = curve
         self.response.show_model_curve(curve)
         if self._curves is not None:
             self._curves.show_model_curve(curve)
 
     def _show_points(self, points: bool) -> None:
-        """Look at the points of a run that has curves, or at its curves."""
+        """Switch between the points and the curves of a run."""
         self._points_selected = points
         self.setCurrentWidget(self.points if points else self.curves)

@@ -52,7 +52,7 @@ class RunsPage(QStackedWidget):
         index: Path | None = None,
     ) -> None:
         super().__init__()
-        self._overlay = Overlay(amplifier=overlay.amplifier)
+        self._overlay = Overlay(overlay.amplifier, overlay.cache)
         self._worker = BackgroundWorker("run files", self)
         self._folder = folder
         self.folder_model = RunFolderModel(folder, index, self)

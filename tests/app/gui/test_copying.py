@@ -47,7 +47,7 @@ def test_the_points_of_a_run_as_a_table(stage: Stage) -> None:
 
 def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
     canvas = stage.window.measure_page.response.canvas
-    copying = stage.window.measure_page.response.copy_buttons
+    copying = stage.window.measure_page.response.copy_buttons[0]
     copying.show_buttons()
     with_buttons = canvas.grab().toImage()
     copying.copy_picture()
@@ -62,12 +62,12 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
     window.measure_page.run_panel.specimen_edit.setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()
-    assert plot.copy_buttons.isVisible()
+    assert plot.copy_buttons[0].isVisible()
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
     assert edge == window.theme.accent
     assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
     window.measure_page.run_panel.specimen_edit.setFocus()
-    assert not plot.copy_buttons.isVisible()
+    assert not plot.copy_buttons[0].isVisible()
 
 
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:

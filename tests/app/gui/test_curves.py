@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, minmax_decimate
+from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, decimate_to_drawn
 from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
@@ -72,7 +72,7 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
     np.testing.assert_allclose(y, 1e6 * moved)
     _, low, high = fill.ends
     np.testing.assert_allclose(high - low, 4.0)
-    (x_low, x_high), (y_low, y_high) = pane.curves._plot.viewRange()
+    (x_low, x_high), (y_low, y_high) = pane.curves.plot.viewRange()
     assert x_low <= 0.0 < 5.0 <= x_high
     assert y_low < -200.0
     assert y_high > 200.0, "what lies below rest is seen as well"
@@ -100,7 +100,7 @@ def test_many_lines_are_drawn_as_extremes() -> None:
     x = np.arange(100_001.0)
     y = np.zeros_like(x)
     y[77_777], y[5] = 3.0, -2.0
-    places, drawn = minmax_decimate(x, y)
+    places, drawn = decimate_to_drawn(x, y)
     assert drawn.size <= MAX_DRAWN_POINTS + 2
     assert (drawn.min(), drawn.max()) == (-2.0, 3.0)
     assert abs(places[drawn.argmax()] - 77_777) < 60

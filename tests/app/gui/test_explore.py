@@ -127,7 +127,7 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     page.dropEvent(
         QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier(0))
     )
-    until(lambda: page.overlaid_responses, "for the run")
+    until(lambda: page.overlaid.runs, "for the run")
     x, y = page.plot._points[0][0].getData()
     np.testing.assert_allclose((x, y), ([100.0, 160.0], [1000.0, 1000.0]))
     assert page.plot.simulated_label.visible
@@ -135,13 +135,13 @@ def test_a_run_dropped_on_the_page_lies_over_the_curve_and_says_simulated(page: 
     page._show_overlaid()
     assert "at 5 V; the curve is for 4 V" in page.status_line.text()
     page.toolbar.run_chips[0].click()
-    assert page.overlaid_responses == ()
+    assert page.overlaid.runs == ()
     assert not page.plot.simulated_label.visible
 
 
 def test_a_damaged_run_is_told(page: ExplorePage, tmp_path: Path) -> None:
     (tmp_path / "bad.h5").write_text("nothing of the kind")
-    page.overlay_runs([tmp_path / "bad.h5"])
+    page.overlaid.add([tmp_path / "bad.h5"])
     until(lambda: "bad.h5" in page.status_line.text(), "for the sentence")
 
 
@@ -189,8 +189,8 @@ def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_pat
     )
     page.fit_runs()
     assert "lay a measured run" in page.status_line.text()
-    page.overlay_runs([finished_run(tmp_path)])
-    until(lambda: page.overlaid_responses, "for the run")
+    page.overlaid.add([finished_run(tmp_path)])
+    until(lambda: page.overlaid.runs, "for the run")
     page.toolbar.fit_button.click()
     until(lambda: page.setting.value("k2") == 8e-3, "for the fit")
     assert page.status_line.text() == "Fitted: stiffness 8.00 ± 0.05 N mm^2"
@@ -204,8 +204,8 @@ def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePag
         raise FitCancelled
 
     page.overlaid.fit_with = endless
-    page.overlay_runs([finished_run(tmp_path)])
-    until(lambda: page.overlaid_responses, "for the run")
+    page.overlaid.add([finished_run(tmp_path)])
+    until(lambda: page.overlaid.runs, "for the run")
     before = page.setting
     page.toolbar.fit_button.click()
     assert page.toolbar.fit_button.text() == "Cancel the fit"

@@ -67,7 +67,7 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
     until(lambda: not page._worker.pending, "for the points")
     grab(stage.window, tmp_path / "both.png")
     page.explore_selected()
-    until(lambda: stage.window.tabs.explore.overlaid_responses, "for the points")
+    until(lambda: stage.window.tabs.explore.overlaid.runs, "for the points")
     grab(stage.window, tmp_path / "explore.png")
 
 

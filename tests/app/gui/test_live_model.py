@@ -64,7 +64,7 @@ def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_o
     write_calibrations(tmp_path, "T7", Calibrations((calibration(1, {"c0": (159.0, 25.0)}),), 1))
     until(response.model_curves.band_box.isEnabled, "for the band")
     assert response.model_curves.source_label.text() == "curve: calibration 1 of T7, SIMULATED"
-    ends = response.model_curves.fills[0].ends
+    ends = response.model_curves.free.fills[0].ends
     assert ends is not None
     x, low, high = ends
     top = int(high.argmax())

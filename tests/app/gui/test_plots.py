@@ -48,7 +48,7 @@ def test_the_shortest_span_stands_still(qt: QApplication) -> None:
     for i in range(3):
         feed.add_block(sine_block(5000 + 177 * i, 177, 5000.0))
         plot.tick()
-        curve = plot.curves[0]
+        curve = plot.curves[1]
         time_s, drive_v = curve.getData()
         at = np.linspace(-0.09, 0.0, 300)
         pictures.append(np.interp(at, time_s + curve.pos().x(), drive_v))

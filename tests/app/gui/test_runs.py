@@ -126,7 +126,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.result() is not None, "for the curve")
     page.tick()
-    assert len(view.response.model_curves.lines[0].getData()[0]) > 100
+    assert len(view.response.model_curves.free.lines[0].getData()[0]) > 100
 
 
 def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
@@ -318,7 +318,7 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_E)
     assert stage.window.tabs.current_page is stage.window.tabs.explore
-    until(lambda: stage.window.tabs.explore.overlaid_responses, "for the points")
+    until(lambda: stage.window.tabs.explore.overlaid.runs, "for the points")
 
 
 def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ def test_what_was_identified_stands_above_the_points(stage: Stage) -> None:
     stage.window.start_run()
     found = EstimatedQuantity("resonance frequency", 158.35, 0.0072, "Hz", "this run")
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5", (found,)))
-    assert stage.window.measure_page.response.estimates_label.text == "resonance frequency 158.3500 ± 0.0072 Hz"
+    assert stage.window.measure_page.response.corner_label.text == "resonance frequency 158.3500 ± 0.0072 Hz"
 
 
 def test_each_amplitude_can_be_hidden(stage: Stage) -> None:

@@ -1,0 +1,46 @@
+"""Model curve over frequency, and the cache of computed curves."""
+
+import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+C = TypeVar("C")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCurve:
+    """The response of the model over frequency, all (F,), SI."""
+
+    frequency_hz: Array
+    peak_to_peak: Array
+    """Max - min of the displacement."""
+    fundamental: Array
+    """Peak amplitude of the fundamental."""
+    phase: Array
+    """Of the fundamental, rad, unwrapped."""
+
+
+class CurveCache(Generic[C]):
+    """The curves computed last, at most `size`; may be shared by threads."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._curves: dict[Hashable, C] = {}
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, compute: Callable[[], C]) -> C:
+        """Return the curve of a key, computed if it is not stored. `compute` runs outside the lock."""
+        with self._lock:
+            if (curve := self._curves.get(key)) is not None:
+                return curve
+        curve = compute()
+        with self._lock:
+            while len(self._curves) >= self._size:
+                self._curves.pop(next(iter(self._curves)))
+            return self._curves.setdefault(key, curve)
