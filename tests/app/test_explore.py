@@ -148,7 +148,7 @@ def test_a_fit_finds_the_parameters_the_points_were_made_with(
     made = amplifier_response(specimen.tactor, f, skin=specimen.skin)
     size = np.abs(made.fundamental)
     run = MeasuredResponse(
-        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, 2 * size, 0 * f + 1e-7,
+        tmp_path, "made", True, 5.000001, f, made.peak_to_peak, 0 * f + 1e-6, size, 0 * f + 1e-7,
         np.unwrap(np.angle(made.fundamental)), np.ones(f.size, bool),
     )  # fmt: skip
     fitted = fit_runs([run], begin)
