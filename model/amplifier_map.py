@@ -7,9 +7,9 @@ meet at rest. A sine around rest therefore arrives distorted, and 0 V at the inp
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from model.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

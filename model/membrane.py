@@ -9,13 +9,11 @@ from functools import cache
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.skin import PRE_STRETCH, point_stiffness
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
 RUBBER_KG_M3 = 1000.0

@@ -12,9 +12,9 @@ from typing import Any, get_type_hints
 
 import numpy as np
 from annotated_types import Interval, Unit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from model.arrays import Array, Mask
 
 
 class ParameterError(ValueError):
@@ -43,7 +43,7 @@ class ParameterSpec:
         parts = [f"{word} {bound:g} {self.unit}".strip() for word, bound in bounds if isinstance(bound, int | float)]
         return " and ".join(parts) or "finite"
 
-    def is_valid(self, values: ArrayLike) -> NDArray[np.bool_]:
+    def is_valid(self, values: ArrayLike) -> Mask:
         """Where `values` (any shape) are finite and within the limits."""
         v = np.asarray(values, float)
         inside = np.asarray(np.isfinite(v))

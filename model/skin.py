@@ -5,12 +5,11 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Interval, Unit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameter_spec import ParameterSpec, validate_parameters
 from model.parameters import Membrane, Tactor
-
-Array = NDArray[np.float64]
 
 THRESHOLD_M = 50e-6
 """Discrimination threshold of the skin on the abdomen below 250 Hz (paper, Sec. I)."""

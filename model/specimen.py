@@ -5,13 +5,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
 from model.parameters import Beam, Membrane, Tactor, beams
 from model.skin import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
-
-Array = NDArray[np.float64]
 
 K_S = parameter_specs(Skin)[0]
 C_S = parameter_specs(Skin)[1]

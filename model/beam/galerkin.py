@@ -5,12 +5,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.beam.shape_functions import check_shape_count, shape_functions, wavenumbers
 from model.parameters import Beam
-
-Array = NDArray[np.float64]
 
 
 class Gram(NamedTuple):

@@ -11,11 +11,9 @@ eigenproblem of size 2n gives poles *and* residues, and any number of frequencie
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgeev, dpotrf, dtrtri
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from model.arrays import Array, Complex
 
 DOUBLE_POLE_TOLERANCE = 1e-4
 """Where left and right vector are this close to orthogonal, two poles all but meet and their residues cancel to fewer than

@@ -8,11 +8,10 @@ scale, and the hyperbolic part is a sum of decaying exponentials. Eqs. (16) and 
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameter_spec import ParameterError
-
-Array = NDArray[np.float64]
 
 N_MAX = 300
 """Further shapes gain nothing: the error is below 1e-7 there, and the rounding of the supplementary shapes begins to show."""

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
+from model.arrays import Array, Mask
 from model.identification.fit_result import MIN_P_VALUE, JointFit, RunResiduals, format_p_value
 from model.identification.forward_model import (
     Values,
@@ -23,8 +23,6 @@ from model.identification.forward_model import (
 from model.identification.model_discrepancy import Discrepancy, possible_discrepancies
 from model.identification.observations import FrequencyResponseObservation
 from model.identification.receptance import ReceptanceSolver
-
-Array = NDArray[np.float64]
 
 SIGNIFICANCE_LEVEL = 0.01
 """Probability, over all tests together, below which a finding is told."""
@@ -203,9 +201,7 @@ def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
     return out
 
 
-def _predicted_harmonic(
-    fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: NDArray[np.bool_]
-) -> Array:
+def _predicted_harmonic(fit: JointFit, run: FrequencyResponseObservation, k: int, f: Array, here: Mask) -> Array:
     v: Values = fit.values
     factors = equation_factors(beam_from_values(v, run.added_mass_kg), skin_from_values(run, v), 1)
     per_volt, l1, l2 = (v[name] / v["L"] for name in ("mu", "L1", "L2"))

@@ -6,15 +6,12 @@ from math import isfinite, sqrt
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.estimate import EstimatedQuantity
 from model.parameter_spec import ParameterError, parameter_specs
 from model.parameters import Membrane, Tactor
 from model.specimen import variable_specs
 from model.studies.uncertainty import EstimateSet
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

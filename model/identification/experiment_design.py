@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.identification import parameters as known
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
@@ -21,8 +21,6 @@ from model.identification.observations import (
 )
 from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import ParameterError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from model.arrays import Array
 from model.estimate import EstimatedQuantity
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, Loss
 from model.identification.observations import ObservationSet, observed_values
 from model.identification.residuals import LeastSquaresProblem
-
-Array = NDArray[np.float64]
 
 MAX_RELATIVE_ERROR = 1.0
 """A combination whose standard error is above 100 % of the parameters' own sizes is not identified."""

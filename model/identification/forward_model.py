@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Complex
 from model.beam.galerkin import matrices
 from model.beam.poles import modal_form, receptance
 from model.identification import parameters as known
@@ -40,7 +40,6 @@ from model.response.frequency_response import harmonic_orders, peak_to_peak
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import point_stiffness
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
 
@@ -143,9 +142,6 @@ class FiniteDifferences:
     def _length_ratios(self) -> tuple[Array, Array]:
         v = self.values
         return np.broadcast_to(v["L1"] / v["L"], self.set_count), np.broadcast_to(v["L2"] / v["L"], self.set_count)
-
-
-Complex = NDArray[np.complex128]
 
 
 def specimen_harmonic(run: FrequencyResponseObservation, amplifier: AmplifierMap, order: int = 1) -> Complex:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.identification.fit_result import JointFit
 from model.identification.forward_model import skin_from_values
 from model.identification.observations import (
@@ -29,8 +29,6 @@ from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import Excitation
 from model.skin import Skin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array, Complex, Mask
 from model.membrane import weight_per_length
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Mask = NDArray[np.bool_]
 
 Side = Literal["mfc", "aluminium", "both"]
 ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay"]

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Mask
 from model.identification.forward_model import equation_factors, specimen_harmonic
 from model.identification.observations import (
     FrequencyResponseObservation,
@@ -116,9 +116,6 @@ class PaperChainOptions:
             )
 
 
-Array = NDArray[np.float64]
-
-
 def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float = 0.0, n: int = 7) -> Array:
     """Peak amplitude (m) of the fundamental at f (Hz) under `volts` on the specimen, all (F,)."""
     one = np.ones_like(f)
@@ -128,7 +125,7 @@ def amplitudes(t: Tactor, f: Array, volts: Array, k_s: float = 0.0, c_s: float =
     return np.asarray(np.abs(t.mu / t.L * H) * volts)
 
 
-def resonance_frequencies(t: Tactor, mass: Array, damped: NDArray[np.bool_], n: int) -> tuple[Array, Array]:
+def resonance_frequencies(t: Tactor, mass: Array, damped: Mask, n: int) -> tuple[Array, Array]:
     """Resonance frequencies (Hz) for each added mass, of the peak where `damped`, and their slopes to k2."""
     if not mass.size:
         return np.zeros(0), np.zeros(0)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.estimate import EstimatedQuantity
 from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel
@@ -34,8 +34,6 @@ from model.identification.paper_chain import (
 )
 from model.identification.parameters import default_values, elongation_parameter, parameter_spec, parse_elongation
 from model.parameter_spec import ParameterError
-
-Array = NDArray[np.float64]
 
 
 def linearized_errors(

@@ -3,15 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from model.arrays import Array
 from model.identification import parameters as known
 from model.identification.fit_result import JointFit, fit_cost
 from model.identification.joint_fit import CancelCheck, joint_fit
 from model.parameter_spec import ParameterError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

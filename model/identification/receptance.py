@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Complex
 from model.beam.galerkin import gram
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 class Factors(NamedTuple):

@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel
 from model.identification.observations import ObservationSet, observed_values
-
-Array = NDArray[np.float64]
 
 
 class LeastSquaresProblem:

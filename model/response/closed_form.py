@@ -8,14 +8,12 @@ can be the judge of the other.
 from math import factorial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array, Complex
 from model.parameters import Tactor
 from model.response.frequency_response import Excitation, check_frequency, check_position
 from model.skin import NO_SKIN, Skin
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def exact_response(

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Complex
 from model.parameter_spec import ParameterError
 
-Complex = NDArray[np.complex128]
 Waveform = Literal["sine", "square"]
 
 
@@ -80,7 +80,7 @@ def _square(high: float, low: float, duty: float, orders: int) -> Complex:
     return np.asarray(V)
 
 
-def _integral(k: NDArray[np.int64], edges: NDArray[np.float64]) -> Complex:
+def _integral(k: NDArray[np.int64], edges: Array) -> Complex:
     """Integral of exp(-i k theta) over each interval of `edges`, shape (pieces, k.size)."""
     safe = np.where(k == 0, 1, k)
     phase = np.exp(-1j * edges[:, None] * k)

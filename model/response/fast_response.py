@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Complex
 from model.beam.galerkin import matrices
 from model.beam.poles import ModalForm, modal_form, receptance
 from model.response.drive_spectrum import fourier_series
 from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
 from model.specimen import Specimen
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 HARMONIC_ORDERS = 48
 SAMPLES_PER_PERIOD = 256

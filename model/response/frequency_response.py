@@ -5,9 +5,10 @@ from typing import Literal
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Complex
 from model.beam.galerkin import Matrices, gram, matrices
 from model.beam.poles import ModalForm, modal_form, receptance
 from model.beam.shape_functions import shape_functions
@@ -16,8 +17,6 @@ from model.parameters import Tactor
 from model.response.drive_spectrum import Waveform, fourier_series
 from model.skin import NO_SKIN, Skin
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Excitation = Literal["voltage", "load"]
 
 FREQUENCY_SPEC = ParameterSpec("frequency", "Hz", Interval(ge=0), "frequency of the drive", None)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Mask
 from model.beam.poles import ModalForm, receptance
 from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
@@ -16,8 +16,6 @@ from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, harmonic_
 from model.response.perception import THRESHOLD_M
 from model.response.time_response import onset_response, unit_step
 from model.skin import Skin
-
-Array = NDArray[np.float64]
 
 THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 TOLERANCE_SPEC = ParameterSpec(
@@ -134,7 +132,7 @@ def _first_crossing(w: Callable[[Array], Array], t: Array, samples: Array, level
     return 0.0 if i == 0 else _bisect_crossing(w, t[i - 1], t[i], level)
 
 
-def _last_crossing(w: Callable[[Array], Array], t: Array, outside: NDArray[np.bool_], level: float) -> float:
+def _last_crossing(w: Callable[[Array], Array], t: Array, outside: Mask, level: float) -> float:
     out = np.flatnonzero(outside)
     return 0.0 if not out.size else _bisect_crossing(w, t[out[-1]], t[out[-1] + 1], level)
 

@@ -3,14 +3,13 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.beam.galerkin import matrices
 from model.parameters import Beam, Tactor
 from model.response.frequency_response import output_rows, system_matrices
 from model.skin import NO_SKIN, Skin
-
-Array = NDArray[np.float64]
 
 
 def natural_frequencies(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Array:

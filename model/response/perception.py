@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC
 from model.skin import THRESHOLD_M as THRESHOLD_M
-
-Array = NDArray[np.float64]
 
 THRESHOLD_AMPLITUDE = ParameterSpec(
     "threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M

@@ -6,12 +6,11 @@ The denominator of Eq. (7) is misprinted in the paper; see docs/decisions/0010-p
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameters import Beam, Tactor
 from model.response.frequency_response import check_position
-
-Array = NDArray[np.float64]
 
 
 def load_compliance(tactor: Tactor | Beam) -> Any:

@@ -9,18 +9,16 @@ written with the scaled function wofz so that nothing overflows. The amplifier's
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from model.amplifier_map import AmplifierMap
+from model.arrays import Array, Complex, Mask
 from model.beam.poles import ModalForm
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Tactor
 from model.response.drive_spectrum import fourier_series
 from model.response.frequency_response import FREQUENCY_SPEC, tactor_modal_form
 from model.skin import Skin
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 DURATION_SPEC = ParameterSpec("duration", "s", Interval(gt=0), "duration of the sweep", None)
 
@@ -85,7 +83,7 @@ def _chirp_response(s: complex, t: Array, a: float, b: float) -> Complex:
     q = (1j * a - s) / (2 * p)
     drive, decay = np.exp(1j * (a * t + b * t * t / 2)), np.exp(s * t)
 
-    def half(zeta: Complex, factor: Complex) -> tuple[Complex, NDArray[np.bool_]]:
+    def half(zeta: Complex, factor: Complex) -> tuple[Complex, Mask]:
         """`factor` exp(zeta^2) erfc(zeta) without the 2 that erfc gains left of the origin, and where it is missing."""
         left = zeta.real < 0
         return np.where(left, -1, 1) * factor * wofz(1j * np.where(left, -zeta, zeta)), left

@@ -2,16 +2,14 @@
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array, Complex
 from model.beam.poles import ModalForm
 from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
 from model.response.frequency_response import tactor_modal_form
 from model.skin import Skin
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 TIME_SPEC = ParameterSpec("time", "s", Interval(ge=0), "time since the drive began", None)
 

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import check_frequency, frequency_response
 from model.response.modes import natural_frequencies
 from model.skin import Skin
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

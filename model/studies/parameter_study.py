@@ -27,7 +27,6 @@ from model.response.drive_spectrum import fourier_series
 from model.response.frequency_response import check_frequency, harmonic_orders, peak_to_peak, samples_per_period
 from model.specimen import Specimen, specimen_record, variable_specs
 
-Array = NDArray[np.float64]
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
 MEASURE_UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.parameter_spec import ParameterError
 from model.studies.parameter_study import Study, study_responses
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array, Mask
 from model.parameter_spec import ParameterError
 from model.specimen import variable_specs
 
-Array = NDArray[np.float64]
 ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
 """Takes arrays of P values by name and gives P curves, (P, F)."""
 
@@ -86,7 +86,7 @@ def _perturbed(estimates: EstimateSet, v: Array, step: Array) -> Array:
     return np.where(_are_physical(estimates.names, x)[:, None], x, v)
 
 
-def _are_physical(names: Sequence[str], x: ArrayLike) -> NDArray[np.bool_]:
+def _are_physical(names: Sequence[str], x: ArrayLike) -> Mask:
     known = variable_specs()
     columns = np.asarray(x).T
     return np.asarray(np.all([known[name].is_valid(a) for name, a in zip(names, columns, strict=True)], axis=0))
