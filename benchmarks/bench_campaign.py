@@ -27,6 +27,7 @@ from app.config.bench_file import load_bench
 from app.session.connect import UNATTENDED_BLOCK_S, connect
 from app.session.session import Session
 from protocols.registry import PROTOCOLS
+from protocols.runner.request import RunRequest
 
 GOAL_S = 90.0
 
@@ -107,7 +108,8 @@ def sweep(seconds: float) -> None:
     with tempfile.TemporaryDirectory() as folder, connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
         session = Session(lambda: nullcontext(lab), [], lab.operator)
         session.start()
-        session.run(PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds), Path(folder), "bench")
+        protocol = PROTOCOLS["mass-resonance"](masses_kg=(7.75e-3,), sweep_s=seconds)
+        session.run(RunRequest(protocol, Path(folder), "bench"))
         session.finished.wait()
         session.close()
         assert session.outcome is not None, session.outcome

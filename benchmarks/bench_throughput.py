@@ -17,12 +17,12 @@ from pathlib import Path
 from app.config.bench_file import load_bench
 from app.live.minmax_trace import MinMaxTrace
 from app.session.connect import connect
-from app.session.session import run_metadata
 from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
+from protocols.base.event_bus import EventBus
 from protocols.base.events import BlockStored, StreamStarted
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 
 
@@ -50,19 +50,20 @@ def case(rate_hz: float, max_rate_hz: float, seconds: float) -> None:
         if isinstance(event, BlockStored):
             arrivals.append((time.monotonic(), event.block.stop - event.block.start))
             for trace, channel in zip(traces, (DRIVE_CHANNEL, DISPLACEMENT_CHANNEL), strict=True):
-                trace.append(scales[channel].volts(event.block.raw[channel]))
+                trace.append(scales[channel].to_volts(event.block.raw[channel]))
 
     with tempfile.TemporaryDirectory() as folder, connect(config, 1.0) as lab:
-        store = RunFileWriter.new(Path(folder), run_metadata(protocol, lab.bench, "throughput"))
+        assert lab.operator is not None
+        runner = Runner(RunRequest(protocol, Path(folder), "throughput"), lab.bench, lab.operator, EventBus(preview))
         before, begin = resource.getrusage(resource.RUSAGE_SELF), time.monotonic()
-        status, reason = Runner(protocol, lab.bench, store, lab.operator, [preview]).run()
+        status, reason = runner.run()
         took, after = time.monotonic() - begin, resource.getrusage(resource.RUSAGE_SELF)
         assert status == "completed", reason
-        with Run(store.path) as run:
+        with Run(runner.path) as run:
             recording = next(run.recordings())
             lost = round(seconds * rate_hz) - len(recording.drive_v)
             samples = run.trace.sample_count
-        size = store.path.stat().st_size
+        size = runner.path.stat().st_size
     busy = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / took
     gap = max(b[0] - a[0] - b[1] / rate_hz for a, b in pairwise(arrivals))
     print(

@@ -16,6 +16,7 @@ from drivers.closing import Closeable
 from drivers.errors import BenchError, UnsafeError
 from protocols.base.events import RestMeasured, RunStatus
 from protocols.base.protocol import Protocol
+from protocols.runner.request import RunRequest
 from tactor_bench._frontend import front_end
 from tactor_bench._run import MeasuredRun, open_run
 
@@ -142,7 +143,7 @@ class BenchSession(Closeable):
         self._rejected = self._at_rest = False
         session = self._session
         with self._front.running(session):
-            session.run(protocol, folder, specimen)
+            session.run(RunRequest(protocol, folder, specimen))
             try:
                 if self._front.stopped_by is not None:  # before there was a run to be stopped
                     session.stop()

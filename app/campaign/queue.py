@@ -1,7 +1,7 @@
 """Carries a campaign out on a session, and goes through it before that. Who asks - a terminal, a window - is not known here."""
 
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,34 +13,14 @@ from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from model.parameters import Tactor
 from protocols.base.events import RunEnded, RunStarted
-from protocols.base.protocol import Protocol
-from protocols.base.steps import Prompt
 from protocols.rehearsal import Rehearsal, check_disk_space, rehearse
-from protocols.resume import ResumableRun, load_resumable
-
-
-@dataclass(frozen=True, slots=True)
-class ItemRunRequest:
-    """A run of an item, ready to be begun."""
-
-    state: ItemState
-    protocol: Protocol
-    folder: Path
-    specimen: str
-    resume: ResumableRun | None
+from protocols.runner.request import RunRequest
 
 
 class RunStarter(typing.Protocol):
-    """What a session does with an order."""
+    """The part of a session that starts runs."""
 
-    def run(
-        self,
-        protocol: Protocol,
-        folder: Path,
-        specimen: str,
-        resume: ResumableRun | None = None,
-        prepare: Sequence[Prompt] = (),
-    ) -> None: ...
+    def run(self, request: RunRequest) -> None: ...
 
 
 class CampaignRunner:
@@ -57,21 +37,24 @@ class CampaignRunner:
         self.campaign = campaign
         self._active_item = ""
 
-    def prepare(self, state: ItemState) -> ItemRunRequest:
+    def prepare(self, state: ItemState) -> RunRequest:
         """What an item's run consists of, or going on with the one that was broken off. Reads files.
 
         Raises:
             CampaignError: the protocol is not known any more, or refuses its settings.
             RunError: the run cannot be gone on with.
         """
-        before = load_resumable(state.run) if state.next_action is NextAction.RESUME and state.run is not None else None
-        protocol = self.campaign.protocol_for(state.item) if before is None else before.protocol
-        return ItemRunRequest(state, protocol, self.campaign.path.parent, self.campaign.specimen, before)
+        item, specimen, folder = state.item, self.campaign.specimen, self.campaign.path.parent
+        if state.next_action is NextAction.RESUME and state.run is not None:
+            request = RunRequest.resuming(state.run, folder)
+        else:
+            request = RunRequest(self.campaign.protocol_for(item), folder, specimen)
+        return replace(request, specimen=specimen, prepare=item.prepare, item=item.name)
 
-    def submit(self, session: RunStarter, request: ItemRunRequest) -> None:
+    def submit(self, session: RunStarter, request: RunRequest) -> None:
         """Ask the session for a run; returns at once."""
-        self._active_item = request.state.item.name
-        session.run(request.protocol, request.folder, request.specimen, request.resume, request.state.item.prepare)
+        self._active_item = request.item
+        session.run(request)
 
     def start(self, session: RunStarter, state: ItemState) -> None:
         """Ask the session for an item's run; returns at once. Raises what `order` raises."""

@@ -28,6 +28,7 @@ from app.config.bench_file import BenchConfig, load_bench
 from app.session.request import build_protocol, load_protocol_class
 from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS, load_plug_ins
+from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun
@@ -209,7 +210,8 @@ def run_headless(
     `NAME@SECONDS`; `resume` is the run to resume.
     """
     with headless_session(bench, as_json, observers, planned_faults) as front:
-        front.session.run(protocol, options.out or Path("runs"), options.specimen or "unnamed", resume)
+        request = RunRequest(protocol, options.out or Path("runs"), options.specimen or "unnamed", resume)
+        front.session.run(request)
         front.wait()
     return exit_code(front.session), front.session.path if front.session.outcome else None
 

@@ -25,7 +25,7 @@ from protocols.base.protocol import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:
-    from app.campaign.queue import ItemRunRequest
+    from protocols.runner.request import RunRequest
 
 FRAME_MS = 16
 HIDDEN_CONNECT_DELAY_MS = 500
@@ -88,7 +88,7 @@ class MainWindow(QMainWindow):
         elif (protocol := self.measure_page.run_panel.protocol) is not None and self.measure_page.run_panel.can_start:
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
 
-    def start_campaign_run(self, request: "ItemRunRequest") -> None:
+    def start_campaign_run(self, request: "RunRequest") -> None:
         """Begin a run of the campaign, if it may still begin."""
         if self.controller.can_start:
             self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))

@@ -22,9 +22,10 @@ from app.session.state import (
     WindowState,
 )
 from protocols.base.protocol import Protocol
+from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:
-    from app.campaign.queue import CampaignRunner, ItemRunRequest
+    from app.campaign.queue import CampaignRunner
 
 
 class SessionController(QObject):
@@ -57,9 +58,9 @@ class SessionController(QObject):
         """Begin a run."""
         if self.can_start:
             self._apply(RunRequested(protocol.title))
-            self.adapter.session.run(protocol, folder, specimen or "unnamed")
+            self.adapter.session.run(RunRequest(protocol, folder, specimen or "unnamed"))
 
-    def start_campaign_run(self, request: ItemRunRequest, runner: CampaignRunner) -> None:
+    def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
         """Begin a run of a campaign."""
         self._apply(RunRequested(request.protocol.title))
         runner.submit(self.adapter.session, request)

@@ -61,7 +61,7 @@ class MainTabs(QTabWidget):
     """
 
     run_requested = Signal(object)
-    """An `ItemRunRequest` of the campaign that the session shall carry out now."""
+    """A `RunRequest` of the campaign that the session shall carry out now."""
 
     def __init__(
         self, protocol: Measurement, adapter: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
@@ -263,7 +263,7 @@ class MainTabs(QTabWidget):
         from app.gui.campaign.page import CampaignPage
 
         controller = CampaignController(lambda: self._adapter.session.bench, self.overlay.amplifier)
-        self._adapter.observers.append(controller.observe)
+        self._adapter.events.subscribe(controller.observe)
         page = CampaignPage(
             controller, self._adapter.feed, self.overlay, lambda: (self.folder, self.specimen), self._first_theme
         )

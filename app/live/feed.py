@@ -4,9 +4,9 @@ import threading
 from dataclasses import dataclass
 
 from app.live.minmax_trace import MinMaxTrace
-from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.channels import ChannelCalibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +34,7 @@ class LiveFeed:
             span: (MinMaxTrace(span.buffer_s, span.columns), MinMaxTrace(span.buffer_s, span.columns)) for span in SPANS
         }
         self._lock = threading.Lock()
-        self._scales: tuple[Scale, ...] = ()
-        self._sensor: LaserSensor | None = None
+        self._channels: tuple[ChannelCalibration, ...] = ()
         self._rate_hz = 1.0
         self._scans = 0
         self._latest_um: float | None = None
@@ -49,7 +48,7 @@ class LiveFeed:
     def start_stream(self, rate_hz: float, scales: tuple[Scale, ...], sensor: LaserSensor) -> None:
         """Start a stream; drops earlier samples."""
         with self._lock:
-            self._scales, self._sensor = scales, sensor
+            self._channels = ChannelCalibration.pair(scales, sensor)
             self._rate_hz, self._scans = rate_hz, 0
             for drive, displacement in self._traces.values():
                 drive.reset(rate_hz)
@@ -57,12 +56,10 @@ class LiveFeed:
 
     def add_block(self, block: Block) -> None:
         """Append a block; ignored before `start_stream`, because its scale is not known."""
-        if self._sensor is None:
+        if not self._channels:
             return
-        drive_v = self._scales[DRIVE_CHANNEL].to_volts(block.raw[DRIVE_CHANNEL])
-        displacement_um = 1e6 * self._sensor.displacement_m(
-            self._scales[DISPLACEMENT_CHANNEL].to_volts(block.raw[DISPLACEMENT_CHANNEL])
-        )
+        drive_v, displacement_m = (channel.to_si(raw) for channel, raw in zip(self._channels, block.raw, strict=False))
+        displacement_um = 1e6 * displacement_m
         for drive, displacement in self._traces.values():
             drive.append(drive_v)
             displacement.append(displacement_um)

@@ -9,20 +9,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from app.live.feed import LiveFeed
 from app.session.fault_injection import FaultPlan
 from app.session.session import ConnectedBench, Observer, Session, SessionEvent
 from app.session.state import TimedEvent
 from drivers.bench.bench import Bench
+from protocols.base.event_bus import EventBus
 from protocols.base.events import BlockDiscarded, BlockStored, Event, RunEnded, RunStarted, StreamStarted
 from protocols.base.operator import Operator
-from protocols.base.protocol import Protocol as Measurement
 from protocols.base.steps import Prompt
-
-if TYPE_CHECKING:
-    from protocols.resume import ResumableRun
+from protocols.runner.request import RunRequest
 
 
 class PromptMailbox:
@@ -75,14 +73,7 @@ class SessionLike(Protocol):
 
     def start(self) -> None: ...
 
-    def run(
-        self,
-        protocol: Measurement,
-        folder: Path,
-        specimen: str,
-        resume: "ResumableRun | None" = None,
-        prepare: Sequence[Prompt] = (),
-    ) -> None: ...
+    def run(self, request: RunRequest) -> None: ...
 
     def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None: ...
 
@@ -109,7 +100,7 @@ class SessionAdapter:
         """Hands that break and mend a simulated bench."""
         self._connect, self._make_session = self.faults.wrap(connect), make_session
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
-        self.observers: list[Observer] = []
+        self.events = EventBus()
         """Told every event but the samples, in the bench thread, before the window hears it."""
         self.session = self._new_session()
 
@@ -145,8 +136,7 @@ class SessionAdapter:
         try:
             if isinstance(event, RunStarted):
                 self.faults(event)
-            for listener in self.observers:
-                listener(event)
+            self.events.publish(event)
         finally:
             self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
 

@@ -18,64 +18,13 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from drivers.watchdog.log import take_unreported_lines
+from protocols.base.event_bus import EventBus
 from protocols.base.events import Event, LogMessage, RunEnded, RunStatus
 from protocols.base.operator import Operator
-from protocols.base.protocol import Protocol as Measurement
-from protocols.base.steps import Prompt
+from protocols.runner.request import RunControl, RunRequest
 
 if TYPE_CHECKING:
-    from protocols.resume import ResumableRun
-    from protocols.runfile.writer import RunMetadata
     from sim_hardware.operator import BenchControls
-
-
-@dataclass(frozen=True, slots=True)
-class RunRequest:
-    """A run with its protocol, and the run it goes on with."""
-
-    protocol: Measurement
-    folder: Path
-    specimen: str
-    resume: "ResumableRun | None" = None
-    prepare: tuple[Prompt, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class RepeatRequest:
-    """A run that goes on with another one, which is read when its turn comes."""
-
-    path: Path
-    entries: tuple[int, ...]
-    folder: Path
-
-    def load(self) -> RunRequest:
-        """The job that goes on with that run.
-
-        Raises:
-            RunError: there is no such run to go on with.
-        """
-        from protocols.resume import load_resumable
-
-        before = load_resumable(self.path, self.entries)
-        return RunRequest(before.protocol, self.folder, before.specimen, before)
-
-
-def run_metadata(protocol: Measurement, bench: Bench, specimen: str, continues: Path | None = None) -> "RunMetadata":
-    """What the run file says about a run before it begins."""
-    from protocols.runfile.writer import RunMetadata
-
-    return RunMetadata(
-        protocol=protocol.name,
-        title=protocol.title,
-        parameters=protocol.model_dump(mode="json"),
-        point_type=protocol.point_type,
-        axes=protocol.axes,
-        sensor=bench.sensor,
-        bench=bench.configuration,
-        simulated=bench.simulated,
-        specimen=specimen,
-        resumed_from=continues,
-    )
 
 
 log = logging.getLogger(__name__)
@@ -118,7 +67,7 @@ class RunRejected:
 
 
 SessionEvent = Event | BenchOpened | BenchFailed | RunRejected
-Observer = Callable[[SessionEvent], None]
+Observer = Callable[[SessionEvent], object]
 
 
 class BuiltInOperator(Operator, Protocol):
@@ -158,10 +107,10 @@ class Session:
         observers: Sequence[Observer],
         operator: Operator,
     ) -> None:
-        self._connect, self._observers, self._operator = connect, tuple(observers), operator
-        self._injected_events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._requests: queue.SimpleQueue[RunRequest | RepeatRequest | None] = queue.SimpleQueue()
-        self._cancel, self._pause = threading.Event(), threading.Event()
+        self._connect, self._operator = connect, operator
+        self._events = EventBus(self._on_run_ended, *observers)
+        self._control = RunControl()
+        self._requests: queue.SimpleQueue[Callable[[], RunRequest] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="bench", daemon=False)
         self.state = SessionState.CONNECTING
         self.outcome: tuple[RunStatus, str] | None = None
@@ -174,50 +123,52 @@ class Session:
         """Begin to connect; returns at once."""
         self._thread.start()
 
-    def run(
-        self,
-        protocol: Measurement,
-        folder: Path,
-        specimen: str,
-        resume: "ResumableRun | None" = None,
-        prepare: Sequence[Prompt] = (),
-    ) -> None:
-        """Queue a run, or one that goes on with an earlier one; `prepare` is asked for first. Returns at once."""
-        self._enqueue(RunRequest(protocol, folder, specimen, resume, tuple(prepare)))
+    def run(self, request: RunRequest) -> None:
+        """Queue a run; returns at once."""
+        self._enqueue(lambda: request)
 
     def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None:
-        """Queue a run that measures some entries of the run `path` again. Returns at once; it is read in our thread."""
-        self._enqueue(RepeatRequest(path, tuple(entries), folder))
+        """Queue a run that measures some entries of the run `path` again; the file is read in the session's thread."""
 
-    def _enqueue(self, request: RunRequest | RepeatRequest) -> None:
-        self._cancel.clear()
-        self._pause.clear()
+        def load() -> RunRequest:
+            from protocols.runfile.open import RunReadError
+
+            request = RunRequest.resuming(path, folder, entries)
+            if self._control.cancel.is_set():
+                raise RunReadError(f"Stopped before the run began; nothing was measured. {path.name} is as it was.")
+            return request
+
+        self._enqueue(load)
+
+    def _enqueue(self, load: Callable[[], RunRequest]) -> None:
+        self._control.cancel.clear()
+        self._control.pause.clear()
         self.outcome = None
         self.finished.clear()
-        self._requests.put(request)
+        self._requests.put(load)
         if self.state in (SessionState.NO_BENCH, SessionState.CLOSED):
             self.finished.set()
 
     @property
     def pause_requested(self) -> bool:
         """Whether the present run shall be at rest and wait."""
-        return self._pause.is_set()
+        return self._control.pause.is_set()
 
     def stop(self) -> None:
         """Ask the present run to go to rest and end; returns at once."""
-        self._cancel.set()
+        self._control.cancel.set()
 
     def pause(self) -> None:
         """Ask the present run to go to rest and wait there; returns at once."""
-        self._pause.set()
+        self._control.pause.set()
 
     def resume(self) -> None:
         """Let a paused run go on; returns at once."""
-        self._pause.clear()
+        self._control.pause.clear()
 
     def inject_event(self, event: Event) -> None:
         """Something happened to the bench from outside: into the file of the run that goes on, and told. From any thread."""
-        self._injected_events.put(event)
+        self._control.external_events.put(event)
         if self.state is not SessionState.RUNNING:
             self._forward_injected()
 
@@ -234,10 +185,10 @@ class Session:
             with self._connect() as connected:
                 self.bench = connected.bench
                 identities = dict(connected.bench.configuration.get("identities", {}))
-                self._set_state(SessionState.IDLE)
-                self._notify(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
-                while (job := self._requests.get()) is not None:
-                    self._run(connected, job)
+                self.state = SessionState.IDLE
+                self._events.publish(BenchOpened(connected.bench.name, connected.bench.simulated, identities))
+                while (load := self._requests.get()) is not None:
+                    self._run(connected, load)
         except BenchError as error:
             self._fail(str(error))
         except Exception as error:
@@ -246,89 +197,49 @@ class Session:
         finally:
             self.bench = None
             if self.state is not SessionState.NO_BENCH:
-                self._set_state(SessionState.CLOSED)
+                self.state = SessionState.CLOSED
             self.finished.set()
 
-    def _run(self, connection: ConnectedBench, request: RunRequest | RepeatRequest) -> None:
+    def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
         # HDF5 and what comes with it: not before the window is painted, and not in its thread.
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
-        from protocols.runfile.writer import RunFileWriter
         from protocols.runner.runner import Runner
 
-        self._set_state(SessionState.RUNNING)
+        self.state = SessionState.RUNNING
         self._forward_injected()
         try:
-            job = request.load() if isinstance(request, RepeatRequest) else request
-            if isinstance(request, RepeatRequest) and self._cancel.is_set():
-                raise RunReadError(
-                    f"Stopped before the run began; nothing was measured. {request.path.name} is as it was."
-                )
-        except RunReadError as error:
-            self._reject(str(error))
-            return
-        for note in unreported_watchdog_messages(job.folder):
-            self._notify(note)
-        connection.bench.watchdog.set_log_folder(job.folder)
-        try:
-            continues = job.resume.path if job.resume else None
-            store = RunFileWriter.new(job.folder, run_metadata(job.protocol, connection.bench, job.specimen, continues))
-        except StorageError as error:
-            self._reject(str(error))
-        else:
-            self.path = store.path
-            operator = connection.operator or self._operator
+            request = load()
+            for note in unreported_watchdog_messages(request.folder):
+                self._events.publish(note)
+            connection.bench.watchdog.set_log_folder(request.folder)
             if connection.operator is not None:
-                with suppress(BenchError):  # the run will say it better
+                with suppress(BenchError):  # the run reports it better
                     connection.operator.clear_specimen()
-            continuation = job.resume.resume_state if job.resume else None
-            runner = Runner(
-                job.protocol,
-                connection.bench,
-                store,
-                operator,
-                [self._forward],
-                self._cancel,
-                self._pause,
-                continuation,
-                job.prepare,
-                self._injected_events,
-            )
+            operator = connection.operator or self._operator
+            runner = Runner(request, connection.bench, operator, self._events, self._control)
+        except (RunReadError, StorageError) as error:
+            self.outcome = (RunStatus.FAILED, str(error))
+            self.state = SessionState.IDLE
+            self._events.publish(RunRejected(str(error)))
+        else:
+            self.path = runner.path
             self.outcome = runner.run()
-            self.finished.set()
-
-    def _reject(self, reason: str) -> None:
-        self.outcome = (RunStatus.FAILED, reason)
-        self._set_state(SessionState.IDLE)
-        self._notify(RunRejected(reason))
         self.finished.set()
 
-    def _forward(self, event: Event) -> None:
+    def _on_run_ended(self, event: SessionEvent) -> None:
         if isinstance(event, RunEnded):
-            self._set_state(
-                SessionState.IDLE
-            )  # before observers hear, so that they see a session ready for the next run
+            self.state = SessionState.IDLE  # before the observers, which may start the next run
             self._forward_injected()
-        self._notify(event)
 
     def _forward_injected(self) -> None:
         with suppress(queue.Empty):
             while True:
-                self._notify(self._injected_events.get_nowait())
+                self._events.publish(self._control.external_events.get_nowait())
 
     def _fail(self, reason: str) -> None:
-        self._set_state(SessionState.NO_BENCH)
-        self._notify(BenchFailed(reason))
-
-    def _set_state(self, state: SessionState) -> None:
-        self.state = state
-
-    def _notify(self, event: SessionEvent) -> None:
-        for observer in self._observers:
-            try:
-                observer(event)
-            except Exception:
-                log.exception("an observer failed on %s", event.kind)
+        self.state = SessionState.NO_BENCH
+        self._events.publish(BenchFailed(reason))
 
 
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:

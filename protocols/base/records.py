@@ -1,7 +1,4 @@
-"""The values a run is made of: an entry of its plan, a recording of samples, an estimate.
-
-A card's integers as physical units.
-"""
+"""The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -127,11 +124,3 @@ class PlanEntry:
     key: tuple[float | str, ...] = ()
     setup: Prompt | None = None
     prompts: int = 0
-
-
-def scale_counts(scale: Callable[[NDArray[np.int16]], Array], raw: NDArray[np.int16]) -> Array:
-    """`convert(raw)`; of a long record through a table of all counts: the same numbers in half the time and less."""
-    if raw.size < 1 << 18:
-        return scale(raw)
-    counts = np.arange(1 << 16, dtype=np.uint16)
-    return np.asarray(scale(counts.view(np.int16))[raw.view(np.uint16)])

@@ -11,8 +11,9 @@ from drivers.bench.bench import channel_skew_s
 from drivers.drive import from_record
 from drivers.interfaces import Scale
 from drivers.sensors.laser_sensor import LaserSensor
+from protocols.base.channels import ChannelCalibration
 from protocols.base.quality import Quality
-from protocols.base.records import Recording, scale_counts
+from protocols.base.records import Recording
 from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
 
 if TYPE_CHECKING:
@@ -87,14 +88,12 @@ class RunTrace:
 
     def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
         """Volts at the amplifier's input, rows start..stop, (N,)."""
-        return scale_counts(self.channel_scale("drive").to_volts, self.read_raw("drive", start, stop))
+        return ChannelCalibration(self.channel_scale("drive")).to_si(self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
         """Displacement as the sensor tells it, (N,); a Recording's quality says where not to believe it."""
-        sensor, scale = self._sensor(), self.channel_scale("displacement")
-        return scale_counts(
-            lambda counts: sensor.displacement_m(scale.to_volts(counts)), self.read_raw("displacement", start, stop)
-        )
+        channel = ChannelCalibration(self.channel_scale("displacement"), self._sensor())
+        return channel.to_si(self.read_raw("displacement", start, stop))
 
     def recordings(self) -> Iterator[Recording]:
         """What was recorded in this very file, in order, exactly as the live run had it."""

@@ -1,7 +1,4 @@
-"""Carries out the steps of one entry on an armed bench, and answers each.
-
-The samples of one recording while it is made: converted and judged block by block, kept only where they are few.
-"""
+"""Step executor: carries out the steps of a plan entry on an armed bench and collects its recordings."""
 
 import itertools
 import math
@@ -14,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, Bench, channel_skew_s, drive_voltage
-from drivers.bench.bench import ArmedBench as ArmedBench
+from drivers.bench.bench import DRIVE_CHANNEL, ArmedBench, Bench, channel_skew_s
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
-from drivers.interfaces import Block, Reading, Scale
+from drivers.interfaces import Block, Reading
+from protocols.base.channels import ChannelCalibration
 from protocols.base.events import (
     BlockDiscarded,
     DriveStarted,
@@ -39,7 +36,6 @@ from protocols.base.records import (
     Recording,
     StreamedRecording,
     recording_too_long_message,
-    scale_counts,
 )
 from protocols.base.steps import (
     Ask,
@@ -59,51 +55,49 @@ from protocols.runfile.writer import RunFileWriter
 from protocols.runner.publisher import RunRecorder
 from protocols.signals import SettlingDetector
 
-BlockScaling = Callable[[NDArray[np.int16]], tuple[Array, Array, Quality]]
-
 
 class RecordingBuffer:
-    """Takes the blocks of a recording, one after the other.
+    """Collects the blocks of one recording as drive and displacement in SI; a long recording keeps no samples.
 
     Args:
-        units: drive (V), displacement (m) and what is wrong with them, of a block's integers (2, n).
+        channels: calibrations of drive and displacement.
     """
 
-    def __init__(self, scale_block: BlockScaling, first_block: Block) -> None:
-        self._scale_block = scale_block
-        self._first_scan, self._last_block = first_block.start, first_block
-        self._samples: list[tuple[Array, Array]] = []
+    def __init__(self, channels: Sequence[ChannelCalibration], first_block: Block) -> None:
+        self._channels = channels
+        self.first_scan, self._last_block = first_block.start, first_block
+        """The card's number of the first scan."""
+        self._samples: list[tuple[Array, ...]] = []
         self._quality, self._scaled_scans = Quality.GOOD, 0
         self.scans = first_block.raw.shape[1]
         """Scans of all blocks so far."""
 
-    @property
-    def first_scan(self) -> int:
-        """The card's number of the first scan."""
-        return self._first_scan
-
     def add(self, block: Block) -> None:
-        """The next block; what came before it is counted."""
+        """Append the next block."""
         self._scale_and_append(self._last_block.raw)
         self._last_block = block
         self.scans += block.raw.shape[1]
 
     def finish(self, scans: int) -> tuple[Sequence[Array], Quality]:
-        """Drive and displacement, (wanted,) each, and what is wrong with them; of a long recording no samples."""
+        """Return drive and displacement, (scans,) each, and their flags; no samples of a long recording."""
         self._scale_and_append(self._last_block.raw[:, : scans - self._scaled_scans])
-        if self._last_block.stop - self._first_scan != self.scans:
+        if self._last_block.stop - self.first_scan != self.scans:
             self._quality |= Quality.DROPPED
         long = scans > STREAMED_RECORDING_SCANS
         return () if long else [np.concatenate(channel) for channel in zip(*self._samples, strict=True)], self._quality
 
     def _scale_and_append(self, raw: NDArray[np.int16]) -> None:
-        drive_v, displacement_m, flags = self._scale_block(raw)
-        self._quality |= flags
+        for channel, counts in zip(self._channels, raw, strict=False):
+            self._quality |= channel.quality(counts)
         self._scaled_scans += raw.shape[1]
         if self._scaled_scans <= STREAMED_RECORDING_SCANS:
-            self._samples.append((drive_v, displacement_m))
+            self._samples.append(_to_si(self._channels, raw))
         else:
             self._samples.clear()
+
+
+def _to_si(channels: Sequence[ChannelCalibration], raw: NDArray[np.int16]) -> tuple[Array, ...]:
+    return tuple(channel.to_si(counts) for channel, counts in zip(channels, raw, strict=False))
 
 
 BLOCK_LATENCY_S = 0.05
@@ -147,14 +141,15 @@ class StepExecutor:
             calibration_warning,
         )
         self._armed: ArmedBench | None = None
+        self._channels: Sequence[ChannelCalibration] = ()
         self._recording_count = 0
         self._scans_read = 0
         """Scans that the card has given us."""
         self._rest_v = bench.amplifier.map.rest_v
 
     def attach(self, armed: ArmedBench) -> None:
-        """The card runs."""
-        self._armed = armed
+        """Take the bench whose card now runs."""
+        self._armed, self._channels = armed, ChannelCalibration.pair(armed.scales, self._bench.sensor)
 
     def run_entry(
         self, protocol: Protocol, index: int, entry: PlanEntry, armed: ArmedBench
@@ -244,8 +239,7 @@ class StepExecutor:
         while (words := self._operator.answer(ask_id)) is None:
             self._check_interrupts()
             block = self.discard_block(armed)
-            drive_v, displacement_m, _ = self._scale_block(armed, block.raw)
-            if step.detector.feed(drive_v, displacement_m):
+            if step.detector.feed(*_to_si(self._channels, block.raw)):
                 self._recorder.publish(PromptAnswered(ask_id, "seen by the laser"))
                 return DetectionResult(True, None)
         self._recorder.publish(PromptAnswered(ask_id, words))
@@ -264,9 +258,7 @@ class StepExecutor:
         )
         while True:
             block = self._read_block(armed)
-            fresh = slice(max(first - block.start, 0), None)
-            drive_v, displacement_m, _ = self._scale_block(armed, block.raw[:, fresh])
-            done = detector.feed(drive_v, displacement_m)
+            done = detector.feed(*_to_si(self._channels, block.raw[:, max(first - block.start, 0) :]))
             if done or block.stop >= last:
                 break
         if detector.drive_seen_v < 0.5 * step.drive.amplitude_v:
@@ -285,7 +277,7 @@ class StepExecutor:
         block = self._read_block(armed)
         while block.stop < last:
             block = self._read_block(armed)
-        self._check_drive_readback(armed, step.drive, block)
+        self._check_drive_readback(step.drive, block)
         self._recorder.publish(SettlingFinished(True, wait_s))
         return SettlingResult(True, wait_s)
 
@@ -296,20 +288,22 @@ class StepExecutor:
         wanted = math.ceil(step.duration_s * armed.rate_hz)
         if wanted > MAX_RECORDING_SCANS:
             raise BenchError(recording_too_long_message(wanted))
-        gathering = RecordingBuffer(partial(self._scale_block, armed), self._read_block(armed))
+        buffer = RecordingBuffer(self._channels, self._read_block(armed))
         if step.drive is not None:
-            while gathering.scans < step.lead_s * armed.rate_hz:
-                gathering.add(self._read_block(armed))
+            while buffer.scans < step.lead_s * armed.rate_hz:
+                buffer.add(self._read_block(armed))
             self._start_drive(armed, step.drive)
             # The card ran on while the source was told; what it saw meanwhile is the rest before the drive.
-            wanted += max(self._scan_index(armed, BLOCK_LATENCY_S) - gathering.first_scan, 0)
-        while gathering.scans < wanted:
-            gathering.add(self._read_block(armed))
-        samples, quality = gathering.finish(wanted)
+            wanted += max(self._scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
+        while buffer.scans < wanted:
+            buffer.add(self._read_block(armed))
+        samples, quality = buffer.finish(wanted)
         if not settled.settled:
             quality |= Quality.UNSETTLED
+        if self._calibration_warning:
+            quality |= Quality.CALIBRATION_EXPIRED
         rows = (start_row, start_row + wanted)
-        known: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "index": self._recording_count,
             "rows": rows,
             "rate_hz": armed.rate_hz,
@@ -319,9 +313,9 @@ class StepExecutor:
             "entry": entry,
         }
         if samples:
-            recording = Recording(drive_v=samples[0], displacement_m=samples[1], **known)
+            recording = Recording(drive_v=samples[0], displacement_m=samples[1], **fields)
         else:
-            recording = StreamedRecording(partial(self._read_stored, armed.scales, rows), **known)
+            recording = StreamedRecording(partial(self._read_stored, rows), **fields)
         self._recording_count += 1
         self._run_file.append_recording(recording.rows, int(quality), recording.drive, entry)
         self._recorder.publish(RecordingFinished(recording.index, recording.rows, int(quality), recording.drive, entry))
@@ -335,8 +329,8 @@ class StepExecutor:
         """The scan that is taken `later_s` from now."""
         return math.ceil((self._bench.clock.now() - armed.stream.start_time_s + delay_s) * armed.rate_hz)
 
-    def _check_drive_readback(self, armed: ArmedBench, drive: Drive, block: Block) -> None:
-        seen_v = float(drive_voltage(block, armed.scales).mean())
+    def _check_drive_readback(self, drive: Drive, block: Block) -> None:
+        seen_v = float(self._channels[DRIVE_CHANNEL].to_si(block.raw[DRIVE_CHANNEL]).mean())
         if not drive.low_v - DRIVE_READBACK_TOLERANCE_V <= seen_v <= drive.high_v + DRIVE_READBACK_TOLERANCE_V:
             raise BenchError(
                 f"the card sees {seen_v:.3f} V where {drive.low_v:g} to {drive.high_v:g} V are driven (limit "
@@ -356,22 +350,7 @@ class StepExecutor:
         self._check_interrupts()
         return block
 
-    def _read_stored(self, scales: Sequence[Scale], rows: tuple[int, int], drive: bool) -> Any:
-        """One channel of these rows of the run's file, in volts or metres."""
-        if drive:
-            return scale_counts(scales[DRIVE_CHANNEL].to_volts, self._run_file.read_raw("drive", rows))
-        volts, sensor = scales[DISPLACEMENT_CHANNEL].to_volts, self._bench.sensor
-        return scale_counts(
-            lambda raw: sensor.displacement_m(volts(raw)), self._run_file.read_raw("displacement", rows)
-        )
-
-    def _scale_block(self, armed: ArmedBench, raw: Any) -> tuple[Any, Any, Quality]:
-        """Drive in volts, displacement in metres, and what is wrong with these samples."""
-        sensor = self._bench.sensor
-        volts = [scale.to_volts(raw[i]) for i, scale in enumerate(armed.scales)]
-        quality = Quality.CALIBRATION_EXPIRED if self._calibration_warning else Quality.GOOD
-        if any(armed.scales[i].is_clipped(raw[i]).any() for i in (DRIVE_CHANNEL, DISPLACEMENT_CHANNEL)):
-            quality |= Quality.CLIPPED
-        if not sensor.is_valid(volts[DISPLACEMENT_CHANNEL]).all():
-            quality |= Quality.OUT_OF_RANGE
-        return volts[DRIVE_CHANNEL], sensor.displacement_m(volts[DISPLACEMENT_CHANNEL]), quality
+    def _read_stored(self, rows: tuple[int, int], drive: bool) -> Array:
+        """Read one channel of these rows of the run file, in volts or metres."""
+        name, channel = ("drive", self._channels[0]) if drive else ("displacement", self._channels[1])
+        return channel.to_si(self._run_file.read_raw(name, rows))

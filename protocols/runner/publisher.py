@@ -1,44 +1,38 @@
-"""What happens in a run is stored first and then told: nobody hears of what the file does not hold."""
+"""Recorder of a run: stores events and blocks in the run file, then publishes them."""
 
-import logging
-from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 
 from drivers.clock import Clock
 from drivers.interfaces import Block
+from protocols.base.event_bus import EventBus
 from protocols.base.events import BlockStored, Event
 from protocols.runfile.errors import StorageError
 from protocols.runfile.writer import RunFileWriter
 
-log = logging.getLogger(__name__)
-
-Observer = Callable[[Event], None]
-
 
 class RunRecorder:
-    """The way of every event and block of a run: into its file, then to the observers.
+    """Stores every event and block of a run in its file, then publishes it: observers see nothing that is not stored.
 
-    A store error fails the run; an observer's error is logged and never does. Times are seconds since this was made.
-    Other threads put what happens to the bench from outside into `outside`.
+    A storage error fails the run. Times in the file are seconds since the recorder was created.
+
+    Args:
+        external_events: events of other threads, such as faults injected into a simulated bench.
     """
 
     def __init__(
-        self,
-        run_file: RunFileWriter,
-        observers: Sequence[Observer],
-        clock: Clock,
-        external_events: SimpleQueue[Event] | None = None,
+        self, run_file: RunFileWriter, events: EventBus, clock: Clock, external_events: SimpleQueue[Event]
     ) -> None:
-        self._run_file, self._observers, self._clock = run_file, tuple(observers), clock
+        self._run_file, self._clock, self._external_events = run_file, clock, external_events
         self._start_s = clock.now()
-        self._external_events: SimpleQueue[Event] = SimpleQueue() if external_events is None else external_events
         self._store_failed = False
+        self.notify = events.publish
+        """Publishes an event that need not, or cannot, be stored."""
 
     def publish(self, event: Event) -> None:
-        """Store an event, then tell it. After the store failed once, only tell.
+        """Store an event, then publish it; once storing has failed, only publish.
 
         Raises:
-            StoreError: the file cannot be written; nobody was told.
+            StorageError: the file cannot be written; the event was not published.
         """
         if not self._store_failed:
             try:
@@ -49,10 +43,10 @@ class RunRecorder:
         self.notify(event)
 
     def publish_external(self) -> None:
-        """Store and tell what happened from outside meanwhile.
+        """Store and publish the external events that have arrived.
 
         Raises:
-            StoreError: the file cannot be written; it was told all the same.
+            StorageError: the file cannot be written; the event was published all the same.
         """
         while not self._external_events.empty():
             event = self._external_events.get()
@@ -63,21 +57,13 @@ class RunRecorder:
                 raise
 
     def store_block(self, block: Block) -> None:
-        """Append a block of samples, then tell it: the sink of an armed bench.
+        """Append a block of samples, then publish it: the sink of an armed bench.
 
         Raises:
-            StoreError: the file cannot be written; nobody was told.
+            StorageError: the file cannot be written; the block was not published.
         """
         row = self._run_file.append_block(block, self._elapsed_s())
         self.notify(BlockStored(block, row))
-
-    def notify(self, event: Event) -> None:
-        """Tell what need not be kept, or cannot."""
-        for observer in self._observers:
-            try:
-                observer(event)
-            except Exception:
-                log.exception("an observer failed on %s", event.kind)
 
     def _elapsed_s(self) -> float:
         return self._clock.now() - self._start_s

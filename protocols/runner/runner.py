@@ -1,24 +1,21 @@
-"""Carries one protocol out on an armed bench: the order of things, pausing, cancelling, and the way to rest."""
+"""Runner: runs one protocol on an armed bench, with pause, cancel and the way to rest."""
 
 import contextlib
 import importlib
 import logging
-import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from queue import SimpleQueue
 from typing import Any
 
-from drivers.bench.bench import ArmedBench as ArmedBench
-from drivers.bench.bench import Bench
+from drivers.bench.bench import ArmedBench, Bench
 from drivers.errors import BenchError, UnsafeError
+from protocols.base.event_bus import EventBus
 from protocols.base.events import (
     BenchArmed,
     CurveReady,
     EntryStarted,
-    Event,
     LogMessage,
     RestMeasured,
     RunEnded,
@@ -30,17 +27,17 @@ from protocols.base.events import (
     StreamStarted,
 )
 from protocols.base.operator import Operator
-from protocols.base.protocol import Protocol
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.steps import Prompt, Repeat
+from protocols.base.steps import Repeat
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState, assess_drift
 from protocols.runfile.errors import StorageError
-from protocols.runfile.writer import RunFileWriter
+from protocols.runfile.writer import RunFileWriter, RunMetadata
 from protocols.runner.executor import StepExecutor
 from protocols.runner.ledger import PlanProgress
 from protocols.runner.operator_actions import OperatorActions
-from protocols.runner.publisher import Observer, RunRecorder
+from protocols.runner.publisher import RunRecorder
+from protocols.runner.request import RunControl, RunRequest
 
 log = logging.getLogger(__name__)
 
@@ -56,6 +53,23 @@ class PauseInterrupt(Exception):
     """Somebody asked the run to pause."""
 
 
+def run_metadata(request: RunRequest, bench: Bench) -> RunMetadata:
+    """Return what the run file holds before the run begins."""
+    protocol = request.protocol
+    return RunMetadata(
+        protocol=protocol.name,
+        title=protocol.title,
+        parameters=protocol.model_dump(mode="json"),
+        point_type=protocol.point_type,
+        axes=protocol.axes,
+        sensor=bench.sensor,
+        bench=bench.configuration,
+        simulated=bench.simulated,
+        specimen=request.specimen,
+        resumed_from=request.resume.path if request.resume else None,
+    )
+
+
 class Runner:
     r"""Runs one protocol once: created -> run() -> ended, in the thread that calls it.
 
@@ -64,40 +78,37 @@ class Runner:
         file open -> card running -> armed at rest -> entry after entry ... -> to rest, measured -> file finished
                  \_______________ any failure, Stop, Ctrl-C _______________/
 
-    A store error fails the run; an observer's error never does (protocols.runner.publisher). `cancel` and `pause` may be set
-    from any thread; they are looked at after every block and in every wait. A paused run goes to rest, and measures the
-    interrupted entry from its beginning once it goes on.
-
-    What happens to the bench from outside (`outside`: faults that somebody sets on purpose) is stored and told within a
-    block.
+    A storage error fails the run; an observer's error never does. A paused run goes to rest and, when resumed, measures
+    the interrupted entry from its beginning.
     """
 
     def __init__(
         self,
-        protocol: Protocol,
+        request: RunRequest,
         bench: Bench,
-        run_file: RunFileWriter,
         operator: Operator,
-        observers: Sequence[Observer] = (),
-        cancel: threading.Event | None = None,
-        pause: threading.Event | None = None,
-        resume_state: ResumeState | None = None,
-        preparation: Sequence[Prompt] = (),
-        external_events: SimpleQueue[Event] | None = None,
+        events: EventBus | None = None,
+        control: RunControl | None = None,
     ) -> None:
-        self._protocol, self._bench, self._run_file = protocol, bench, run_file
-        self._cancel, self._pause = cancel or threading.Event(), pause or threading.Event()
-        self._resume_state = resume_state or ResumeState()
-        self._preparation = tuple(preparation)
+        """Create the run file.
+
+        Raises:
+            StorageError: the file cannot be created.
+        """
+        self._protocol, self._bench = request.protocol, bench
+        self._preparation, self._control = request.prepare, control or RunControl()
+        self._resume_state = request.resume.resume_state if request.resume else ResumeState()
+        self._run_file = RunFileWriter.new(request.folder, run_metadata(request, bench))
+        self.path = self._run_file.path
         self._armed: ArmedBench | None = None
         self._pausable = False
         self._calibration_warning = bench.sensor.expiry_warning(datetime.now(UTC).date())
-        self._recorder = RunRecorder(run_file, observers, bench.clock, external_events)
-        self._plan_progress = PlanProgress(protocol, run_file, bench.amplifier.map.rest_v)
+        self._recorder = RunRecorder(self._run_file, events or EventBus(), bench.clock, self._control.external_events)
+        self._plan_progress = PlanProgress(self._protocol, self._run_file, bench.amplifier.map.rest_v)
         self._executor = StepExecutor(
-            bench, run_file, operator, self._recorder, self._check_interrupts, self._calibration_warning
+            bench, self._run_file, operator, self._recorder, self._check_interrupts, self._calibration_warning
         )
-        self._operator_actions = OperatorActions(self._executor, protocol.high_voltage)
+        self._operator_actions = OperatorActions(self._executor, self._protocol.high_voltage)
 
     def run(self) -> tuple[RunStatus, str]:
         """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
@@ -216,7 +227,7 @@ class Runner:
     def _wait_at_rest(self, armed: ArmedBench) -> None:
         rest = armed.return_to_verified_rest()
         self._recorder.publish(RunPaused(rest.message, self._protocol.high_voltage))
-        while self._pause.is_set():
+        while self._control.pause.is_set():
             self._check_interrupts()
             self._executor.discard_block(armed)
         self._recorder.publish(RunResumed())
@@ -244,9 +255,9 @@ class Runner:
     def _check_interrupts(self) -> None:
         """Whether somebody wants something else than to go on."""
         self._recorder.publish_external()
-        if self._cancel.is_set():
+        if self._control.cancel.is_set():
             raise RunCancelled
-        if self._pausable and self._pause.is_set():
+        if self._pausable and self._control.pause.is_set():
             raise PauseInterrupt
 
     def _finish(self, status: RunStatus, reason: str) -> tuple[RunStatus, str]:

@@ -27,6 +27,7 @@ from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck, WiringPoint
 from protocols.runfile.reader import Run
+from protocols.runner.request import RunRequest
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 SHORT = SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=5)
@@ -142,7 +143,8 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
             keyboard("\n")
 
     with headless_session(SelectedBench("sim", simulated(), None), False, [watch]) as front:
-        front.session.run(SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5), tmp_path, "T1")
+        protocol = SineDwell(frequencies_hz=(150, 200), record_s=0.05, min_cycles=5)
+        front.session.run(RunRequest(protocol, tmp_path, "T1"))
         front.wait()
         assert front.session.outcome == ("completed", "all points measured")
     kept = [kind for kind in kinds if kind in ("EntryBegan", "PointMeasured", "Paused", "Resumed")]

@@ -14,6 +14,7 @@ from protocols.base.events import PointMeasured, PromptAnswered, RunEnded, RunSt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun
+from protocols.runner.request import RunRequest
 from sim_hardware.plant.setup_state import initial_state
 from tests.helpers.simulated_bench import Trigger, assert_safe_voltage, run, simulated
 
@@ -45,7 +46,7 @@ def test_two_runs_on_one_bench_then_closed(tmp_path: Path) -> None:
     one, laboratories = session(events)
     one.start()
     for _ in range(2):
-        one.run(SHORT, tmp_path, "T1")
+        one.run(RunRequest(SHORT, tmp_path, "T1"))
         assert one.finished.wait(30)
         assert one.outcome == (RunStatus.COMPLETED, "all points measured")
         assert one.state is SessionState.IDLE
@@ -69,12 +70,12 @@ def test_what_a_stopped_run_left_on_the_specimen_is_off_before_the_next_one(tmp_
     weighs = Trigger(lambda e: isinstance(e, PromptAnswered) and e.words == "seen by the laser", stop)
     one = Session(one._connect, [events.append, weighs], Nobody())
     one.start()
-    one.run(StaticLoading(), tmp_path, "T1")
+    one.run(RunRequest(StaticLoading(), tmp_path, "T1"))
     assert one.finished.wait(30)
     assert one.outcome is not None
     assert one.outcome[0] == RunStatus.STOPPED
     assert left[0].weights_kg
-    one.run(SHORT, tmp_path, "T1")
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(30)
     assert laboratories[0].control.plant.setup_state == initial_state(laboratories[0].control.parameters)
     found = [e.point.fundamental for e in events if isinstance(e, PointMeasured)]
@@ -90,7 +91,7 @@ def test_closing_mid_run_goes_to_rest_first(tmp_path: Path) -> None:
     hit = Trigger(lambda e: isinstance(e, PointMeasured), lambda: None)
     one = Session(one._connect, [events.append, hit], Nobody())
     one.start()
-    one.run(SineDwell(), tmp_path, "T1")
+    one.run(RunRequest(SineDwell(), tmp_path, "T1"))
     deadline = time.monotonic() + 20
     while not hit.done and time.monotonic() < deadline:
         pass
@@ -109,13 +110,13 @@ def test_a_bench_that_is_not_there_is_told_and_a_run_on_it_ends(tmp_path: Path) 
     events: list = []
     one = Session(absent, [events.append], Nobody())
     one.start()
-    one.run(SHORT, tmp_path, "T1")
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(10)
     assert one.outcome is None
     assert one.state is SessionState.NO_BENCH
     assert events == [BenchFailed("the generator is not there; switch it on")]
     assert one.close(10)
-    one.run(SHORT, tmp_path, "T1")
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.is_set()
 
 
@@ -123,7 +124,7 @@ def test_a_run_that_cannot_be_gone_on_with_is_refused_and_keeps_the_bench(tmp_pa
     events: list = []
     one, _ = session(events)
     one.start()
-    one.run(SHORT, tmp_path, "T1")
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(30)
     assert one.path is not None
     before = one.path.read_bytes()
@@ -165,12 +166,12 @@ def test_a_folder_nobody_can_write_refuses_the_run_and_keeps_the_bench(tmp_path:
     events: list = []
     one, _ = session(events)
     one.start()
-    one.run(SHORT, Path("/proc/nowhere"), "T1")
+    one.run(RunRequest(SHORT, Path("/proc/nowhere"), "T1"))
     assert one.finished.wait(20)
     assert isinstance(events[-1], RunRejected)
     assert one.outcome is not None
     assert "cannot be created" in one.outcome[1]
-    one.run(SHORT, tmp_path, "T1")
+    one.run(RunRequest(SHORT, tmp_path, "T1"))
     assert one.finished.wait(30)
     assert one.outcome[0] == RunStatus.COMPLETED
     assert one.close(10)

@@ -21,7 +21,6 @@ from app.identification import calibrations
 from app.identification.identify import identify
 from app.identification.observations import shape_count_of_file
 from app.identification.recalibration import Correction, RecalibratedRun
-from app.session.session import run_metadata
 from model.identification.fit_options import FitOptions
 from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor
@@ -33,9 +32,8 @@ from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.voltage_steps import VoltageSteps
-from protocols.resume import load_resumable
 from protocols.runfile.reader import Run, RunReadError
-from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
@@ -268,18 +266,18 @@ def test_a_run_that_went_on_is_reduced_with_what_it_went_on_from(tmp_path: Path)
     protocol = SineDwell(frequencies_hz=(100, 160), record_s=0.1)
     with laboratory() as lab:
         first = run(protocol, tmp_path, lab).path
-        before = load_resumable(first, repeat_entries=(1,))
-        store = RunFileWriter.new(tmp_path, run_metadata(protocol, lab.bench, "T1", first))
-        Runner(protocol, lab.bench, store, lab.operator, [], resume_state=before.resume_state).run()
+        request = RunRequest.resuming(first, tmp_path, (1,))
+        runner = Runner(request, lab.bench, lab.operator)
+        runner.run()
     correction = Correction.from_bench_file(bench(tmp_path / "c.toml", 1.1e-4))
-    with Run(store.path) as was, correction.open(store.path) as now:
+    with Run(runner.path) as was, correction.open(runner.path) as now:
         measured, again = was.points(), now.points()
     last = {int(entry): row for row, entry in enumerate(measured["entry"])}
     for row, entry in enumerate(again["entry"].tolist()):
         assert again["fundamental"][row] == pytest.approx(1.1 * measured["fundamental"][last[entry]], rel=1e-9)
     assert len(again["entry"]) == 2
     first.unlink()
-    with correction.open(store.path) as now, pytest.raises(RunReadError, match="bring the run it goes on with"):
+    with correction.open(runner.path) as now, pytest.raises(RunReadError, match="bring the run it goes on with"):
         now.points()
 
 

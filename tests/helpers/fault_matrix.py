@@ -21,10 +21,10 @@ from pydantic.fields import FieldInfo
 
 from app.config.bench_file import BenchConfig
 from app.session.connect import connect
-from app.session.session import run_metadata
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError
+from protocols.base.event_bus import EventBus
 from protocols.base.events import (
     BenchArmed,
     BlockStored,
@@ -40,7 +40,7 @@ from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
-from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunControl, RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.operator import SimulatedOperator
@@ -239,8 +239,8 @@ def moments_of(name: str) -> Moments:
     """From a run in which nothing breaks, which must end well."""
     with tempfile.TemporaryDirectory() as folder, _virtual() as (bench, world, operator):
         looker = _Looker(world)
-        store = RunFileWriter.new(Path(folder), run_metadata(protocol(name), bench, "matrix"))
-        status, reason = Runner(protocol(name), bench, store, operator, [looker]).run()
+        request = RunRequest(protocol(name), Path(folder), "matrix")
+        status, reason = Runner(request, bench, operator, EventBus(looker)).run()
         assert status is RunStatus.COMPLETED, f"{name} without a fault: {reason}"
     missing = {"ramp"} if looker.moves_live < ON_THE_WAY else set()
     return Moments(tuple(m for m in MOMENTS if m not in missing), looker.record_after_s, looker.moves_leaving)
@@ -310,14 +310,14 @@ def cell(fault: str, name: str, moment: str, folder: Path, wires: bool = False) 
                 if bench.clock.now() - begin_s > TOO_LONG_S:
                     cancel.set()
 
-            chosen = protocol(name)
-            store = RunFileWriter.new(folder, run_metadata(chosen, bench, "matrix"))
-            runner = Runner(chosen, bench, store, operator, [events.append, breaker, patience], cancel)
+            request = RunRequest(protocol(name), folder, "matrix")
+            observers = EventBus(events.append, breaker, patience)
+            runner = Runner(request, bench, operator, observers, RunControl(cancel))
             status, reason = runner.run()
             report = world.report()
     finally:
         logging.getLogger().removeHandler(listener)
-    with Run(store.path) as file:
+    with Run(runner.path) as file:
         file_status = file.status
     log = folder / "watchdog.log"
     return Cell(

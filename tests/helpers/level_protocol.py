@@ -8,14 +8,13 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from annotated_types import Unit
 
-from app.session.session import run_metadata
 from drivers.drive import Drive, Hold
+from protocols.base.event_bus import EventBus
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
 from protocols.base.steps import Play, Prompt, Record, Repeat, Step
-from protocols.resume import load_resumable
-from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 from tests.helpers.simulated_bench import Ran
@@ -97,16 +96,13 @@ class Handy:
 
 def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), operator: Any = None) -> Ran:
     """Go on with a run, as a session does."""
-    before = load_resumable(path, again)
     events: list[Any] = []
-    store = RunFileWriter.new(folder, run_metadata(before.protocol, lab.bench, before.specimen, before.path))
-    runner = Runner(
-        before.protocol, lab.bench, store, operator or lab.operator, [events.append], resume_state=before.resume_state
-    )
+    request = RunRequest.resuming(path, folder, again)
+    runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append))
     status, reason = runner.run()
     report = lab.control.report()
     assert_safe_voltage(report)
-    return Ran(status, reason, store.path, events, report, lab)
+    return Ran(status, reason, runner.path, events, report, lab)
 
 
 def high_voltage(lab: Any) -> bool:

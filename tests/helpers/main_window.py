@@ -17,6 +17,7 @@ from app.session.connect import BenchConnection, connect
 from app.session.session import SessionEvent
 from protocols.base.events import PointMeasured
 from protocols.base.protocol import Protocol
+from protocols.runner.request import RunRequest
 
 PATIENCE_S = 20.0
 
@@ -62,12 +63,12 @@ class ListeningSession:
 
     def start(self) -> None: ...
 
-    def run(self, protocol: Protocol, folder: Path, specimen: str, resume: Any = None, prepare: Any = ()) -> None:
-        self.runs.append((protocol, folder, specimen))
-        if prepare:
-            self.prepared.append(prepare)
-        if resume is not None:
-            self.continued.append(resume)
+    def run(self, request: RunRequest) -> None:
+        self.runs.append((request.protocol, request.folder, request.specimen))
+        if request.prepare:
+            self.prepared.append(request.prepare)
+        if request.resume is not None:
+            self.continued.append(request.resume)
 
     def repeat_entries(self, path: Path, entries: Any, folder: Path) -> None:
         self.again.append((path, tuple(entries), folder))

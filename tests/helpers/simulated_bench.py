@@ -9,10 +9,10 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.session.connect import BenchConnection, connect
-from app.session.session import run_metadata
+from protocols.base.event_bus import EventBus
 from protocols.base.events import Event, PointMeasured, RunStatus
 from protocols.base.protocol import Protocol
-from protocols.runfile.writer import RunFileWriter
+from protocols.runner.request import RunControl, RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.testing.safe_volts import assert_safe_voltage
@@ -92,11 +92,11 @@ def run(
 ) -> Ran:
     """Run a protocol on a virtual bench; unless the test says otherwise, the volts must have been safe."""
     events: list[Event] = []
-    store = RunFileWriter.new(folder, run_metadata(protocol, lab.bench, "T1"))
-    told = [events.append, *observers]
-    runner = Runner(protocol, lab.bench, store, operator or lab.operator, told, cancel, pause)
+    control = RunControl(cancel or threading.Event(), pause or threading.Event())
+    request = RunRequest(protocol, folder, "T1")
+    runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append, *observers), control)
     status, reason = runner.run()
     report = lab.control.report()
     if safe:
         assert_safe_voltage(report)
-    return Ran(status, reason, store.path, events, report, lab)
+    return Ran(status, reason, runner.path, events, report, lab)

@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from app.session.session import run_metadata
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from protocols.base.events import LogMessage, RecordingFinished, SettlingFinished
@@ -20,6 +19,8 @@ from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
+from protocols.runner.request import RunRequest
+from protocols.runner.runner import run_metadata
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 
@@ -169,7 +170,7 @@ def test_parameters_outside_their_range_are_refused(settings: dict, says: str) -
 
 def test_the_header_names_everything_a_reader_needs() -> None:
     with laboratory() as lab:
-        told = run_metadata(SineDwell(), lab.bench, "T9")
+        told = run_metadata(RunRequest(SineDwell(), Path(), "T9"), lab.bench)
     assert told.bench["simulation"]["tactor"]["k2"] == 7.0e-3
     assert told.bench["identities"]["generator"].startswith("Keysight")
     assert told.simulated

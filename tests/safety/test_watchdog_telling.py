@@ -13,6 +13,7 @@ from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME, take_unreported_lines
 from protocols.base.events import LogMessage
 from protocols.measurements.sine_dwell import SineDwell
+from protocols.runner.request import RunRequest
 from tests.helpers.simulated_bench import laboratory, simulated
 
 
@@ -23,7 +24,7 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
         with laboratory() as lab:
             session = Session(lambda lab=lab: nullcontext(lab), [events.append], lab.operator)
             session.start()
-            session.run(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T")
+            session.run(RunRequest(SineDwell(frequencies_hz=(200,), record_s=0.05, min_cycles=3), tmp_path, "T"))
             session.finished.wait(60)
             session.close()
         notes = [e.text for e in events if isinstance(e, LogMessage) and "the watchdog wrote" in e.text]

@@ -13,10 +13,11 @@ from app.session.session import SessionEvent
 
 if TYPE_CHECKING:  # run files and numerics are imported where they are used: in the threads beside the window
     from app.campaign.campaign import Campaign
-    from app.campaign.queue import CampaignRunner, ItemRunRequest
+    from app.campaign.queue import CampaignRunner
     from app.campaign.summary import CampaignEstimates, CampaignSummary
     from drivers.bench.bench import Bench
     from model.amplifier_map import AmplifierMap
+    from protocols.runner.request import RunRequest
 
 MAX_RECENT = 8
 
@@ -37,7 +38,7 @@ class CampaignController(QObject):
     message = Signal(str)
     """Why something was not done."""
     run_requested = Signal(object)
-    """An `ItemRunRequest` that the session shall carry out now."""
+    """A `RunRequest` that the session shall carry out now."""
 
     def __init__(
         self, bench: Callable[[], Bench | None], amplifier: AmplifierMap, parent: QObject | None = None
@@ -137,7 +138,7 @@ class CampaignController(QObject):
         if self._campaign is None:
             return
 
-        def work() -> ItemRunRequest:
+        def work() -> RunRequest:
             from app.campaign.queue import check_bench_kind, first_item
 
             campaign = self._current_campaign()
@@ -148,10 +149,10 @@ class CampaignController(QObject):
         self.queue_active = hands_free
         self._file_worker.submit(work, self.run_requested.emit, self._on_error)
 
-    def accept_run(self, request: ItemRunRequest) -> CampaignRunner:
+    def accept_run(self, request: RunRequest) -> CampaignRunner:
         """The session takes an order; the conductor that gives it."""
         assert self._runner is not None
-        self.running_item = request.state.item.name
+        self.running_item = request.item
         self.changed.emit()
         return self._runner
 
@@ -176,7 +177,7 @@ class CampaignController(QObject):
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _continue_queue(self, previous: str) -> None:
-        def work() -> ItemRunRequest | None:
+        def work() -> RunRequest | None:
             from app.campaign.queue import next_item_after
 
             campaign = self._current_campaign()
@@ -186,7 +187,7 @@ class CampaignController(QObject):
 
         self._file_worker.submit(work, self._on_next_request, self._on_error)
 
-    def _on_next_request(self, request: ItemRunRequest | None) -> None:
+    def _on_next_request(self, request: RunRequest | None) -> None:
         if request is not None and self.queue_active:
             self.run_requested.emit(request)
         else:

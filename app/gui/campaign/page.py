@@ -23,7 +23,8 @@ from model.parameter_spec import ParameterError
 from protocols.base.events import RunStatus
 
 if TYPE_CHECKING:
-    from app.campaign.queue import CampaignRunner, ItemRunRequest
+    from app.campaign.queue import CampaignRunner
+    from protocols.runner.request import RunRequest
 
 
 class CampaignPage(QStackedWidget):
@@ -142,7 +143,7 @@ class CampaignPage(QStackedWidget):
             else:
                 self.controller.run(name, hands_free, view.simulated)
 
-    def accept_run(self, request: ItemRunRequest) -> CampaignRunner:
+    def accept_run(self, request: RunRequest) -> CampaignRunner:
         """An order is about to be carried out: show what belongs to it; the conductor that gives it to the session."""
         self._request = curve_request_for(request.protocol, request.folder, request.specimen)
         return self.controller.accept_run(request)

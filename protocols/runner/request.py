@@ -1,0 +1,58 @@
+"""Run request (protocol, folder, specimen, run to resume) and the controls of a running run."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Self
+
+from protocols.base.events import Event
+from protocols.base.protocol import Protocol
+from protocols.base.steps import Prompt
+
+if TYPE_CHECKING:
+    from protocols.resume import ResumableRun
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """A run to be made.
+
+    Attributes:
+        resume: the earlier run whose points are carried over.
+        prepare: prompts for the operator before the first entry.
+        item: the campaign item it measures; empty outside a campaign.
+    """
+
+    protocol: Protocol
+    folder: Path
+    specimen: str
+    resume: "ResumableRun | None" = None
+    prepare: tuple[Prompt, ...] = ()
+    item: str = ""
+
+    @classmethod
+    def resuming(cls, path: Path, folder: Path, repeat_entries: Sequence[int] = ()) -> Self:
+        """Return the request that resumes the run `path`, or measures `repeat_entries` of it again. Reads the file.
+
+        Raises:
+            RunReadError: `path` is not a run that can be resumed.
+        """
+        from protocols.resume import load_resumable  # h5py is slow to import
+
+        earlier = load_resumable(path, repeat_entries)
+        return cls(earlier.protocol, folder, earlier.specimen, earlier)
+
+
+@dataclass(frozen=True, slots=True)
+class RunControl:
+    """Controls of a run that other threads use; checked after every block and in every wait.
+
+    Attributes:
+        external_events: events of other threads, such as injected faults; stored and published with the run's own.
+    """
+
+    cancel: threading.Event = field(default_factory=threading.Event)
+    pause: threading.Event = field(default_factory=threading.Event)
+    external_events: SimpleQueue[Event] = field(default_factory=SimpleQueue)
