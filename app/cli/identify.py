@@ -10,9 +10,10 @@ import numpy as np
 
 from app.cli.identify_tables import identification_command_result, profile_table, proposals_table, rank_proposals
 from app.cli.options import JSON_OBJECT, define_command, option, repeated, switch
-from app.cli.output import CommandResult, progress_bar, render
+from app.cli.output import CommandResult, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument
+from app.common.progress import track
 from app.common.units import UnitError, to_number
 from app.common.version import version
 from app.config.bench_file import ConfigError
@@ -111,7 +112,7 @@ def identify_runs(options: IdentifyOptions, accept: bool) -> int:
             setting,
             options.shapes,
             open_run=corrected.open if corrected else Run,
-            track=lambda paths: progress_bar(paths, "reducing anew" if corrected else "reading runs"),
+            track=lambda paths: track(paths, "reducing anew" if corrected else "reading runs"),
         )
         answer = identification_command_result(found)
         if found.joint_fit is not None:

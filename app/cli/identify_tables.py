@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from app.cli.output import CommandResult, ResultColumn, ResultTable, progress_bar
+from app.cli.output import CommandResult, ResultColumn, ResultTable
 from app.common.formatting import format_uncertain
+from app.common.progress import track
 from app.identification.identify import IdentificationResult
 from model.identification.adequacy import Adequacy
 from model.identification.experiment_design import ExpectedPrecision, Proposal, default_candidates, rank_candidates
@@ -117,7 +118,7 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Resul
             raise ParameterError(
                 f"--profile {name}: it was not free in this fit; choose from {', '.join(fit.free_parameters)}"
             )
-    found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in progress_bar(names, "profiles")]
+    found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
     errors = dict(zip(fit.names, (fit.error_scale * fit.covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
     return ResultTable(

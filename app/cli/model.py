@@ -29,8 +29,9 @@ from app.cli.model_response import (
     step,
 )
 from app.cli.options import FileOptions, define_command, group, option
-from app.cli.output import NO_FILES, CommandResult, ResultColumn, ResultTable, check_output_files, progress_bar, render
+from app.cli.output import NO_FILES, CommandResult, ResultColumn, ResultTable, check_output_files, render
 from app.common.errors import UsageError
+from app.common.progress import track
 from app.common.units import read_number
 from model.parameter_spec import ParameterSpec, parameter_specs
 from model.parameters import Membrane, Tactor
@@ -221,7 +222,7 @@ def convergence(options: ConvergenceOptions) -> CommandResult:
     specimen = read_specimen(options)
     n: list[Any] = [int(v) if v == int(v) else v for v in read_values(options.shapes, SHAPE_COUNT)]
     f = read_values(options.frequencies, FREQUENCY_SPEC)
-    got = [study(specimen.tactor, specimen.skin, f, [k]) for k in progress_bar(n, "shape functions")]
+    got = [study(specimen.tactor, specimen.skin, f, [k]) for k in track(n, "shape functions")]
     worst, worst_amplitude, first = (
         np.concatenate(column)
         for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)

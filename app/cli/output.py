@@ -170,15 +170,6 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
     sys.stderr.write(f"wrote {path}\n")
 
 
-def progress_bar(items: Sequence[Any], description: str) -> Iterator[Any]:
-    """The items, with a bar on a terminal."""
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        yield from progress.track(items, description=description)
-
-
 def print_table(table: ResultTable) -> None:
     """The table for a person, on standard output."""
     rows = table.rows

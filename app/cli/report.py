@@ -2,8 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from app.cli.options import define_command, folder_option, option, switch
 from app.cli.output import check_output_file, print_json, writing_output
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
+from app.common.progress import terminal_progress
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
@@ -60,9 +60,10 @@ def report_command(options: ReportOptions) -> int:
     try:
         limits = _read_limits(options)
         out.mkdir(parents=True, exist_ok=True)
-        with _progress_bar() as told:
-            content, specimen, runs = build_report(options.folder, options.specimen, limits, told)
-            files = write_report(content, specimen, runs, out, told)
+        with terminal_progress("report") as bar:
+            progress: ReportProgress = lambda text, done, total: bar.update(done / max(total, 1), text)  # noqa: E731
+            content, specimen, runs = build_report(options.folder, options.specimen, limits, progress)
+            files = write_report(content, specimen, runs, out, progress)
     except (ReportError, LimitsError, RunReadError) as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -136,18 +137,6 @@ def _write_example_limits(path: Path) -> int:
     with writing_output(path):
         path.write_text(example_limits(), "utf-8")
     return ExitCode.DONE
-
-
-@contextmanager
-def _progress_bar() -> Iterator[ReportProgress]:
-    """A bar on a terminal, nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        bar = progress.add_task("", total=None)
-        yield lambda words, done, of: progress.update(bar, description=words, completed=done, total=of)
 
 
 COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {

@@ -55,8 +55,8 @@ def list_runs(options: RunsOptions) -> int:
     try:
         if options.rebuild:
             catalogue.index.unlink(missing_ok=True)
-        with terminal_progress("reading runs", options.json) as tell:
-            scanned = catalogue.scan(progress=lambda done, of: tell(done / max(of, 1)))
+        with terminal_progress("reading runs", options.json) as progress:
+            scanned = catalogue.scan(progress=lambda done, total: progress.update(done / max(total, 1)))
         entries = catalogue.entries()
     except (sqlite3.Error, OSError) as error:
         raise UsageError(

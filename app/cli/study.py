@@ -35,12 +35,12 @@ from app.cli.output import (
     ResultTable,
     check_output_files,
     print_json,
-    progress_bar,
     render,
     writing_output,
 )
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
+from app.common.progress import terminal_progress, track
 from app.common.units import display_unit
 from app.plotting.charts import draw_figure
 from model.response.frequency_response import FREQUENCY_SPEC
@@ -339,15 +339,16 @@ def _open_study_file(request: Study, path: Path | None) -> Iterator[Callable[[in
 
 @contextmanager
 def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on a terminal that counts parameter sets."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    """Show a bar on a terminal that counts parameter sets."""
+    done = 0
+    with terminal_progress("parameter sets") as progress:
 
-    console = Console(stderr=True)
-    columns = (TextColumn("parameter sets"), BarColumn(None), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("", total=total)
-        yield lambda done: progress.advance(task, done)
+        def advance(count: int) -> None:
+            nonlocal done
+            done += count
+            progress.update(done / max(total, 1), f"parameter sets {done}/{total}")
+
+        yield advance
 
 
 def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
@@ -411,7 +412,7 @@ def write_figures(options: FiguresOptions) -> int:
     chosen = _select_panels(everything, options.only)
     suffixes = (".png", ".pdf") if options.pdf else (".png",)
     written = []
-    for name, panels in progress_bar(list(chosen.items()), "drawing"):
+    for name, panels in track(list(chosen.items()), "drawing"):
         paths = [folder / f"{name}{suffix}" for suffix in suffixes]
         for path in paths:
             with writing_output(path):

@@ -106,6 +106,14 @@ def terminal_progress(description: str, quiet: bool = False) -> Iterator[Progres
         yield TerminalProgress()
 
 
+def track(items: Sequence[T], description: str) -> Iterator[T]:
+    """Yield the items and show a bar on a terminal."""
+    with terminal_progress(description) as progress:
+        for index, item in enumerate(items):
+            progress.update(index / len(items))
+            yield item
+
+
 # Callback form, until every caller passes a Progress.
 
 ProgressCallback = Callable[[float], None]
