@@ -18,7 +18,7 @@ from protocols.base.quality import usable_mask
 from protocols.runfile.reader import Run, RunReadError
 
 MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")
-"""Columns that tell two points of one x apart, where both runs have them."""
+"""Columns that distinguish points of equal x, if both runs have them."""
 
 Point = dict[str, float]
 
@@ -61,7 +61,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
         values = (one[x], one[y], two[y], change, change / error if error > 0 else None)
         for name, value in zip(rows, values, strict=True):
             rows[name].append(value)
-    told = [v for v in rows["errors"] if v is not None]
+    deviations = [v for v in rows["errors"] if v is not None]
     shown = {"m": "µm"}.get(units[y], "")
     apart = [
         n
@@ -81,16 +81,16 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     )
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
-    if told:
-        chi = sum(v * v for v in told)
+    if deviations:
+        chi = sum(v * v for v in deviations)
         notes[0] += (
-            f"; chi-square of the differences {chi:.1f} for {len(told)} points ({format_p_value(float(chdtrc(len(told), chi)), 2)}), statistical errors only"
+            f"; chi-square of the differences {chi:.1f} for {len(deviations)} points ({format_p_value(float(chdtrc(len(deviations), chi)), 2)}), statistical errors only"
         )
-    if len(told) < len(pairs):
-        notes.append(f"of {len(pairs) - len(told)} points nobody told how certain they are")
+    if len(deviations) < len(pairs):
+        notes.append(f"of {len(pairs) - len(deviations)} points nobody told how certain they are")
     notes += _drive_differences(a, b, left, right)
     return CommandResult(
-        "compare", {}, (ResultTable("points", title, columns if told else columns[:-1]),), tuple(notes)
+        "compare", {}, (ResultTable("points", title, columns if deviations else columns[:-1]),), tuple(notes)
     )
 
 
@@ -99,7 +99,7 @@ def _finite_or_text(value: float) -> float | str:
 
 
 def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:
-    """Points at the same setting, whatever their place in their plans; several at one setting in their order."""
+    """Pair points at the same setting, whatever their position in the plans; several at one setting in their order."""
     named = [
         n for n in MATCH_COLUMNS if left and right and all(math.isfinite(p.get(n, math.nan)) for p in (*left, *right))
     ]
@@ -118,7 +118,7 @@ def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list
 
 
 def _drive_differences(a: Run, b: Run, left: Sequence[Point], right: Sequence[Point]) -> list[str]:
-    """A sentence where the two were driven differently."""
+    """Return a note if the drives differ."""
     volts = [2 * float(np.median([p.get("drive_amplitude", 0.0) for p in points])) for points in (left, right)]
     if abs(volts[0] - volts[1]) <= 0.01 * max(volts):
         return []
@@ -126,7 +126,7 @@ def _drive_differences(a: Run, b: Run, left: Sequence[Point], right: Sequence[Po
 
 
 def _usable_points(run: Run) -> list[Point]:
-    """The usable points, one-valued columns only."""
+    """Return the usable points, one-valued columns only."""
     columns = run.points()
     return [
         {name: float(values[at]) for name, values in columns.items() if values.ndim == 1}

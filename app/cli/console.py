@@ -1,4 +1,4 @@
-"""The terminal as a front end: progress, sentences, and machine-readable output."""
+"""Terminal front end of a session: progress bar, messages, and JSON events."""
 
 import json
 import os
@@ -31,13 +31,13 @@ from protocols.base.events import (
 )
 
 STILL_ON = "High voltage may still be on: switch it off at the amplifier before you touch anything."
-"""Said at the end of every run on a real bench."""
+"""Warning at the end of every run on a real bench."""
 
 STATUS_COLORS = {"completed": "green", "unsafe": "bold red"}
 
 
 class StderrConsole(Console):
-    """Standard error. Nobody reading it any more (`... 2>&1 | head`) is no reason to end a run: it goes on in silence."""
+    """Standard error. A closed pipe (`... 2>&1 | head`) does not end the run; further output is discarded."""
 
     def __init__(self) -> None:
         super().__init__(stderr=True, highlight=False)
@@ -48,14 +48,14 @@ class StderrConsole(Console):
 
 
 class ConsoleObserver:
-    """Shows a run on a terminal: a bar that moves, a line per point, sentences for what matters.
+    """Shows a run on a terminal: a progress bar, a line per point, and messages.
 
-    A context manager: leaving it puts the terminal back in order. Texts are printed as they are: a specimen named `[red]x`
+    A context manager that restores the terminal when it exits. Texts are printed as they are: a specimen named `[red]x`
     is no instruction to the terminal.
     """
 
     def __init__(self, console: Console, key_help: str = "", simulated: bool = True) -> None:
-        """`keys` is what a person may press while it runs, told where the run begins; `simulated` holds until a bench opens."""
+        """`key_help` names the keys of a run and is printed at its start; `simulated` holds until a bench opens."""
         self._console, self._key_help = console, key_help
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
@@ -132,7 +132,7 @@ class ConsoleObserver:
 
 
 class JsonObserver:
-    """Every event but the blocks as one JSON object a line, in SI units."""
+    """Prints every event except blocks as one JSON object per line, in SI units."""
 
     def __init__(self) -> None:
         self._reader_present = True
@@ -149,6 +149,6 @@ class JsonObserver:
         try:
             sys.stdout.write(json.dumps(line, allow_nan=False) + "\n")
             sys.stdout.flush()
-        except OSError as error:  # whoever read it has gone, or its disk is full
+        except OSError as error:  # the reader has closed the pipe, or the disk is full
             self._reader_present = False
             sys.stderr.write(f"standard output takes no more events ({error.strerror}); the run goes on without\n")

@@ -141,7 +141,7 @@ def _correction(options: IdentifyOptions) -> Correction | None:
 def _add_proposals(
     result: CommandResult, identification: IdentificationResult, fit: JointFit, options: IdentifyOptions
 ) -> CommandResult:
-    """The answer with what else was asked of a joint fit, and the one line of what to measure next."""
+    """Return the result with profiles and proposals of a joint fit, and a note on what to measure next."""
     tables, notes = list(result.tables), list(result.notes)
     if options.profile:
         tables.append(profile_table(fit, options.profile, options.coverage))

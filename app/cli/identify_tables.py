@@ -1,7 +1,4 @@
-"""What follows a joint fit, as tables: is the model adequate, what to measure next, how far a parameter can move.
-
-What an identification found, as tables and sentences.
-"""
+"""Result of an identification as tables: estimates, misfits, adequacy, profiles, proposals."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -28,11 +25,11 @@ from model.parameter_spec import ParameterError
 from protocols.base.jsonable import to_jsonable
 
 MAX_FINDINGS = 10
-"""Findings a person is shown."""
+"""Findings that are displayed."""
 
 
 def adequacy_tables(adequacy: Adequacy) -> Iterator[ResultTable]:
-    """The first ways in which the runs do not follow the model; nothing where they do."""
+    """Yield the table of the first discrepancies between runs and model, if there are any."""
     if not adequacy.findings:
         return
     first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
@@ -51,7 +48,7 @@ def adequacy_tables(adequacy: Adequacy) -> Iterator[ResultTable]:
 
 
 def rank_proposals(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]:
-    """What could be measured next, the best first, for one parameter or the one known worst.
+    """Rank the next measurements, the best first, for one parameter or the one with the largest error.
 
     Raises:
         ParameterError: the parameter was not free.
@@ -60,7 +57,7 @@ def rank_proposals(fit: JointFit, parameter: str | None) -> tuple[Proposal, ...]
 
 
 def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
-    """What further runs can be expected to do: what those that were done did, half of them better."""
+    """Return the precision to expect of further runs: the median of the existing ones."""
     shares: list[float] = []
     for run in observations.runs:
         if not isinstance(run, MassResonanceObservation | MembraneSagObservation):
@@ -78,7 +75,7 @@ def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
 
 
 def proposals_table(proposals: Sequence[Proposal]) -> ResultTable:
-    """All proposals for one parameter."""
+    """Return the table of all proposals for one parameter."""
     best = proposals[0]
     return ResultTable(
         "next",
@@ -108,7 +105,7 @@ def _format_share(share: float) -> float | str:
 
 
 def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> ResultTable:
-    """Profile intervals of parameters.
+    """Return the profile intervals of parameters.
 
     Raises:
         ParameterError: one was not free.
@@ -145,7 +142,7 @@ def _format_limit(value: float | None) -> Any:
 
 
 def _format_arms(profile_: ProfileInterval, value: float, error: float) -> str:
-    """Its two arms in standard errors."""
+    """Return the two arms of the interval in standard errors."""
     arms = ["open" if end is None else f"{(end - value) / error:+.2f}" for end in (profile_.low, profile_.high)]
     return f"{arms[0]}, {arms[1]} standard errors"
 
@@ -154,7 +151,7 @@ ADEQUACY_TEXT = {True: "adequate", False: "NOT ADEQUATE", None: "adequacy unknow
 
 
 def identification_command_result(identification: IdentificationResult) -> CommandResult:
-    """Parameters with their errors, how well each run is explained, and what is wrong with the model."""
+    """Return parameters with their errors, the misfit of each run, and the adequacy of the model."""
     simulated = ", SIMULATED" if identification.observations.simulated else ""
     method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
     tables = [estimate_table(f"Specimen {identification.specimen}: {method}{simulated}", identification.estimates)]
@@ -187,17 +184,17 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
-    told = [
+    notes = [
         f"{identification.verdict}.",
         *(f"not identifiable from these runs: {words}" for words in identification.unidentified),
     ]
     more: dict[str, Any] = {}
     if identification.adequacy is not None:
         tables += adequacy_tables(identification.adequacy)
-        told.insert(0, f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.")
+        notes.insert(0, f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.")
         more = {"adequate": identification.adequacy.adequate, "adequacy": identification.adequacy.message}
         more["every_finding"] = [to_jsonable(finding) for finding in identification.adequacy.findings]
-    told += identification.notes
+    notes += identification.notes
     fixed = {name: value for name, value in identification.fixed.items() if value is not None}
     more |= {
         "method": identification.method,
@@ -205,11 +202,11 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         "unidentified": list(identification.unidentified),
     }
     more |= {"covariance": np.asarray(identification.covariance).tolist(), "verdict": identification.verdict}
-    return CommandResult("identify", fixed, tuple(tables), tuple(told), extra=more)
+    return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more)
 
 
 def estimate_table(title: str, estimates: Sequence[Any]) -> ResultTable:
-    """Estimates, one a row: value with error and unit, relative error, and the runs they are from."""
+    """Return a table of estimates: value with error and unit, relative error, and source runs."""
     return ResultTable(
         "parameters",
         title,

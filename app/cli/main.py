@@ -1,4 +1,4 @@
-"""The command `tactor-bench`: the window, and the same work without one.
+"""Entry point of the command line `tactor-bench`.
 
 Exit codes: 0 done, 1 the run failed, 2 asked wrongly, 3 UNSAFE: rest could not be confirmed.
 """
@@ -59,7 +59,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 """The module that defines each command, and one line of help. A module is imported only for its own commands."""
 
 GC_THRESHOLD = 50_000
-"""Objects made between two looks for garbage. Python's own 700 is a seventh of the time to a window: imports leave none."""
+"""Garbage collection threshold. Python's default of 700 costs a seventh of the start-up time, although imports leave no garbage."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -68,7 +68,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Prints the version; asking the installed packages for it takes a while, so only then."""
+    """Prints the version, which is read from the installed packages only then because it is slow."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from app.common.version import version
@@ -77,7 +77,7 @@ class _Version(argparse.Action):
 
 
 class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: SLF001
-    """The commands; the module of the one that is asked for is imported to define its options."""
+    """Subcommands whose modules are imported when they are used, to define their options."""
 
     def __call__(
         self,
@@ -97,10 +97,10 @@ class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code."""
-    # Before numpy is there: our matrices are small, and threads that wait for each other take longer than one.
+    """Run the command and return its exit code."""
+    # Set before numpy is imported: the matrices are small, and several threads are slower than one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Nor pydantic's: looking through every installed package for plug-ins of it, of which we use none.
+    # Keeps pydantic from searching every installed package for plug-ins.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     gc.set_threshold(GC_THRESHOLD)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
@@ -113,9 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write(f"{PROGRAM}: interrupted\n")
         return ExitCode.FAILED
-    except BrokenPipeError:  # somebody reads only the beginning: `tactor-bench show RUN | head`
+    except BrokenPipeError:  # the reader closed the pipe: `tactor-bench show RUN | head`
         return ExitCode.FAILED
-    except OSError as error:  # what nobody foresaw still gets its sentence
+    except OSError as error:  # errors that no command handles
         where = f"{truncate_text(str(error.filename))}: " if error.filename else ""
         sys.stderr.write(f"{PROGRAM}: {where}{error.strerror or error}\n")
         return ExitCode.FAILED
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def entry() -> NoReturn:
-    """The console script: `main`, and out."""
+    """Run `main` as the console script and exit."""
     code = main()
     try:
         sys.stdout.flush()
@@ -144,7 +144,7 @@ def entry() -> NoReturn:
 
 @functools.cache
 def _parser() -> argparse.ArgumentParser:
-    """Return the parser; it is made once, because that takes longer than many a command."""
+    """Return the parser, which is built once because that is slow."""
     parser = _Parser(
         prog=PROGRAM,
         description="Drive, measure, model and identify macro-fiber-composite tactors.",

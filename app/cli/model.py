@@ -73,12 +73,12 @@ class ParametersOptions(SpecimenOptions):
 
     @property
     def files(self) -> FileOptions:
-        """A list of parameters is only printed."""
+        """Return no files: the parameters are only printed."""
         return NO_FILES
 
 
 def parameters(options: ParametersOptions) -> CommandResult:
-    """Every parameter with unit and meaning, and what follows from them."""
+    """Return every parameter with unit and meaning, and the derived quantities."""
     specimen = read_specimen(options, on_membrane=True)
     t, values = specimen.tactor, specimen_record(specimen)
     known = variable_specs()
@@ -120,7 +120,7 @@ class ModesOptions(SpecimenOptions):
 
 
 def modes(options: ModesOptions) -> CommandResult:
-    """Undamped frequencies, poles and damping ratios, free and on the skin."""
+    """Return undamped frequencies, poles and damping ratios, free and on the skin."""
     on = read_specimen(options, on_membrane=True)
     free = Specimen(on.tactor)
     count = min(options.count, options.n)
@@ -175,13 +175,13 @@ class StaticOptions(SpecimenOptions):
 
 
 def static(options: StaticOptions) -> CommandResult:
-    """Compliance, voltage gain, and the shape under a load and a voltage together."""
+    """Return compliance, voltage gain, and the shape under a load and a voltage together."""
     specimen = read_specimen(options)
     t, volts, load_n = specimen.tactor, read_number(options.voltage, VOLTAGE), read_load(options.load)
     x = np.linspace(0, t.L, CURVE_POINTS)
     if specimen.membrane is None and specimen.skin.k_s == 0:
         compliance, gain, w = load_compliance(t), voltage_gain(t), deflection(t, x, volts, load_n)
-    else:  # Eqs. (7) and (8) know no skin; the closed form at 0 Hz does
+    else:  # Eqs. (7) and (8) are without skin; the closed form at 0 Hz includes it
         unit = [exact_response(t, 0.0, specimen.skin, x, source)[:, 0].real for source in ("load", "voltage")]
         compliance, gain, w = unit[0][-1], unit[1][-1], load_n * unit[0] + volts * unit[1]
     facts = ResultTable(
@@ -216,7 +216,7 @@ class ConvergenceOptions(SpecimenOptions):
 
 
 def convergence(options: ConvergenceOptions) -> CommandResult:
-    """Error of n shape functions against the closed form, for several n."""
+    """Return the error of n shape functions against the closed form, for several n."""
     from model.studies.convergence import convergence as study
 
     specimen = read_specimen(options)

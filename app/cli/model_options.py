@@ -31,7 +31,7 @@ DURATION = ParameterSpec("duration", "s", Interval(gt=0), "duration of the curve
 DENSITY = ParameterSpec("density", "kg/m^3", Interval(gt=0), "density of the membrane", 1000.0)
 
 MAX_VALUES = 100_000
-"""Longest list that a range may stand for."""
+"""Most values of a range."""
 
 SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
@@ -46,7 +46,7 @@ NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].
 
 @contextmanager
 def translate_model_errors() -> Iterator[None]:
-    """Turns what the model refuses, or cannot compute, into a UsageError."""
+    """Raise UsageError for errors of the model."""
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             yield
@@ -60,7 +60,7 @@ def translate_model_errors() -> Iterator[None]:
 
 
 def read_load(text: str) -> float:
-    """A load in newtons; a mass is taken for the weight it has."""
+    """Return a load in newtons; a mass means its weight."""
     try:
         return read_number(text, LOAD)
     except UnitError:
@@ -71,11 +71,11 @@ def read_load(text: str) -> float:
 
 
 def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
-    """`25, 50, 75 Hz` (a unit at the end is everybody's), `START:STOP:COUNT`, or `START:STOP:COUNT:log`.
+    """Read `25, 50, 75 Hz` (the unit at the end applies to all), `START:STOP:COUNT`, or `START:STOP:COUNT:log`.
 
     Raises:
-        UsageError: a range that is none.
-        UnitError, ParameterError: a number that is none, or not admitted.
+        UsageError: an invalid range.
+        UnitError, ParameterError: an invalid number, or one out of range.
     """
     if ":" not in text:
         items = text.split(",") if "," in text else _split_list(text)
@@ -97,7 +97,7 @@ def read_values(text: str, quantity: ParameterSpec) -> tuple[float, ...]:
 
 
 def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
-    """`NAME=LIST`: a variable of the model and its values."""
+    """Read `NAME=LIST`: a variable of the model and its values."""
     name, equals, values = text.partition("=")
     if not equals or not values.strip():
         raise UsageError(f"--vary {text}: write NAME=START:STOP:COUNT or NAME=LIST, for example --vary delta=0:0.04:9")
@@ -105,12 +105,12 @@ def read_vary(text: str) -> tuple[str, tuple[float, ...]]:
 
 
 def read_settings(settings: Sequence[str]) -> dict[str, float]:
-    """`NAME=VALUE` texts as SI numbers by name; of a name given twice the last one holds.
+    """Read `NAME=VALUE` texts as SI numbers by name; the last value of a name applies.
 
-    A text may also be many of them: a JSON object or TOML lines, as the window copies them, or `@FILE` with either.
+    A text may also hold several: a JSON object or TOML lines, as the window copies them, or `@FILE` with either.
 
     Raises:
-        UsageError: a text that is no setting, or an unknown name.
+        UsageError: an invalid setting, or an unknown name.
     """
     values = {}
     for setting in (one for text in settings for one in _expand_setting(text)):
@@ -193,7 +193,7 @@ def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specim
 
 
 def describe_specimen(specimen: Specimen) -> str:
-    """Where the specimen vibrates: free, or on which skin."""
+    """Describe how the specimen vibrates: free, or on which skin."""
     skin = specimen.skin
     if specimen.membrane is None and skin.k_s == 0 and skin.c_s == 0:
         return "vibrating freely"
@@ -205,7 +205,7 @@ def describe_specimen(specimen: Specimen) -> str:
 
 
 def _expand_setting(text: str) -> list[str]:
-    """The settings that a text of many stands for; one that is a single one, as it is."""
+    """Split a text of several settings; a single one is returned as it is."""
     if text.startswith("@"):
         try:
             text = Path(text[1:]).read_text("utf-8")
@@ -228,13 +228,13 @@ def _variable_spec(name: str) -> ParameterSpec:
 
 
 def _apply_shared_unit(items: Sequence[str]) -> list[str]:
-    """A unit that only the last item has is meant for all: nobody means 1 m by `1, 2 mm`."""
+    """Apply a unit that only the last item has to all: `1, 2 mm` does not mean 1 m."""
     last = None if _is_number(items[-1]) else NUMBER_WITH_UNIT.fullmatch(items[-1].strip())
     return [f"{item.strip()} {last['unit']}" if last and _is_number(item) else item.strip() for item in items]
 
 
 def _split_list(text: str) -> list[str]:
-    """A list separated by spaces, unless a space stands before a unit."""
+    """Split a list at spaces, unless a space separates number and unit."""
     return text.split() if all(_is_number(word) for word in text.split()) and text.strip() else [text]
 
 

@@ -71,7 +71,7 @@ class FrequencyResponseOptions(SpecimenOptions):
 
 
 def frequency_response(options: FrequencyResponseOptions) -> CommandResult:
-    """Fundamental and max - min under the amplifier's drive, and the margin over what can be felt."""
+    """Return fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
     usual = CURVE_HZ if options.files.csv or options.files.picture else DWELL_HZ
@@ -126,7 +126,7 @@ class StepOptions(SpecimenOptions):
 
 
 def step(options: StepOptions) -> CommandResult:
-    """Latency of a step and of a sine's onset."""
+    """Return the latency of a step and of a sine's onset."""
     specimen = read_specimen(options)
     t, skin, n = specimen.tactor, specimen.skin, options.n
     volts, hz = read_number(options.voltage, VOLTAGE), read_number(options.frequency, PERIODIC_FREQUENCY_SPEC)
@@ -174,7 +174,7 @@ def _position_spec(specimen: Specimen) -> ParameterSpec:
 def _describe_felt_bands(
     f: NDArray[np.float64], amplitude: NDArray[np.float64]
 ) -> tuple[str, tuple[tuple[float, float], ...]]:
-    """Where max - min exceeds what the abdomen can tell, within the frequencies given: in words and in Hz."""
+    """Return the bands in which max - min exceeds the perception threshold of the abdomen, as text and in Hz."""
     rising, order = np.unique(f, return_index=True)
     bands = usable_bands(rising, amplitude[order])
     peak = f"Highest max - min: {1e6 * amplitude.max():.1f} µm at {f[amplitude.argmax()]:g} Hz. "
@@ -219,7 +219,7 @@ class MembraneOptions(SpecimenOptions):
 
 
 def membrane(options: MembraneOptions) -> CommandResult:
-    """Sag under its own weight and the skin it makes, at each pre-stretch asked for."""
+    """Return sag under the own weight and the resulting skin, at each pre-stretch."""
     values = read_settings(options.settings)
     if "delta" in values:
         raise UsageError("--set delta: the membrane is told at several pre-stretches; write --pre-stretch 0.0075")
@@ -281,7 +281,7 @@ def _sag_result(m: Membrane, q: float, delta: float) -> SagSolution:
         return sag(m, q, delta)
     except ParameterError:
         raise
-    except (ValueError, RuntimeError) as error:  # the search for the tension found none
+    except (ValueError, RuntimeError) as error:  # the search for the tension failed
         raise UsageError(
             f"the sag under {q:g} N/m at pre-stretch {delta:g} cannot be computed ({error}); "
             "give a load that stretches the membrane noticeably, or less pre-stretch"

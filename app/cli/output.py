@@ -1,4 +1,4 @@
-"""One answer of the model, told four ways: a table for a person, JSON for a machine, CSV for a sheet, a picture."""
+"""A command's result, rendered as tables, JSON, CSV or a picture."""
 
 import csv
 import json
@@ -22,7 +22,7 @@ from protocols.base.jsonable import to_jsonable
 from protocols.runfile.schema import is_hdf5
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
-"""What a picture's name may end in."""
+"""Suffixes of picture files."""
 
 NO_FILES = FileOptions()
 
@@ -31,9 +31,9 @@ CellValue = float | int | str | None
 
 @dataclass(frozen=True, slots=True)
 class ResultColumn:
-    """Values of one name in SI; `shown` is the unit a person reads them in, `head` the words for it.
+    """A column of values in SI; `display_unit` is the unit in which tables show them, `heading` their name there.
 
-    What is not `told` is for machines only: JSON and CSV have it.
+    A column that is not `displayed` is in JSON and CSV only.
     """
 
     name: str
@@ -46,12 +46,12 @@ class ResultColumn:
     displayed: bool = True
 
     def header_text(self) -> str:
-        """The head of the column, its unit below."""
+        """Return the heading of the column with its unit below."""
         unit = self.display_unit or self.unit
         return f"{self.heading or self.name}\n" + (f"({unit})" if unit else "")
 
     def format_value(self, value: CellValue) -> str:
-        """One value as a person reads it."""
+        """Return a value as text in the display unit."""
         if value is None:
             return "never"
         if isinstance(value, str):
@@ -62,23 +62,23 @@ class ResultColumn:
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """Columns of one length; `vertical` shows its only row as a list."""
+    """A table of columns of equal length; `vertical` shows its only row as a list."""
 
     name: str
     title: str
     columns: tuple[ResultColumn, ...]
     vertical: bool = False
     max_rows: int = 60
-    """Rows a person is shown; longer tables are thinned, but for their first `leading_rows` rows."""
+    """Rows that are displayed; longer tables are thinned, except for their first `leading_rows` rows."""
     leading_rows: int = 0
 
     @property
     def rows(self) -> list[tuple[CellValue, ...]]:
-        """Plain values, row by row."""
+        """Return plain values, row by row."""
         return list(zip(*([_cell_value(v) for v in column.values] for column in self.columns), strict=True))
 
     def to_csv(self, path: Path) -> None:
-        """Row by row, SI, units in the header, every digit."""
+        """Write the rows in SI with units in the header and every digit."""
         with path.open("w", newline="", encoding="utf-8") as file:
             sheet = csv.writer(file)
             sheet.writerow(f"{c.name} [{c.unit}]" for c in self.columns)
@@ -88,14 +88,14 @@ class ResultTable:
 
 
 class CsvWritable(Protocol):
-    """What can be written as CSV."""
+    """A result that can be written as CSV."""
 
     def to_csv(self, path: Path) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """What a command found. `curve` is what goes into a CSV file, `pictures` the panels of a picture."""
+    """The result of a command. `csv_table` is written to a CSV file (default: the first table), `figures` are the panels of a picture."""
 
     command: str
     specimen: Mapping[str, float]
@@ -132,7 +132,7 @@ def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) 
 
 
 def result_record(result: CommandResult) -> dict[str, Any]:
-    """The answer as one JSON object, SI: tables by name, each a column by name; units of all columns beside."""
+    """Return the result as one JSON object in SI: tables by name, their columns by name, and the units of all columns."""
     tables = {}
     for table in result.tables:
         columns = {c.name: [_cell_value(v) for v in c.values] for c in table.columns}
@@ -142,7 +142,7 @@ def result_record(result: CommandResult) -> dict[str, Any]:
 
 
 def check_output_files(files: FileOptions) -> None:
-    """Refuse what `render` could not write, before anything is computed."""
+    """Raise UsageError for files that `render` could not write, before anything is computed."""
     if files.csv:
         check_output_file(files.csv)
     if files.picture:
@@ -150,7 +150,7 @@ def check_output_files(files: FileOptions) -> None:
 
 
 def check_output_file(path: Path, suffixes: Sequence[str] = ()) -> None:
-    """Refuse a file in a folder that does not exist, of none of `kinds`, or in the place of measured data."""
+    """Raise UsageError for a file in a missing folder, with none of the `suffixes`, or in place of measured data."""
     if not path.parent.is_dir():
         raise UsageError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
     if suffixes and path.suffix.lower() not in suffixes:
@@ -161,7 +161,7 @@ def check_output_file(path: Path, suffixes: Sequence[str] = ()) -> None:
 
 @contextmanager
 def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
-    """Tells that a file was written, or refuses in a sentence why it cannot be."""
+    """Report that a file was written, or raise UsageError with the reason why it cannot be."""
     check_output_file(path, suffixes)
     try:
         yield
@@ -171,7 +171,7 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
 
 
 def print_table(table: ResultTable) -> None:
-    """The table for a person, on standard output."""
+    """Print a table on standard output."""
     rows = table.rows
     if table.vertical:
         shown = RichTable(show_header=False, box=None, padding=(0, 2))
@@ -184,13 +184,13 @@ def print_table(table: ResultTable) -> None:
             )
     else:
         shown = RichTable(box=None, padding=(0, 2), header_style="bold")
-        told = [column for column in table.columns if column.displayed]
-        for column in told:
+        displayed = [column for column in table.columns if column.displayed]
+        for column in displayed:
             text = any(isinstance(v, str) for v in column.values)
             shown.add_column(column.header_text(), justify="left" if text else "right", overflow="fold")
         step = max(-(-(len(rows) - table.leading_rows) // table.max_rows), 1)
         for i in (*range(table.leading_rows), *range(table.leading_rows, len(rows), step)):
-            shown.add_row(*(column.format_value(_cell_value(column.values[i])) for column in told))
+            shown.add_row(*(column.format_value(_cell_value(column.values[i])) for column in displayed))
         if step > 1:
             shown.caption = f"one row in {step} of {len(rows)}; all of them with --csv or --json"
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 120)

@@ -1,4 +1,4 @@
-"""The keyboard of a terminal during a run: prompts are answered, and between them a run is paused and goes on."""
+"""Keyboard input during a run: answers to prompts, pause and resume."""
 
 import contextlib
 import os
@@ -13,8 +13,8 @@ from protocols.base.operator import ENABLE_HIGH_VOLTAGE
 from protocols.base.steps import Prompt
 
 CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}
-"""Prompts of one choice that a bare Enter does not answer, and the word that does: nobody enables high voltage by leaning
-on a key."""
+"""Prompts of one choice that Enter alone does not answer, and the word that does: leaning on a key must not enable high
+voltage."""
 
 PAUSE_KEY = "p"
 KEY_HELP = "p and Enter pauses, Ctrl-C stops the run"
@@ -22,7 +22,7 @@ POLL_PERIOD_S = 0.1
 
 
 class Pausable(Protocol):
-    """What is paused: a session."""
+    """A session that can be paused."""
 
     @property
     def pause_requested(self) -> bool: ...
@@ -33,10 +33,10 @@ class Pausable(Protocol):
 
 
 class ConsoleOperator:
-    """Prompts answered on a terminal: by Enter, by a word (`CONFIRMATION_WORDS`), or by the beginning of one of several choices.
+    """Answers prompts from a terminal: Enter, a word (`CONFIRMATION_WORDS`), or the beginning of one of several choices.
 
-    Only what is typed after a prompt answers it: what lay waiting is thrown away. Reads in a thread, so that the card is
-    emptied meanwhile. While `listening`, what is typed where nothing is asked pauses the run and lets it go on.
+    Only input typed after a prompt answers it; earlier input is discarded. Input is read in a thread, so that the card is
+    emptied meanwhile. While `listening`, input without a pending prompt pauses and resumes the run.
     """
 
     def __init__(self) -> None:
@@ -44,10 +44,10 @@ class ConsoleOperator:
         self._pending: tuple[int, Prompt] | None = None
         self._listening = False
         self._input_lock = threading.Lock()
-        """Held while a line is read and understood, and while one is asked for: no line falls between the two."""
+        """Held while a line is read and handled, and while a prompt is shown: no line falls between the two."""
 
     def __call__(self, event: Any) -> None:
-        """An observer: a prompt that the laser answered, or whose run has ended, is none any more."""
+        """Clear the pending prompt when the laser answered it or its run has ended (observer of events)."""
         if isinstance(event, PromptAnswered | RunEnded):
             self._pending = None
 
@@ -66,7 +66,7 @@ class ConsoleOperator:
 
     @contextlib.contextmanager
     def listening(self, run: Pausable) -> Iterator[None]:
-        """Meanwhile a person at this terminal may pause the run."""
+        """Let the operator at this terminal pause the run."""
         if not can_poll_keyboard():
             yield
             return
@@ -84,14 +84,14 @@ class ConsoleOperator:
     def _listen(self, run: Pausable, ended: threading.Event) -> None:
         keyboard = sys.stdin.fileno()
         while not ended.is_set():
-            # Looked at, not waited for in a read: whoever reads a terminal from the background is halted.
+            # Polled, not read: a background process that reads its terminal is stopped by the system.
             if not select.select([keyboard], [], [], POLL_PERIOD_S)[0]:
                 continue
             if not _in_foreground(keyboard):
                 ended.wait(POLL_PERIOD_S)
                 continue
             with self._input_lock:
-                if not select.select([keyboard], [], [], 0)[0]:  # thrown away meanwhile
+                if not select.select([keyboard], [], [], 0)[0]:  # discarded meanwhile
                     continue
                 try:
                     typed = os.read(keyboard, 4096)
@@ -131,12 +131,12 @@ class ConsoleOperator:
 
 
 def _print(text: str) -> None:
-    with contextlib.suppress(OSError):  # nobody reads it any more: the run goes on
+    with contextlib.suppress(OSError):  # the terminal is closed: the run continues
         sys.stderr.write(f"  {text}\n")
 
 
 def can_poll_keyboard() -> bool:
-    """Whether keys can be looked for without waiting: at a terminal, and not on Windows."""
+    """Return whether keys can be polled: at a terminal, and not on Windows."""
     try:
         return os.name != "nt" and sys.stdin.isatty() and sys.stdin.fileno() >= 0
     except (AttributeError, OSError, ValueError):
@@ -144,7 +144,7 @@ def can_poll_keyboard() -> bool:
 
 
 def _in_foreground(keyboard: int) -> bool:
-    """Whether this program is in the terminal's foreground. Where that cannot be told, it is no terminal of a shell."""
+    """Return whether this program is in the terminal's foreground; true if the terminal has no foreground group."""
     try:
         return os.tcgetpgrp(keyboard) == os.getpgrp()
     except OSError:
@@ -152,7 +152,7 @@ def _in_foreground(keyboard: int) -> bool:
 
 
 def answer_instructions(prompt: Prompt) -> str:
-    """How a prompt is answered, in words."""
+    """Return the instruction how to answer a prompt."""
     if word := CONFIRMATION_WORDS.get(prompt.action):
         return f"type '{word}' and press Enter"
     if len(prompt.choices) == 1:
@@ -161,7 +161,7 @@ def answer_instructions(prompt: Prompt) -> str:
 
 
 def match_answer(prompt: Prompt, typed: str) -> str | None:
-    """The answer that what was typed means; None where it is none."""
+    """Return the answer that the input means, or None if it is not an answer."""
     if word := CONFIRMATION_WORDS.get(prompt.action):
         return typed if typed.casefold() == word else None
     if len(prompt.choices) == 1:
@@ -171,7 +171,7 @@ def match_answer(prompt: Prompt, typed: str) -> str | None:
 
 
 def _discard_type_ahead() -> None:
-    """Throw away what was typed before it was asked for. A pipe is not a person and keeps its lines."""
+    """Discard input typed before the prompt; the lines of a pipe are kept."""
     if not sys.stdin.isatty():
         return
     try:

@@ -86,10 +86,10 @@ def write_report(
     out: Path,
     progress: ReportProgress = lambda *_: None,
 ) -> tuple[Path, Path]:
-    """Write PDF and HTML; every run's picture is drawn once for both.
+    """Write PDF and HTML; the figure of each run is drawn once for both.
 
     Raises:
-        OSError: one cannot be written. What stood there still does.
+        OSError: one cannot be written; existing files are unchanged.
     """
     name = safe_name(report.specimen)
     files = out / f"{name}_report.pdf", out / f"{name}_report.html"
@@ -107,10 +107,10 @@ def write_report(
 
 
 def _read_limits(options: ReportOptions) -> Limits | None:
-    """The limits asked for, or those that lie beside the runs; None where there are none.
+    """Return the limits of the option, or those beside the runs; None if there are none.
 
     Raises:
-        LimitsError, UsageError: they are wrong, or compare with a golden unit that nobody named.
+        LimitsError, UsageError: they are invalid, or compare with a golden unit that is not named.
     """
     beside = options.folder / LIMITS_FILE_NAME
     path = options.limits or (beside if beside.exists() else None)

@@ -97,14 +97,8 @@ def export_command(options: ExportOptions) -> int:
     failed = False
     for run_path in options.runs:
         try:
-            with Run(run_path) as run, terminal_progress(run_path.name) as tell, translate_read_errors(run_path):
-                written = export_run(
-                    run,
-                    options.out or run_path.parent,
-                    options.format,
-                    parts,
-                    progress=tell,
-                )
+            with Run(run_path) as run, terminal_progress(run_path.name) as progress, translate_read_errors(run_path):
+                written = export_run(run, options.out or run_path.parent, options.format, parts, progress.update)
         except (RunReadError, ExportError) as error:
             failed = True
             sys.stderr.write(f"{error}\n")

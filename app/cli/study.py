@@ -51,16 +51,16 @@ from protocols.runfile.errors import StorageError
 from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_output_path
 
 MAX_CURVES = 8
-"""Combinations that a picture can hold."""
+"""Combinations that a picture shows."""
 
 
 def study_result(study: Study, values: NDArray[Any]) -> StudyResult:
-    """All values, (sets, F), over the study's axes."""
+    """Return the values, (sets, F), over the study's axes."""
     return StudyResult(study.measure, MEASURE_UNITS[study.measure], study.axes, values.reshape(*study.shape, -1))
 
 
 def study_record(result: StudyResult) -> dict[str, Any]:
-    """The result for JSON: nested lists; a complex number is a pair."""
+    """Return the result for JSON: nested lists; a complex number is a pair."""
     v = result.values
     lists = (np.stack((v.real, v.imag), -1) if np.iscomplexobj(v) else v).tolist()
     axes = [{"name": a.name, "unit": a.unit, "values": a.values} for a in result.axes]
@@ -68,7 +68,7 @@ def study_record(result: StudyResult) -> dict[str, Any]:
 
 
 def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultColumn, ...]:
-    """Each combination with its peak, for a person."""
+    """Return a table of the combinations with their peaks."""
     f, peak = np.asarray(study.frequency_hz), amplitude.argmax(1)
     index = np.unravel_index(np.arange(len(amplitude)), study.shape or (1,))
     varied = (
@@ -90,7 +90,7 @@ def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultC
 
 
 def study_figure(study: Study, values: NDArray[Any]) -> PaperFigure:
-    """A few curves over frequency."""
+    """Return a figure of up to MAX_CURVES curves over frequency."""
     f = np.asarray(study.frequency_hz)
     curves = []
     for k in np.unique(np.linspace(0, len(values) - 1, min(len(values), MAX_CURVES)).astype(int)):
@@ -108,15 +108,15 @@ def study_figure(study: Study, values: NDArray[Any]) -> PaperFigure:
 
 
 CONNECT_TIMEOUT_S = 10
-"""How long a cluster's scheduler may take to answer."""
+"""Timeout for the answer of a cluster's scheduler."""
 
 
 @contextmanager
 def study_executor(address: str | None) -> Iterator[Executor | None]:
-    """An executor on the cluster at `address`, on one started here for `local`, or None for no address.
+    """Yield an executor on the cluster at `address`, on one started here for `local`, or None for no address.
 
     Raises:
-        UsageError: Dask is not installed, or nobody answers at the address.
+        UsageError: Dask is not installed, or no scheduler answers at the address.
     """
     if address is None:
         yield None
@@ -127,10 +127,10 @@ def study_executor(address: str | None) -> Iterator[Executor | None]:
         )
     from distributed import Client
 
-    logging.getLogger("distributed").setLevel(logging.ERROR)  # it tells every connection otherwise
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # otherwise it logs every connection
     try:
         if address == "local":
-            # Nothing of it can be reached from another computer.
+            # Bound to this computer only.
             here = "127.0.0.1:0"
             client = Client(processes=False, dashboard_address=here, worker_dashboard_address=here)
         else:
@@ -145,7 +145,7 @@ def study_executor(address: str | None) -> Iterator[Executor | None]:
 
 
 class CountingExecutor(Executor):
-    """Passes chunks of parameter sets on, to `pool` or to this thread, and tells how many sets are done."""
+    """Computes chunks of parameter sets in `pool`, or in this thread, and counts the finished sets."""
 
     def __init__(self, pool: Executor | None, advance: Callable[[int], None]) -> None:
         self._pool, self._advance = pool, advance
@@ -160,7 +160,7 @@ class CountingExecutor(Executor):
     def map(
         self, fn: Callable[..., Any], *iterables: Any, timeout: float | None = None, chunksize: int = 1
     ) -> Iterator[Any]:
-        """Results in order; each is an array with one row a parameter set."""
+        """Yield the results in order; each is an array with one row per parameter set."""
         if self._pool is None:
             results: Iterator[Any] = map(fn, *iterables)
         else:
@@ -172,9 +172,9 @@ class CountingExecutor(Executor):
 
 CURVE_HZ = "1:250:250"
 MAX_SETS = 30
-"""Combinations that are told on a terminal."""
+"""Combinations that are listed on a terminal."""
 MAX_NUMBERS = 50_000_000
-"""Numbers that are held in memory for CSV, JSON or a picture; HDF5 is written chunk by chunk."""
+"""Most numbers held in memory for CSV, JSON or a picture; HDF5 is written chunk by chunk."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def study(options: StudyOptions) -> int:
 
 
 def read_study(options: StudyOptions) -> Study:
-    """The study the options describe.
+    """Return the study that the options describe.
 
     Raises:
         UsageError, ParameterError: it cannot be computed.
@@ -266,7 +266,7 @@ def read_study(options: StudyOptions) -> Study:
 
 
 def _check_overlap(base: Study, options: StudyOptions) -> None:
-    """Refuse a value for what is varied: it would have no effect."""
+    """Raise UsageError for a value of a varied parameter: it would have no effect."""
     given = {f"--set {name}": name for name in read_settings(options.specimen.settings)}
     given |= {
         f"--{o}": "delta"
@@ -281,7 +281,7 @@ def _check_overlap(base: Study, options: StudyOptions) -> None:
 
 
 def _check_output_paths(options: StudyOptions) -> None:
-    """Refuse now what could not be written in the end."""
+    """Raise UsageError for output that could not be written, before anything is computed."""
     check_output_files(options.files)
     if options.out is not None:
         try:
@@ -312,13 +312,13 @@ def _compute_study(request: Study, options: StudyOptions) -> CommandResult:
             part = kept[start : start + len(block)]
             part[:] = block[: len(part)]
             advance(len(block))
-    told = ResultTable("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
+    summary = ResultTable("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
     notes = [f"the first {MAX_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MAX_SETS else []
     found = study_result(request, kept) if keep else None
     return CommandResult(
         "study",
         request.fixed,
-        (told,),
+        (summary,),
         tuple(notes),
         csv_table=found,
         figures=(study_figure(request, kept),) if options.files.picture is not None else (),
@@ -328,7 +328,7 @@ def _compute_study(request: Study, options: StudyOptions) -> CommandResult:
 
 @contextmanager
 def _open_study_file(request: Study, path: Path | None) -> Iterator[Callable[[int, NDArray[Any]], None]]:
-    """Where blocks go: into an HDF5 file, or nowhere."""
+    """Yield the function that stores blocks in an HDF5 file, or ignores them without a path."""
     if path is None:
         yield lambda *_: None
         return
@@ -352,7 +352,7 @@ def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
 
 
 def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
-    """Sobol indices over the range of each variable's values."""
+    """Return Sobol indices over the range of each variable's values."""
     from model.studies.sensitivity import sobol_indices_of
 
     if options.out is not None or options.files.picture is not None:
@@ -428,7 +428,7 @@ def write_figures(options: FiguresOptions) -> int:
 
 
 def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> dict[str, list[PaperFigure]]:
-    """Panels by the figure they belong to; one panel alone where its own name is asked for."""
+    """Return the panels by figure, or single panels for the names of panels."""
     groups = {name: list(panels) for name, panels in groupby(all_panels, lambda figure: figure.name.rstrip("abcdef"))}
     if not names:
         return groups
@@ -440,7 +440,7 @@ def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> d
 
 
 def curves_table(panels: Sequence[PaperFigure]) -> ResultTable:
-    """All curves of a figure as columns over its x, SI."""
+    """Return all curves of a figure as columns over its x, SI."""
     first = panels[0]
     columns = [ResultColumn(first.x_label, first.x_unit, first.curves[0].x)]
     for panel in panels:

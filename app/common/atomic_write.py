@@ -1,14 +1,14 @@
-"""Writing a small file whole or not at all."""
+"""Atomic writing of small files."""
 
 import os
 from pathlib import Path
 
 
 def write_atomic(path: Path, text: str) -> None:
-    """Replace what stands in `path`; after a crash or a power cut either the old text is there or the new one.
+    """Replace the content of `path`; after a crash or a power cut the file holds either the old text or the new one.
 
     Raises:
-        OSError: it cannot be written; what stood there still does.
+        OSError: it cannot be written; the old content is unchanged.
     """
     working = path.with_name(f"{path.name}.part")
     try:

@@ -1,4 +1,4 @@
-"""Numbers in words a person reads at a glance, alike in window, terminal and picture."""
+"""Formatting of durations, sizes, quantities with uncertainty, curves and points for operators."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from protocols.base.rounding import format_with_uncertainty
 
 
 def format_duration(seconds: float) -> str:
-    """`12 s`, `3 min 20 s`, `2 h 05 min`."""
+    """Format a duration as `12 s`, `3 min 20 s`, `2 h 05 min`."""
     whole = max(round(seconds), 0)
     if whole < 60:
         return f"{whole} s"
@@ -19,17 +19,17 @@ def format_duration(seconds: float) -> str:
 
 
 def pluralize(count: int, noun: str) -> str:
-    """`1 run`, `3 runs`."""
+    """Format a count as `1 run`, `3 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def format_outcome(state: str, reason: str) -> str:
-    """How a run ended and why, told once: `stopped by the operator`, not `stopped: stopped by the operator`."""
+    """Format state and reason of a run without repetition: `stopped by the operator`."""
     return reason if reason.casefold().startswith(state.casefold()) else f"{state}: {reason}" if reason else state
 
 
 def format_bytes(count: float) -> str:
-    """Bytes as `812 kB`, `1.4 GB`."""
+    """Format bytes as `812 kB`, `1.4 GB`."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.3g} {unit}"
@@ -38,21 +38,21 @@ def format_bytes(count: float) -> str:
 
 
 def format_quantity(value: float, standard_error: float, unit: str) -> str:
-    """A value and its error in the unit people think in: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
+    """Format a value and its standard error in the display unit: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
     factor, unit = display_unit(unit)
     return format_uncertain(factor * value, factor * standard_error, unit or "1")
 
 
 def format_uncertain(value: float, standard_error: float, unit: str) -> str:
-    """A value to the two figures its standard error has: `158.3460 ± 0.0075 Hz`; the unit `1` is left away."""
+    """Format a value to two digits of its standard error: `158.3460 ± 0.0075 Hz`; the unit `1` is omitted."""
     text = format_with_uncertainty(value, standard_error)
     return text if unit == "1" else f"{text} {unit}"
 
 
 def format_curve(curve: ResultCurve) -> str:
-    """A curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
+    """Format a curve by its highest point: `response: 251 lines, 25 to 525 Hz, highest 925.30 ± 0.12 µm/V at 151 Hz`.
 
-    Empty for a curve without errors, which is a record of samples and no result, and for a loop, whose point says it all.
+    Empty for a curve without errors, which is a record of samples, and for a loop, whose point has the result.
     """
     errors = curve.columns.get(f"{curve.y}_errors")
     x, y = curve.columns[curve.x], curve.columns[curve.y]
@@ -69,7 +69,7 @@ def format_curve(curve: ResultCurve) -> str:
 
 
 def format_point(point: Any) -> str:
-    """One point in a line: in its own words where it has some, else as one of a sine dwell."""
+    """Format a point as one line: its own summary if it has one, otherwise the columns of a sine dwell."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
     if words := getattr(point, "summary", ""):
         return words + (f"  {flags.description}" if flags else "")

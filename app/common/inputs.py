@@ -1,17 +1,17 @@
-"""What a person writes after an option, read: names of files and folders, of a specimen, a seed. argparse tells the rest."""
+"""Types of command-line arguments: paths, specimen names, seeds."""
 
 import argparse
 from pathlib import Path
 
 MAX_SPECIMEN_NAME_LENGTH = 200
-"""Characters of a specimen's name; the name of its run file holds fewer, the file itself all of them."""
+"""Characters of a specimen's name; the name of its run file is shortened, the file itself holds all of them."""
 
 
 def path_argument(text: str) -> Path:
-    """A file or folder that this system can have, there or not yet.
+    """Return the path of a file or folder, existing or not.
 
     Raises:
-        argparse.ArgumentTypeError: no name at all, one that is too long, or one in a folder that may not be looked into.
+        argparse.ArgumentTypeError: the name is empty, too long, or in an inaccessible folder.
     """
     if not text.strip():
         raise argparse.ArgumentTypeError("a name is missing")
@@ -25,10 +25,10 @@ def path_argument(text: str) -> Path:
 
 
 def specimen_argument(text: str) -> str:
-    """A specimen's name: a line of text.
+    """Return a specimen's name: one line of text.
 
     Raises:
-        argparse.ArgumentTypeError: it is empty, longer than anybody reads, or has characters that cannot be shown.
+        argparse.ArgumentTypeError: it is empty, too long, or has unprintable characters.
     """
     name = text.strip()
     if not name or len(name) > MAX_SPECIMEN_NAME_LENGTH or not name.isprintable():
@@ -39,10 +39,10 @@ def specimen_argument(text: str) -> str:
 
 
 def seed_argument(text: str) -> int:
-    """A seed of simulated noise: a whole number from 0 on.
+    """Return a seed of simulated noise: an integer from 0.
 
     Raises:
-        argparse.ArgumentTypeError: it is none.
+        argparse.ArgumentTypeError: it is not one.
     """
     try:
         number = int(text)
@@ -54,5 +54,5 @@ def seed_argument(text: str) -> int:
 
 
 def truncate_text(text: str, max_length: int = 60) -> str:
-    """The beginning of a long text, with dots."""
+    """Return the beginning of a long text, with dots."""
     return text if len(text) <= max_length else f"{text[:max_length]}..."

@@ -120,16 +120,16 @@ ProgressCallback = Callable[[float], None]
 
 
 def ignore_progress(_share: float) -> None:
-    """Nobody asks."""
+    """No-op progress callback."""
 
 
 def partial_progress(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
-    """For a part of the whole, which tells its own share."""
+    """Return the callback of a part of the whole."""
     return lambda share: progress(begin + (end - begin) * share)
 
 
 def split_progress(progress: ProgressCallback, sizes: Sequence[float]) -> list[ProgressCallback]:
-    """For the parts of the whole one after the other, each as long as its size."""
+    """Return the callbacks of consecutive parts of these sizes."""
     whole = sum(sizes) or 1.0
     return [
         partial_progress(progress, begin / whole, end / whole)
@@ -138,12 +138,12 @@ def split_progress(progress: ProgressCallback, sizes: Sequence[float]) -> list[P
 
 
 def split_progress_by_files(progress: ProgressCallback, paths: Sequence[Path]) -> list[ProgressCallback]:
-    """For files one after the other, by their bytes; one that is not there has none, and whoever opens it says so."""
+    """Return the callbacks of consecutive files, weighted by their bytes; a missing file has none."""
     return split_progress(progress, [path.stat().st_size if path.is_file() else 0 for path in paths])
 
 
 def iterate_with_progress(items: Sequence[T], progress: ProgressCallback) -> Iterator[T]:
-    """The items, told as they are taken."""
+    """Yield the items and call back as they are taken."""
     for start in range(0, len(items), ITEMS_PER_UPDATE):
         progress(start / len(items))
         yield from items[start : start + ITEMS_PER_UPDATE]

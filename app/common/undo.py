@@ -1,4 +1,4 @@
-"""Undo and redo."""
+"""Undo and redo history."""
 
 from typing import Generic, TypeVar
 
@@ -6,7 +6,7 @@ T = TypeVar("T")
 
 
 class UndoHistory(Generic[T]):
-    """States one can go back and forth among."""
+    """A history of states with undo and redo."""
 
     def __init__(self, state: T) -> None:
         self.current = state
@@ -15,7 +15,7 @@ class UndoHistory(Generic[T]):
         self._merge_key = ""
 
     def push(self, state: T, merge_key: str = "") -> None:
-        """A new state; `merge_key` names what is moved on and on, as a slider: that is one step."""
+        """Add a state; consecutive states of one `merge_key`, as of a dragged slider, are a single step."""
         if state == self.current:
             return
         if not (merge_key and merge_key == self._merge_key):
@@ -32,11 +32,11 @@ class UndoHistory(Generic[T]):
         return bool(self._future)
 
     def undo(self) -> bool:
-        """One step back; whether there was one."""
+        """Go one step back; return whether there was one."""
         return self._step(self._past, self._future)
 
     def redo(self) -> bool:
-        """One step forth; whether there was one."""
+        """Go one step forward; return whether there was one."""
         return self._step(self._future, self._past)
 
     def _step(self, back: list[T], forth: list[T]) -> bool:

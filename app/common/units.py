@@ -1,4 +1,7 @@
-"""Units in what a person writes: `4 V`, `0.1 mm/V`, `25 Hz, 50 Hz`. Plain numbers are in the quantity's own unit."""
+"""Parsing of numbers with units, such as `4 V` or `25 Hz, 50 Hz`, and display units.
+
+Numbers without a unit are in the unit of their quantity.
+"""
 
 import re
 from functools import cache
@@ -18,7 +21,7 @@ PEAK_TO_PEAK = ParameterSpec("peak-to-peak", "V", Interval(gt=0), "drive at the 
 
 MAX_TEXT_LENGTH = 60
 REPEATED_POWER = re.compile(r"(\*\*|\^)[^*^]*(\*\*|\^)|(\*\*|\^)\s*-?\d{3,}")
-"""Powers of powers, which the unit library would compute to the last digit, for ever."""
+"""Powers of powers, which the unit library would evaluate exactly, without end."""
 
 
 DISPLAY_SCALES = {
@@ -46,7 +49,7 @@ DISPLAY_UNITS = {
     "Pa": "MPa",
     "N m/V": "N mm/kV",
 }
-"""Display unit of an SI unit, where it is another one."""
+"""Display units that differ from the SI unit."""
 
 
 def display_unit(unit: str) -> tuple[float, str]:
@@ -56,11 +59,11 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 class UnitError(ValueError):
-    """A text is no number in the unit wanted. The sentence says which and what would do."""
+    """A text is not a number in the required unit; the message names the text and the remedy."""
 
 
 def to_number(text: str, unit: str) -> float:
-    """The number that `text` means, in `unit`.
+    """Return the number that `text` means, in `unit`.
 
     Raises:
         UnitError: no number, an unknown unit, or a unit of another dimension.
@@ -68,14 +71,14 @@ def to_number(text: str, unit: str) -> float:
     for number in (
         text,
         text.removesuffix(unit) if unit.isalpha() and len(text) <= MAX_TEXT_LENGTH else "",
-    ):  # in the unit itself: no library is needed
+    ):  # a number in the unit itself needs no library
         try:
             return float(number)
         except ValueError:
             continue
     if len(text) > MAX_TEXT_LENGTH or REPEATED_POWER.search(text):
         raise UnitError(f"'{text[:MAX_TEXT_LENGTH]}' is no number; write for example '1 {unit}' or '1'")
-    import pint  # takes half a second, so only where somebody writes a unit
+    import pint  # takes half a second, so only if another unit is written
 
     registry = _registry()
     try:
@@ -90,7 +93,7 @@ def read_number(text: str, quantity: ParameterSpec) -> float:
     """Return the number that `text` means, in SI and admitted by `quantity`.
 
     Raises:
-        UnitError, ParameterError: it is none, or not admitted.
+        UnitError, ParameterError: it is not a number, or out of range.
     """
     try:
         number = to_number(text, quantity.unit or "1")
@@ -100,17 +103,17 @@ def read_number(text: str, quantity: ParameterSpec) -> float:
 
 
 def unit_of(model: "type[BaseModel]", name: str) -> str | None:
-    """The unit of a field, None where it has none (a text, a switch)."""
+    """Return the unit of a field, None if it has none (a text, a switch)."""
     return next((m.unit for m in model.model_fields[name].metadata if isinstance(m, Unit)), None)
 
 
 def description_of(model: "type[BaseModel]", name: str) -> str:
-    """What a field means, in words."""
+    """Return the description of a field."""
     return next((m for m in model.model_fields[name].metadata if isinstance(m, str)), "")
 
 
 def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
-    """A field's value with texts replaced by numbers where it has a unit; a list is separated by commas or spaces.
+    """Return a field's value with texts replaced by numbers if it has a unit; lists are separated by commas or spaces.
 
     Raises:
         UnitError: a text does not fit.
@@ -129,7 +132,7 @@ def read_value(model: "type[BaseModel]", name: str, value: Any) -> Any:
 
 
 def _split(text: str) -> list[str]:
-    """Items between commas, or plain numbers between spaces: `100 Hz` is one number, not 100 and one hertz."""
+    """Split at commas, or plain numbers at spaces: `100 Hz` is one number."""
     if "," in text:
         return [item.strip() for item in text.split(",") if item.strip()]
     words = text.split()

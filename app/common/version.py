@@ -1,4 +1,4 @@
-"""The program's version."""
+"""Version of the program."""
 
 from importlib import metadata
 

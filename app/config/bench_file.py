@@ -1,6 +1,6 @@
-"""The bench file: what instruments stand on a bench, how they are wired, and what their calibrations are.
+"""Bench file: loading and validation of a bench's instruments, wiring and calibrations.
 
-Validated whole: unknown keys are refused, and every fault is listed at once with its line and a remedy.
+Unknown keys are rejected; all errors are listed at once with their lines and remedies.
 """
 
 import tomllib
@@ -26,14 +26,14 @@ from app.config.validation import validation_messages
 from sim_hardware.plant.parameters import SimulationParameters
 
 MAX_SPEED = 20.0
-"""Times real speed at which the simulated bench still keeps up on its real wires."""
+"""Most times real speed at which the simulated bench keeps up on its real wires."""
 
 MAX_FILE_BYTES = 1_000_000
-"""Characters that a bench file may have: what is longer is something else."""
+"""Most characters of a bench file; a longer file is something else."""
 
 
 class ConfigError(Exception):
-    """A bench file is wrong. The text lists every fault with line and remedy."""
+    """A bench file is invalid; the message lists every error with line and remedy."""
 
 
 class BenchConfig(ConfigTable):
@@ -60,19 +60,19 @@ class BenchConfig(ConfigTable):
 
     @property
     def simulation_parameters(self) -> SimulationParameters:
-        """The simulated bench's truth."""
+        """The true parameters of the simulated bench."""
         at_the_cable = {"generator": "generator", "card-output": self.source.channel, "dc-supply": "supply"}
         return SimulationParameters.from_record({"source": at_the_cable[self.source.kind], **(self.simulation or {})})
 
     @property
     def source_connection(self) -> GeneratorTable | SupplyTable:
-        """The table that names the source's own wire."""
+        """The table with the connection of the source."""
         return self.supply if self.source.kind == "dc-supply" else self.generator
 
     @model_validator(mode="after")
     def _check_source_kind(self) -> "BenchConfig":
         if self.simulated:
-            speed = self.simulation_parameters.speed  # raises a sentence where the truth is malformed
+            speed = self.simulation_parameters.speed  # raises ValueError if the table is malformed
             if not 1 <= speed <= MAX_SPEED:
                 raise ValueError(f"simulation.speed must be from 1 to {MAX_SPEED:g}, not {speed:g}")
             return self
@@ -88,7 +88,7 @@ class BenchConfig(ConfigTable):
 
 
 def load_bench(name: str) -> BenchConfig:
-    """The bench of a file, or `sim` for the simulated bench that comes with the program.
+    """Load the bench of a file, or `sim` for the simulated bench that comes with the program.
 
     Raises:
         ConfigError: the file is missing or wrong.

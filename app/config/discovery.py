@@ -1,4 +1,4 @@
-"""Finds what is connected: VISA instruments, NI cards, serial ports. Nothing is set, nothing is switched, only asked."""
+"""Discovery of connected devices: VISA instruments, NI cards, serial ports. Devices are only queried, never set."""
 
 import re
 from collections.abc import Sequence
@@ -11,17 +11,17 @@ from drivers.interfaces import Identity
 from drivers.supplies.dialects import SUPPLY_DIALECTS
 
 LAN_PORTS = (5025, 5555)
-"""Where function generators listen: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
+"""Ports of function generators: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
 
 QUERY_TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class FoundDevice:
-    """One thing that is connected: what it can be on a bench, where it is, and who it says it is."""
+    """A connected device: its possible role on a bench, its address and its identity."""
 
     role: str
-    """generator, supply, card, serial port, or instrument (of a kind no driver knows)."""
+    """generator, supply, card, serial port, or instrument (of a kind without a driver)."""
     where: str
     identity: str = ""
     serial: str = ""
@@ -29,7 +29,7 @@ class FoundDevice:
 
 
 def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[FoundDevice], list[str]]:
-    """What is connected, and sentences on what could not be looked for."""
+    """Return the connected devices, and messages on searches that failed."""
     from drivers.transport.visa import list_resources
 
     names, notes = list_resources()
@@ -39,7 +39,7 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
     found = []
     for resource in names:
         if resource.startswith("ASRL"):
-            continue  # a question at the wrong speed can disturb whatever hangs there; the ports are listed below
+            continue  # a query at the wrong baud rate can disturb the device; the ports are listed below
         try:
             found.append(_query_instrument(resource))
         except BenchError as error:
@@ -59,7 +59,7 @@ def _query_instrument(resource: str) -> FoundDevice:
 
 
 def _role_of(identity: Identity) -> tuple[str, str]:
-    """What an instrument can be on a bench, and the driver that knows it."""
+    """Return an instrument's possible role on a bench, and its driver."""
     model = identity.model.upper()
     for name in BUILT_IN[SOURCES]:
         if model.startswith(tuple(getattr(load_driver(SOURCES, name), "MODELS", ())) or ("\0",)):

@@ -1,7 +1,7 @@
-"""The instrument drivers by name: those that come with the program, and plug-ins of other packages.
+"""Registry of instrument drivers: built-in drivers and plug-ins of other packages.
 
 A plug-in is an entry point of the group `tactor_bench.sources` or `tactor_bench.digitizers` (docs/how-to-write-a-driver.md).
-It is imported only when somebody needs it. A broken one is named and skipped; it never stops a bench that does without.
+It is imported only when it is needed. A broken one is reported and skipped; it never stops a bench that does not use it.
 """
 
 import inspect
@@ -30,7 +30,7 @@ BUILT_IN = {
     },
     DIGITIZERS: {"ni": "drivers.nidaq.analog_input:NiDigitizer"},
 }
-"""Generators are called with (link, clock, *, step_v), digitizers as `drivers.nidaq.analog_input.NiDigitizer` is."""
+"""Generators are called with (link, clock, *, step_v), digitizers like `drivers.nidaq.analog_input.NiDigitizer`."""
 
 INTERFACES: dict[str, type] = {SOURCES: Source, DIGITIZERS: Digitizer}
 
@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class PlugIn:
-    """One driver that is not ours, and why it cannot be used (empty: it can)."""
+    """A driver of another package, and why it cannot be used (empty: it can)."""
 
     name: str
     package: str
@@ -48,16 +48,16 @@ class PlugIn:
 
 
 def driver_names(group: str) -> list[str]:
-    """What a bench file may choose; nothing is imported for it."""
+    """Return the names that a bench file may choose; nothing is imported for it."""
     chosen = [AUTO] if group == SOURCES else []
     return [*chosen, *BUILT_IN[group], *(point.name for point in _entry_points(group))]
 
 
 def check_driver_name(group: str, name: str) -> str:
-    """The name itself.
+    """Return the name itself.
 
     Raises:
-        ValueError: there is no such driver; the sentence says which there are.
+        ValueError: there is no such driver; the message lists the drivers.
     """
     ours = name in BUILT_IN[group] or (group == SOURCES and name == AUTO)
     if not ours and name not in driver_names(group):  # looking for plug-ins takes a while
@@ -68,15 +68,15 @@ def check_driver_name(group: str, name: str) -> str:
 
 
 def load_plug_ins(group: str) -> list[PlugIn]:
-    """All plug-ins of a group, each loaded or with a sentence on what is wrong with it."""
+    """Return all plug-ins of a group, each loaded or with its problem."""
     return [_load_plug_in(point) for point in _entry_points(group)]
 
 
 def load_driver(group: str, name: str) -> Callable[..., Any]:
-    """The driver of that name.
+    """Return the driver of that name.
 
     Raises:
-        BenchError: there is none, or it is a plug-in that is broken.
+        BenchError: there is no such driver, or it is a broken plug-in.
     """
     if name in BUILT_IN[group]:
         built_in: Callable[..., Any] = EntryPoint(name, BUILT_IN[group][name], group).load()
@@ -92,11 +92,11 @@ def load_driver(group: str, name: str) -> Callable[..., Any]:
 
 
 def open_generator(name: str, link: Link, clock: Clock, step_v: float) -> Source:
-    """The driver of that name on its wire; `auto` asks the instrument who it is.
+    """Open the driver of that name on a link; `auto` chooses it by the instrument's identity.
 
     Raises:
-        InstrumentError: nothing answers, another instrument answers, or no driver knows it.
-        BenchError: the driver is a plug-in that is broken.
+        InstrumentError: nothing answers, another instrument answers, or none of the drivers supports it.
+        BenchError: the driver is a broken plug-in.
     """
     chosen = load_driver(SOURCES, name) if name != AUTO else _detect_driver(link)
     source: Source = chosen(link, clock, step_v=step_v)
@@ -115,7 +115,7 @@ def _detect_driver(link: Link) -> Callable[..., Source]:
 
 
 def _source_drivers() -> Iterator[Callable[..., Source]]:
-    """Our drivers and every plug-in that works."""
+    """Yield the built-in drivers and every plug-in that works."""
     for name in BUILT_IN[SOURCES]:
         yield load_driver(SOURCES, name)
     for plug_in in load_plug_ins(SOURCES):
@@ -126,7 +126,7 @@ def _source_drivers() -> Iterator[Callable[..., Source]]:
 
 
 def _entry_points(group: str) -> Sequence[EntryPoint]:
-    """Entry points that do not take the name of a driver of ours."""
+    """Return the entry points whose names are not those of built-in drivers."""
     return [p for p in sorted(entry_points(group=group)) if p.name not in BUILT_IN[group] and p.name != AUTO]
 
 
@@ -161,6 +161,6 @@ def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
 
 
 def _missing_methods(driver_class: type, interface: type) -> list[str]:
-    """Methods of the port that the class does not have."""
+    """Return the methods of the interface that the class lacks."""
     wanted = [n for n, member in vars(interface).items() if inspect.isfunction(member) and not n.startswith("_")]
     return [f"{name}()" for name in wanted if not callable(getattr(driver_class, name, None))]

@@ -20,7 +20,7 @@ from model.amplifier_map import AmplifierMap
 
 
 class ConfigTable(BaseModel):
-    """What every table has in common."""
+    """Base class of all tables."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -87,7 +87,7 @@ class AmplifierTable(ConfigTable):
 
     @model_validator(mode="after")
     def _check_map(self) -> "AmplifierTable":
-        self.amplifier_map  # noqa: B018 - raises a sentence where rest lies outside the range
+        self.amplifier_map  # noqa: B018 - raises ValueError if rest is outside the range
         return self
 
 
@@ -166,7 +166,7 @@ class SensorTable(ConfigTable):
 
 
 class WatchdogTable(ConfigTable):
-    """The process that brings the source to rest if the program dies or hangs while the bench is live."""
+    """The watchdog process, which brings the source to rest if the program dies or hangs while the bench is live."""
 
     enabled: bool = True
     silence_s: Annotated[
@@ -182,7 +182,7 @@ class WatchdogTable(ConfigTable):
 
 
 class SourceTable(ConfigTable):
-    """Which instrument stands at the amplifier's input."""
+    """The instrument at the amplifier's input."""
 
     kind: Annotated[
         Literal["generator", "card-output", "dc-supply"],

@@ -1,4 +1,4 @@
-"""The first bench file of a lab: commented, with what was found filled in and what was not marked as to be written."""
+"""Template of a first bench file, filled in with the devices that were found."""
 
 import json
 from collections.abc import Sequence
@@ -74,7 +74,7 @@ server = {server}  # host:port of NI's gRPC device server; "" where the card is 
 
 
 def bench_template(devices: Sequence[FoundDevice], server: str = "") -> str:
-    """The text of a bench file for what was found."""
+    """Return the text of a bench file for the devices that were found."""
     generator = next((f for f in devices if f.role == "generator"), None)
     supply = next((f for f in devices if f.role == "supply"), None)
     card = next((f for f in devices if f.role == "card"), None)

@@ -1,4 +1,4 @@
-"""What validation refuses in what a person wrote, as that person can mend it: where it stands, and what would do."""
+"""Messages for pydantic validation errors: line, value and remedy."""
 
 import re
 from collections.abc import Callable
@@ -19,7 +19,7 @@ BOUNDS = {
 def validation_messages(
     error: ValidationError, text: str = "", unit_of_key: Callable[[str], str] = lambda _: ""
 ) -> list[str]:
-    """One line a fault: where it stands, what is there, and what would do; in the unit that a key has."""
+    """Return one line per error: where it is, the value, and what is allowed, in the unit of the key."""
     lines = []
     for fault in error.errors():
         path = [str(part) for part in fault["loc"]]
@@ -44,7 +44,7 @@ def _describe_error(error: Any, unit_of_key: Callable[[str], str]) -> str:
 
 
 def _line_of(path: list[str], text: str) -> int:
-    """The line of a key in a TOML text, 0 where it is not found."""
+    """Return the line of a key in a TOML text, 0 if it is not found."""
     tables, key = path[:-1], path[-1] if path else ""
     table: list[str] = []
     for number, line in enumerate(text.splitlines(), 1):
