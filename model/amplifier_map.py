@@ -1,4 +1,4 @@
-"""The high-voltage amplifier's static map, the only piece of the model that drivers may know.
+"""The high-voltage amplifier's static map, the only module of the model that drivers import.
 
 The AMT2012-CE3 maps 0..2.5 V at its input to -500..0 V and 2.5..5 V to 0..1500 V (paper, Sec. II): two slopes that
 meet at rest. A sine around rest therefore arrives distorted, and 0 V at the input is -500 V on the specimen.

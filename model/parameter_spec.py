@@ -1,7 +1,7 @@
-"""Reads unit, limits and meaning of a parameter from its annotation, so that nobody writes a range twice.
+"""Parameter specifications: unit, limits and meaning, read from the annotation of a field.
 
 A field is `Annotated[float, Unit("m"), Interval(gt=0), "what it is"]`. Validation, forms, command-line options and file
-attributes all ask here.
+attributes all use it.
 """
 
 import dataclasses

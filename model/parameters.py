@@ -92,7 +92,7 @@ class Tactor:
 
 @dataclass(frozen=True, slots=True)
 class Membrane:
-    """The rubber membrane that stands for skin (Table I). Its pre-stretch is an argument where it is used.
+    """The rubber membrane that simulates skin (Table I). Its pre-stretch is an argument where it is used.
 
     Raises:
         ParameterError: a value is not physical.

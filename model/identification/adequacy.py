@@ -1,8 +1,8 @@
-"""Is the misfit noise, or is the model wrong? Every test with its exact null distribution for normal errors, and a verdict.
+"""Model adequacy: tests whether the misfit of a fit is noise or a wrong model, and gives a verdict.
 
-Score tests: with H the projection on what the fit can follow, a departure d is in the residuals r with the size
-d.r / d.(1 - H)d, give or take (d.(1 - H)d)^-1/2: as if it had been fitted as one more parameter. Patterns: the
-correlation of neighbouring residuals against its exact mean and variance under 1 - H.
+Every test has its exact null distribution for normal errors. Score tests: with H the projection on the space of the fit, a
+discrepancy d is in the residuals r with the size d.r / d.(1 - H)d and the standard error (d.(1 - H)d)^-1/2, as if it had been
+fitted as one more parameter. Patterns: the correlation of neighbouring residuals against its exact mean and variance under 1 - H.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from model.identification.observations import FrequencyResponseObservation
 from model.identification.receptance import ReceptanceSolver
 
 SIGNIFICANCE_LEVEL = 0.01
-"""Probability, over all tests together, below which a finding is told."""
+"""Probability, over all tests together, below which a finding is reported."""
 TESTED_HARMONICS = (2, 3, 4, 5)
 HARMONIC_TOLERANCE = 0.03
 """Of a harmonic's predicted amplitude: the amplifier's map and the upper modes are not known better."""
@@ -52,22 +52,22 @@ class Adequacy:
     adequate: bool | None
     message: str
     findings: tuple[Finding, ...]
-    """The most significant first, patterns that no departure names last."""
+    """The most significant first, unexplained patterns last."""
     test_count: int
 
 
 def assess_adequacy(fit: JointFit) -> Adequacy:
-    """Test the fit for every departure its runs could show, for patterns, harmonics, and the size of the misfit."""
+    """Test a fit for every discrepancy its runs could show, for patterns, harmonics, and the size of the misfit."""
     if fit.degrees_of_freedom <= 0:
         return Adequacy(None, fit.verdict, (), 0)
-    Q, ways = _fit_subspace(fit), possible_discrepancies(fit)
-    findings, tests = _significant_findings(fit, Q, ways, 1.0)
+    Q, discrepancies = _fit_subspace(fit), possible_discrepancies(fit)
+    findings, tests = _significant_findings(fit, Q, discrepancies, 1.0)
     left = _residual_error_scale(
-        fit, Q, [w for w in ways if any((w.kind, w.runs) == (f.kind, f.runs) for f in findings)]
+        fit, Q, [w for w in discrepancies if any((w.kind, w.runs) == (f.kind, f.runs) for f in findings)]
     )
     if left > 1 and findings:
-        # What no departure explains says that the errors are too small; then departures must stand out from it.
-        findings, tests = _significant_findings(fit, Q, ways, left)
+        # The unexplained rest shows that the errors are too small: discrepancies must exceed the enlarged errors.
+        findings, tests = _significant_findings(fit, Q, discrepancies, left)
     adequate = not findings and fit.p_value > MIN_P_VALUE
     return Adequacy(adequate, _verdict_message(fit, findings, tests), tuple(findings), tests)
 
@@ -75,7 +75,7 @@ def assess_adequacy(fit: JointFit) -> Adequacy:
 def _significant_findings(
     fit: JointFit, Q: Array, discrepancies: Sequence[Discrepancy], error_scale: float
 ) -> tuple[list[Finding], int]:
-    """The significant findings if all errors are `error_scale` than given, and how many tests were made."""
+    """The significant findings with all errors multiplied by `error_scale`, and the number of tests."""
     r = fit.weighted_residuals / error_scale
     found = [
         *_score_tests(discrepancies, r, Q, error_scale),
@@ -83,13 +83,13 @@ def _significant_findings(
         *_harmonic_tests(fit, error_scale),
     ]
     tests = len(found) + 1
-    told = [replace(f, probability=min(1.0, f.probability * tests)) for f in found]
-    told = [f for f in told if f.probability < SIGNIFICANCE_LEVEL]
-    return sorted(told, key=lambda f: (f.kind == "pattern", f.probability)), tests
+    significant = [replace(f, probability=min(1.0, f.probability * tests)) for f in found]
+    significant = [f for f in significant if f.probability < SIGNIFICANCE_LEVEL]
+    return sorted(significant, key=lambda f: (f.kind == "pattern", f.probability)), tests
 
 
 def _residual_error_scale(fit: JointFit, Q: Array, discrepancies: Sequence[Discrepancy]) -> float:
-    """Root of the reduced chi-square that is left when these departures are taken out; 1 where that can be chance."""
+    """Return the root of the reduced chi-square without these discrepancies; 1 where it can be chance."""
     basis = np.linalg.svd(
         np.column_stack((Q, *(w.direction / np.linalg.norm(w.direction) for w in discrepancies))), full_matrices=False
     )
@@ -134,11 +134,11 @@ def _score_tests(discrepancies: Sequence[Discrepancy], r: Array, Q: Array, error
         rest = d - Q @ (Q.T @ d)
         weight = float(rest @ rest)
         if weight <= 1e-6 * float(d @ d) or weight == 0:
-            continue  # the fit follows it wholly: these runs cannot tell
+            continue  # inside the space of the fit: these runs cannot show it
         size, error = float(rest @ r) / weight, weight**-0.5
         p = float(2 * ndtr(-abs(size) / error))
-        said = departure.description.format(f"{100 * size:+.2g} +- {100 * error:.1g}")
-        out.append(Finding(departure.kind, departure.runs, size, error, p, said))
+        message = departure.description.format(f"{100 * size:+.2g} +- {100 * error:.1g}")
+        out.append(Finding(departure.kind, departure.runs, size, error, p, message))
     return out
 
 

@@ -31,7 +31,7 @@ class Calibration:
     """Accepted estimates of one specimen with their covariance; `as_record` and `from_record` are its round trip to disk.
 
     Raises:
-        ParameterError: the covariance does not belong to the estimates, or is none.
+        ParameterError: the covariance does not belong to the estimates, or is not a covariance.
     """
 
     specimen: str
@@ -96,9 +96,9 @@ class Calibration:
         known = {f.name for f in fields(cls)}
         given = set(record) - {"kind"} | {"reduced"}  # older records have none
         if record.get("kind") != "calibration" or given != known:
-            lost, strange = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
+            missing, unknown = ", ".join(sorted(known - given)), ", ".join(sorted(given - known))
             raise ParameterError(
-                f"this is no calibration record: missing {lost or 'nothing'}; unknown {strange or 'nothing'}"
+                f"this is no calibration record: missing {missing or 'nothing'}; unknown {unknown or 'nothing'}"
             )
         try:
             estimates = tuple(EstimatedQuantity(**{**e, "source": tuple(e["source"])}) for e in record["estimates"])

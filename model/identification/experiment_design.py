@@ -1,4 +1,4 @@
-"""The next best measurement: which run, of those the bench can do, tells most about a parameter per minute."""
+"""Experiment design: the possible run that reduces the error of a parameter most per minute."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

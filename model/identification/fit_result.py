@@ -1,4 +1,4 @@
-"""What a joint fit found: estimates with their covariance, what is not identified, residuals, chi-square and its verdict."""
+"""Fit result: estimates with covariance, unidentified combinations, residuals, chi-square and verdict."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,13 +20,13 @@ SINGULAR_VALUE_CUTOFF = 1e-7
 MIN_SHARE = 0.05
 """A parameter belongs to an unidentified combination if its share is at least this, or undoes what is known of it."""
 UNKNOWN_RELATIVE_ERROR = 10.0
-"""How far, relative, something that nothing tells may be off: 1000 %."""
+"""Assumed relative error of an unidentified combination: 1000 %."""
 MIN_P_VALUE = 1e-3
 """Probability of a chi-square below which the errors do not explain the misfit."""
 
 
 def fit_cost(rows: Array, loss: Loss) -> float:
-    """What a fit makes least: the sum of squares, or of the robust loss, of residuals over their errors, (rows,)."""
+    """Return what a fit minimizes: the sum of squares, or of the robust loss, of residuals over their errors, (rows,)."""
     z = rows**2
     match loss:
         case "soft_l1":
@@ -37,13 +37,13 @@ def fit_cost(rows: Array, loss: Loss) -> float:
 
 
 def format_p_value(probability: float, digits: int = 1) -> str:
-    """`p = 0.003`; what a computer cannot tell from nothing is not called nothing."""
+    """`p = 0.003`; a probability that underflows is given as a bound."""
     return f"p = {probability:.{digits}g}" if probability > 0 else "p < 1e-300"
 
 
 @dataclass(frozen=True)
 class UnidentifiedCombination:
-    """A combination of parameters that the runs do not tell: moving along it changes nothing that was measured."""
+    """A combination of parameters that the runs do not determine."""
 
     shares: dict[str, float]
     """Relative change of each parameter along it; the squares sum to about 1."""
@@ -119,7 +119,7 @@ class JointFit:
 
     @cached_property
     def unidentified_combinations(self) -> tuple[UnidentifiedCombination, ...]:
-        """What these runs cannot tell."""
+        """Combinations of parameters that these runs do not determine."""
         s, Vt = self._svd
         own = np.sqrt(np.diag(self.covariance)) / self.parameter_scale
         sign = np.where(self.theta < 0, -1, 1)
@@ -160,7 +160,7 @@ class JointFit:
 
     @property
     def cost(self) -> float:
-        """What the fit made least: chi-square, or the robust loss."""
+        """The minimized cost: chi-square, or the robust loss."""
         return fit_cost(self.weighted_residuals, self.options.loss)
 
     @property
@@ -185,25 +185,25 @@ class JointFit:
         """Chi-square in words."""
         if self.degrees_of_freedom <= 0:
             return "no residual is left over to test the model with: measure more points"
-        said = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
+        text = f"chi-square {self.chi_square:.1f} for {self.degrees_of_freedom} degrees of freedom"
         if self.error_scale > 1:
             return (
-                f"{said} ({format_p_value(self.p_value)}): the misfit is {self.error_scale:.2g} times what the errors explain; "
+                f"{text} ({format_p_value(self.p_value)}): the misfit is {self.error_scale:.2g} times what the errors explain; "
                 "standard errors are enlarged by that, which helps only if the misfit is noise: see adequacy"
             )
         if 1 - self.p_value < MIN_P_VALUE:
-            return f"{said}: the misfit is smaller than the errors given, which are too large"
-        return f"{said} (p = {self.p_value:.2f}): the errors explain the misfit"
+            return f"{text}: the misfit is smaller than the errors given, which are too large"
+        return f"{text} (p = {self.p_value:.2f}): the errors explain the misfit"
 
     def estimates(self) -> tuple[EstimatedQuantity, ...]:
         """The identified parameters; none for a parameter that is part of an unidentified combination."""
-        lost = {name for c in self.unidentified_combinations for name in c.shares}
+        missing = {name for c in self.unidentified_combinations for name in c.shares}
         sources = self._sources()
         errors = np.sqrt(np.diag(self.covariance)) * self.error_scale
         return tuple(
             EstimatedQuantity(n, float(v), float(e), known.parameter_spec(n, self.observations).unit, sources[n])
             for n, v, e in zip(self.names, self.theta, errors, strict=True)
-            if n not in lost and n in self.free_parameters
+            if n not in missing and n in self.free_parameters
         )
 
     def covariance_of(self, estimates: tuple[EstimatedQuantity, ...]) -> Array:
@@ -212,13 +212,15 @@ class JointFit:
         return np.asarray(self.covariance[np.ix_(at, at)] * self.error_scale**2)
 
     def _sources(self) -> dict[str, tuple[str, ...]]:
-        """Per parameter the runs that tell it: those with at least 1 % of its information."""
-        told: dict[str, tuple[str, ...]] = {}
+        """Return for each parameter the runs with at least 1 % of its information."""
+        sources: dict[str, tuple[str, ...]] = {}
         for i, name in enumerate(self.names):
             share = [float(self.jacobian[part, i] @ self.jacobian[part, i]) for part in self.run_slices]
             total = sum(share) or 1.0
-            told[name] = tuple(r.label for r, x in zip(self.observations.runs, share, strict=True) if x > 0.01 * total)
-        return told
+            sources[name] = tuple(
+                r.label for r, x in zip(self.observations.runs, share, strict=True) if x > 0.01 * total
+            )
+        return sources
 
     @cached_property
     def run_slices(self) -> tuple[slice, ...]:
@@ -244,7 +246,7 @@ class JointFit:
 
     @property
     def values(self) -> dict[str, float | None]:
-        """Every parameter by name, fixed ones too; what is not identified stands where the fit left it."""
+        """Every parameter by name, fixed ones too; an unidentified one has the value where the fit ended."""
         return self.problem.forward_model.values(self.theta)
 
     @cached_property

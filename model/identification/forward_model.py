@@ -1,13 +1,8 @@
-"""What the model says each run should have shown, with the slopes to every free parameter.
+"""Forward model: predictions of every run and their derivatives to the free parameters.
 
-The response to a sine has exact slopes (`receptance`); what feeds it, and every closed formula, is differentiated
-centrally at 1e-6 of its scale, all parameters in one array operation.
-
-What a run's specimen is for given values of the parameters: its beam, its skin, the factors of its equation of motion.
-
-`v` holds every parameter by name: plain numbers, or arrays (S,) of as many sets.
-
-A point of the parameters and a step up and down of each: what the model says there, all in one array operation.
+The response to a sine has exact derivatives (`receptance`); its inputs and every closed formula are differentiated centrally at
+1e-6 of their scale, all parameters in one array operation. `v` holds every parameter by name: plain numbers, or arrays (S,) for S
+sets of parameters.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -114,7 +109,7 @@ class FiniteDifferences:
         return (y[1 : P + 1] - y[P + 1 :]) / (2 * self._steps).reshape(-1, *(1,) * (y.ndim - 1))
 
     def shared_error(self, observation: Observation, acts_on: ErrorTarget) -> Array:
-        """Sum of a run's common errors of one kind, (S,)."""
+        """Return the sum of a run's shared errors of one kind, (S,)."""
         errors = (self.values[e.name] for e in observation.shared_errors if e.acts_on == acts_on)
         return np.asarray(sum(errors, start=np.zeros(self.set_count)))
 
@@ -130,7 +125,7 @@ class FiniteDifferences:
         return float(l1[0]), float(l2[0])
 
     def geometry_derivatives(self) -> list[tuple[GeometryPair, Any]]:
-        """Geometries to look at either side where L1 / L or L2 / L hangs on a free parameter, with its slopes (P,)."""
+        """Return neighbouring geometries where L1 / L or L2 / L depends on a free parameter, with its derivatives (P,)."""
         l1, l2 = self._length_ratios()
         a, b = self.geometry
         ends: tuple[GeometryPair, GeometryPair] = (
@@ -304,7 +299,7 @@ class ForwardModel:
         return out
 
     def _peak_to_peak(self, run: FrequencyResponseObservation, differences: FiniteDifferences, gain: Array) -> Array:
-        """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, for whole sets at once."""
+        """Max - min with every harmonic of the amplifier superposed, (S, F); from the poles, vectorized over sets."""
         v = differences.values
         beam = Beam(*(np.broadcast_to(a, differences.set_count) for a in beam_from_values(v, run.added_mass_kg)))
         m = matrices(beam, *skin_from_values(run, v), self.n)
@@ -324,6 +319,6 @@ def _modulus_prediction(y: Complex, dy: Complex) -> Prediction:
 
 
 def with_predictions(observations: ObservationSet, forward: "ForwardModel", theta: Array) -> ObservationSet:
-    """The same campaign with the model's own predictions in place of what was observed; a plan, or a check."""
+    """Return the observations with their values replaced by the model's predictions."""
     pairs = zip(observations.runs, forward.predict(theta), strict=True)
     return ObservationSet(tuple(with_observed_values(run, predicted.values) for run, predicted in pairs))

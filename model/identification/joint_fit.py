@@ -1,9 +1,8 @@
-"""The joint fit: all runs of a specimen at once, weighted by their errors, with the errors that instruments share.
+"""Joint fit: weighted least squares over all runs of a specimen, with errors shared by instruments.
 
-Weighted least squares by `scipy.optimize.least_squares` (docs/decisions/0027-joint-fit.md). Shared errors are parameters with
-a prior; unidentified combinations are found by the singular values of the scaled Jacobian and reported instead of numbers.
-
-The coordinates a fit moves in: logarithms of what is positive, the rest in units of its scale.
+Solved by `scipy.optimize.least_squares` (docs/decisions/0027-joint-fit.md). Shared errors are parameters with a prior.
+Unidentified combinations are found from the singular values of the scaled Jacobian and reported instead of numbers. The
+solver works on logarithms of positive parameters and on the others in units of their scale.
 """
 
 from collections.abc import Callable
@@ -66,7 +65,7 @@ class FitCoordinates:
 FitProgress = Callable[[int, float], None]
 """Called with the number of evaluations and the present chi-square."""
 CancelCheck = Callable[[], bool]
-"""Asked at every evaluation, e.g. `threading.Event().is_set`."""
+"""Called at every evaluation, e.g. `threading.Event().is_set`."""
 
 
 class _TimeLimitReached(Exception):
@@ -83,12 +82,12 @@ def joint_fit(
 ) -> JointFit:
     """Fit the free parameters to all runs at once.
 
-    A fit that leaves the misfit far from explained is begun again from other starts, `max_starts` in all, and the best is kept. After
-    `seconds` the best so far is given, and `message` says so.
+    A fit with a large unexplained misfit is repeated from other starts, `max_starts` in all, and the best is kept. After
+    `time_limit_s` the best so far is returned, with a note in `message`.
 
     Raises:
-        ParameterError, IdentificationError: a sentence why this cannot be fitted.
-        FitCancelled: `cancelled` said so.
+        ParameterError, IdentificationError: these runs cannot be fitted.
+        FitCancelled: `cancelled` returned true.
     """
     problem = LeastSquaresProblem(observations, options or FitOptions())
     began = monotonic()
@@ -169,13 +168,13 @@ class _FitMonitor:
         """Count an evaluation that is about to begin.
 
         Raises:
-            FitCancelled: somebody asked for it.
-            _Stop: the time is over.
+            FitCancelled: on request.
+            _TimeLimitReached: the time is over.
         """
         self.evaluations += 1
         if self._cancelled is not None and self._cancelled():
             raise FitCancelled("the fit was stopped on request")
-        if self.evaluations > 1 and monotonic() > self.deadline:  # the first is always done: an answer, if a poor one
+        if self.evaluations > 1 and monotonic() > self.deadline:  # the first is always done, so that there is a result
             raise _TimeLimitReached
 
     def report(self, cost: float) -> None:
@@ -185,7 +184,7 @@ class _FitMonitor:
 
 
 class _ResidualFunction:
-    """What a solver asks on its way: every point is evaluated once for rows and slopes, and the best is kept."""
+    """Residuals and Jacobian for the solver: each point is evaluated once, and the best point is kept."""
 
     def __init__(self, problem: LeastSquaresProblem, coordinates: FitCoordinates, monitor: _FitMonitor) -> None:
         self._problem, self._coordinates, self._monitor = problem, coordinates, monitor

@@ -1,4 +1,4 @@
-"""The live re-fit: while the points of a dwell arrive, the few parameters it tells, in milliseconds."""
+"""Live fit: a few parameters fitted again after each point of a running dwell, in milliseconds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,21 +17,21 @@ from model.parameter_spec import ParameterError
 
 @dataclass(frozen=True)
 class LiveFitResult:
-    """The parameters after the newest point; empty, with a sentence in `words`, while they cannot be told."""
+    """The parameters after the newest point; empty, with the reason in `message`, while they cannot be identified."""
 
     estimates: tuple[EstimatedQuantity, ...]
     unidentified_combinations: tuple[UnidentifiedCombination, ...]
     values: Mapping[str, float | None]
-    """Every parameter, for the curve beside the points."""
+    """Every parameter, for the model curve of the plot."""
     message: str
     duration_s: float
 
 
 @dataclass
 class LiveFit:
-    """Points of one running dwell and what they tell so far; one instance a dwell, used by one thread at a time.
+    """Points of one running dwell and the fit so far; one instance per dwell, used by one thread at a time.
 
-    `setting` carries what is known of the specimen: the values of tactor and membrane, and `known` for the free ones. Free by
+    `options` carries the known values of tactor and membrane, and the priors of the free parameters. Free by
     default: effective mass, damping and coupling of a free dwell; the skin's damping and stiffness on a membrane.
     """
 
@@ -54,7 +54,7 @@ class LiveFit:
             self.options = replace(self.options, free=free)
 
     def add_point(self, frequency_hz: float, fundamental_m: complex, error_m: float) -> LiveFitResult:
-        """Take one more usable point and fit again; never raises for what a point may be, and keeps to its budget."""
+        """Add one usable point and fit again within the time budget; never raises for a bad point."""
         began = perf_counter()
         self._points.append((frequency_hz, complex(fundamental_m), error_m))
         f, F, error = (np.array(column) for column in zip(*self._points, strict=True))
@@ -70,12 +70,14 @@ class LiveFit:
             )
             setting = replace(self.options, start={**self.options.start, **start})
             fit = joint_fit(ObservationSet((run,)), setting, time_limit_s=self.time_budget_s / 2, max_starts=1)
-        except (ParameterError, IdentificationError) as error_said:
+        except (ParameterError, IdentificationError) as reason:
             if not (np.isfinite(F[-1]) and error_m > 0 and frequency_hz > 0):
                 self._points.pop()
-            return LiveFitResult((), (), base, str(error_said), perf_counter() - began)
-        lost = ", ".join(c.description for c in fit.unidentified_combinations)
-        words = f"not identifiable yet: {lost}" if lost else fit.verdict if fit.converged else fit.message
+            return LiveFitResult((), (), base, str(reason), perf_counter() - began)
+        missing = ", ".join(c.description for c in fit.unidentified_combinations)
+        message = f"not identifiable yet: {missing}" if missing else fit.verdict if fit.converged else fit.message
         if not fit.unidentified_combinations:
             self._last_fit = fit
-        return LiveFitResult(fit.estimates(), fit.unidentified_combinations, fit.values, words, perf_counter() - began)
+        return LiveFitResult(
+            fit.estimates(), fit.unidentified_combinations, fit.values, message, perf_counter() - began
+        )

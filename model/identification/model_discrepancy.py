@@ -1,7 +1,7 @@
-"""Ways in which a specimen can differ from the model, each as what it would add to the predictions.
+"""Model discrepancies: possible differences between specimen and model, as additions to the predictions.
 
-A departure is a direction in the space of all weighted residuals, scaled so that its size is a share that means something:
-of the deflection, of the frequency, of the loop. `adequacy` asks how much of each the residuals hold.
+A discrepancy is a direction in the space of all weighted residuals, scaled so that its size is a share that means something:
+of the deflection, of the frequency, of the loop. `adequacy` estimates how much of each is in the residuals.
 """
 
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ from model.skin import Skin
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """One way; `direction` (rows,) is what one hundred percent of it would add to the residuals."""
+    """One possible difference; `direction` (rows,) is what one hundred percent of it would add to the residuals."""
 
     kind: str
     """gain, bend, loop, creep, tuning, lag, amplitude, drift or clamp."""
@@ -44,7 +44,7 @@ class Discrepancy:
 
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
-    """Every departure that the runs of this fit could show."""
+    """Return every discrepancy that the runs of this fit could show."""
     predicted = dict(zip(_labels(fit.observations), fit.problem.forward_model.predict(fit.theta), strict=True))
     place = dict(zip(_labels(fit.observations), fit.run_slices, strict=True))
     y = {label: p.values for label, p in predicted.items()}
@@ -59,8 +59,12 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
         return d
 
     found = []
-    for kind, words, parts in (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y), _clamp_discrepancy(fit, y)):
-        found.append(Discrepancy(kind, tuple(parts), words, direction(parts)))
+    for kind, message, parts in (
+        *_run_discrepancies(fit, y),
+        *_dwell_discrepancies(fit, y),
+        _clamp_discrepancy(fit, y),
+    ):
+        found.append(Discrepancy(kind, tuple(parts), message, direction(parts)))
     return tuple(found)
 
 
@@ -76,22 +80,22 @@ def _run_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepancy
                 load = np.abs(run.load_n[run.usable])
                 yield "gain", f"{run.label} deflects {{}} % more than the other runs say", {run.label: p}
                 if np.ptp(load) > 0:
-                    words = f"{run.label} is {{}} % softer at its largest load than at none: it is not linear"
-                    yield "bend", words, {run.label: p * load / load.max()}
+                    message = f"{run.label} is {{}} % softer at its largest load than at none: it is not linear"
+                    yield "bend", message, {run.label: p * load / load.max()}
             case MassResonanceObservation():
                 yield "gain", f"{run.label} resonates {{}} % higher than the other runs say", {run.label: p}
                 mass = run.mass_kg[run.usable]
                 if np.ptp(mass) > 0:
-                    words = f"{run.label} is {{}} % stiffer in frequency with its largest mass than with its least"
-                    yield "bend", words, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
+                    message = f"{run.label} is {{}} % stiffer in frequency with its largest mass than with its least"
+                    yield "bend", message, {run.label: p * (mass - mass.min()) / np.ptp(mass)}
             case VoltageStepsObservation():
                 yield from _voltage_step_discrepancies(run, p)
             case FrequencyResponseObservation():
                 yield "gain", f"{run.label} vibrates {{}} % more than the other runs say", {run.label: p}
                 yield "tuning", f"{run.label} is tuned {{}} % higher than the model", {run.label: tuned[run.label]}
                 if np.iscomplexobj(p):
-                    words = f"{run.label} lags {{}} % of a radian more than the model"
-                    yield "lag", words, {run.label: -1j * p}
+                    message = f"{run.label} lags {{}} % of a radian more than the model"
+                    yield "lag", message, {run.label: -1j * p}
             case MembraneSagObservation():
                 pass
 
@@ -100,20 +104,20 @@ def _voltage_step_discrepancies(run: VoltageStepsObservation, p: Array) -> Itera
     yield "gain", f"{run.label} deflect {{}} % more than the other runs say", {run.label: p}
     share = np.abs(p) / np.abs(p).max() if np.any(p) else np.zeros_like(p)
     if np.ptp(share) > 0:
-        words = f"{run.label} gain {{}} % more a volt at the largest deflection than near rest: it is not linear"
-        yield "bend", words, {run.label: p * share}
+        message = f"{run.label} gain {{}} % more a volt at the largest deflection than near rest: it is not linear"
+        yield "bend", message, {run.label: p * share}
     if run.rising is not None and 0 < run.rising[run.usable].sum() < run.usable.sum():
         # half above, half below, closing at the largest deflection
         width = np.abs(p).max() * (1 - share**2) * np.where(run.rising[run.usable], -0.5, 0.5)
-        words = f"{run.label} lie {{}} % of the largest deflection higher falling than rising: hysteresis"
-        yield "loop", words, {run.label: width}
+        message = f"{run.label} lie {{}} % of the largest deflection higher falling than rising: hysteresis"
+        yield "loop", message, {run.label: width}
     if run.time_s is not None and np.ptp(run.time_s[run.usable]) > 0:
         decades = np.log10(np.maximum(run.time_s[run.usable], 1e-6))
         yield "creep", f"{run.label} creep {{}} % a decade of time", {run.label: p * (decades - decades.mean())}
 
 
 def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[DiscrepancyParts]:
-    """Departures that only several runs together show."""
+    """Yield discrepancies that only several runs together show."""
     dwells = fit.observations.of_type(FrequencyResponseObservation)
     with_phase = [r for r in dwells if np.iscomplexobj(y[r.label])]
     spread = [r for r in with_phase if np.ptp(r.frequency_hz[r.usable]) > 0]
@@ -129,18 +133,18 @@ def _dwell_discrepancies(fit: JointFit, y: dict[str, Any]) -> Iterator[Discrepan
         every = np.concatenate(list(drives.values()))
         if np.ptp(every) > 0.1 * every.max():
             share = {label: (a - every.mean()) / every.max() for label, a in drives.items()}
-            words = "at full drive the dwells give {} % more a volt than at none: the response is not linear"
-            yield "amplitude", words, {label: y[label] * s for label, s in share.items()}
-            words = "at full drive the dwells lag {} % of a radian more than at none: hysteresis"
-            yield "amplitude", words, {label: -1j * y[label] * s for label, s in share.items()}
+            message = "at full drive the dwells give {} % more a volt than at none: the response is not linear"
+            yield "amplitude", message, {label: y[label] * s for label, s in share.items()}
+            message = "at full drive the dwells lag {} % of a radian more than at none: hysteresis"
+            yield "amplitude", message, {label: -1j * y[label] * s for label, s in share.items()}
     ordered = sorted((r for r in dwells if r.order is not None), key=lambda r: float(r.order or 0))
     if len(ordered) > 1 and ordered[0].order != ordered[-1].order:
         first, last = float(ordered[0].order or 0), float(ordered[-1].order or 0)
         parts = {r.label: y[r.label] * ((float(r.order or 0) - first) / (last - first) - 0.5) for r in ordered}
         yield "drift", "the dwells grew by {} % from the first to the last", parts
     for a, b in _repeated_settings(ordered):
-        words = f"{b.label} vibrates {{}} % more than {a.label}, the same setting before it"
-        yield "drift", words, {a.label: -y[a.label] / 2, b.label: y[b.label] / 2}
+        message = f"{b.label} vibrates {{}} % more than {a.label}, the same setting before it"
+        yield "drift", message, {a.label: -y[a.label] / 2, b.label: y[b.label] / 2}
 
 
 def _repeated_settings(

@@ -1,11 +1,7 @@
-"""What was observed of one specimen, one frozen record a run: values, standard errors, which may be used, what they share.
+"""Observations of one specimen: one frozen record per run, with values, standard errors and shared errors.
 
-Every record carries the `label` of its run, a mask `good` (None: all), the `common` errors of its instruments, and
-whether it is `simulated`. Points that are not good stay in the record and out of every fit.
-
-A campaign measured once more: every point with an error of its own, every shared error drawn once.
-
-Which values of a run a fit compares with the model's, and the same run with the model's in their place.
+Every record carries the `label` of its run, a mask `good` (None: all points), the `shared_errors` of its instruments, and
+whether it is `simulated`. Points that are not good stay in the record and are left out of every fit.
 """
 
 from collections.abc import Sequence
@@ -32,11 +28,11 @@ SHARED_ERROR_UNITS: dict[ErrorTarget, str] = {
 
 @dataclass(frozen=True, slots=True)
 class SharedError:
-    """An error that all values taken with one instrument share: unknown, but the same every time.
+    """An unknown error common to all values taken with one instrument.
 
     It is estimated with the rest, with a normal prior of `standard_error` around 0. Records that name the same error share
     it. On displacement, volts (on the specimen) and load it is a relative error of the gain; on mass an offset in kg; on
-    delay a lateness of the displacement, in s, that nobody has taken out of the phases.
+    delay a lateness of the displacement, in s, that was not corrected in the phases.
     """
 
     name: str
@@ -148,9 +144,9 @@ class VoltageStepsObservation(_ObservationBase):
     deflection_m: Array
     errors_m: Array
     rising: Mask | None = None
-    """Whether the level was reached from below (True) or above; None where nobody knows."""
+    """Whether the level was reached from below (True) or above; None if unknown."""
     time_s: Array | None = None
-    """How long each level had stood when it was read."""
+    """Time from reaching each level to its reading."""
 
     def __post_init__(self) -> None:
         self._validate_columns(
@@ -217,7 +213,7 @@ class MembraneSagObservation(_ObservationBase):
     deflection_m: Array
     errors_m: Array
     geometry: Membrane | None = None
-    """Of the strip that hung; None: the specimen's membrane. Its E_m is not used."""
+    """Geometry of the hanging strip; None: the specimen's membrane. Its E_m is not used."""
     load_n_per_m: float | None = None
     delta: float = 0.0
 
@@ -241,7 +237,7 @@ Observation = (
 
 @dataclass(frozen=True, eq=False)
 class ObservationSet:
-    """All runs of one specimen that an identification shall use.
+    """All runs of one specimen that an identification uses.
 
     Raises:
         ParameterError: no run, a run without a usable point, two of one label, or one common error described in two ways.

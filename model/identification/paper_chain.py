@@ -1,13 +1,9 @@
-"""The paper's identification, Sec. IV, step by step: the named reference method.
+"""Identification by the steps of the paper, Sec. IV: the reference method.
 
 1 k2 from static loading and mass resonance, 2 mu from voltage steps, 3 effective mass from the free resonance, 4 c0 from
 the free peak, 5 E_m from the membrane's sag, 6 c_s per pre-stretch from the peak in 100..250 Hz, 7 the line through c_s(0),
-8 Pearson's r of every curve. Each step takes the results of those before it as exact; `linearized_errors` carries the errors
-of all data through all steps.
-
-The paper's identification as values: the choices it leaves open, and what its steps found.
-
-Curves of one tactor as the paper's steps compare them: amplitudes, resonances, and the vertex of a measured peak.
+8 Pearson's r of every curve. Each step takes the results of the previous steps as exact; `linearized_errors` propagates the
+errors of all data through all steps.
 """
 
 from collections.abc import Sequence
@@ -147,7 +143,7 @@ def tactor_factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
 
 
 def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:
-    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `whole` prefers half of max - min."""
+    """Frequencies (Hz), rising, and amplitudes (m) of the usable points, (F,); `prefer_peak_to_peak` takes half of max - min."""
     prefer_peak_to_peak = run.fundamental_m is None or (prefer_peak_to_peak and run.peak_to_peak_m is not None)
     A = np.asarray(run.peak_to_peak_m) / 2 if prefer_peak_to_peak else np.abs(np.asarray(run.fundamental_m))
     order = np.argsort(run.frequency_hz[run.usable])
@@ -184,10 +180,10 @@ PEAK_BAND_HZ = (100.0, 250.0)
 
 
 def identify_by_paper_chain(observations: ObservationSet, options: PaperChainOptions | None = None) -> PaperChainResult:
-    """Go through the steps that the runs allow; a step without runs keeps the value of `method`.
+    """Go through the steps that the runs allow; a step without runs keeps the value of `options`.
 
     Raises:
-        ChainError: a step has runs that cannot tell its parameter.
+        PaperChainError: the runs of a step do not determine its parameter.
     """
     return _PaperIdentification(observations, options or PaperChainOptions()).run()
 
@@ -260,8 +256,8 @@ class _PaperIdentification:
                 "step 1, k2: static loading and mass resonance do not settle on a stiffness; look at both runs"
             )
         self.tactor = replace(self.tactor, k2=float(k2))
-        words = f"k2 = {k2:.4g} N m^2 from {load.size} loads and {f.size} masses, static weight {share:g}"
-        self.record_step("k2", [r.label for r in (*loads, *masses)], {"k2": float(k2)}, words)
+        message = f"k2 = {k2:.4g} N m^2 from {load.size} loads and {f.size} masses, static weight {share:g}"
+        self.record_step("k2", [r.label for r in (*loads, *masses)], {"k2": float(k2)}, message)
 
     def identify_coupling(self) -> None:
         """Step 2: least squares through the origin, Eq. (8)."""
@@ -299,8 +295,8 @@ class _PaperIdentification:
         else:
             m, c0 = self._solve_mass_and_damping(f[three], volts, at_hz, height, run.label)
         self.tactor = replace(self.tactor, m_add=m, c0=c0)
-        said = f"m_add = {1e3 * m:.4g} g from the resonance at {at_hz:.5g} Hz"
-        self.record_step("m_add", [run.label], {"m_add": m}, said)
+        text = f"m_add = {1e3 * m:.4g} g from the resonance at {at_hz:.5g} Hz"
+        self.record_step("m_add", [run.label], {"m_add": m}, text)
         self.record_step(
             "c0", [run.label], {"c0": c0}, f"c0 = {c0:.4g} kg/(m s) from the peak of {2e6 * height:.4g} um"
         )
@@ -404,9 +400,9 @@ class _PaperIdentification:
             top = 1e3
             while off(top) > 0 and top < 1e7:
                 top *= 4
-            words = f"peak of {2e6 * largest:.4g} um"
+            message = f"peak of {2e6 * largest:.4g} um"
             if off(0.0) <= 0:
-                c_s, words = 0.0, words + ", more than without any damping by the skin"
+                c_s, message = 0.0, message + ", more than without any damping by the skin"
             else:
                 c_s = float(brentq(off, 0.0, top, xtol=1e-12, rtol=1e-13))
             out[elongation] = c_s
@@ -414,7 +410,7 @@ class _PaperIdentification:
                 elongation_parameter("c_s", elongation),
                 [run.label],
                 {elongation_parameter("c_s", elongation): c_s},
-                f"{c_s:.4g} kg/(m s) from the {words}",
+                f"{c_s:.4g} kg/(m s) from the {message}",
             )
         return out
 
@@ -427,15 +423,15 @@ class _PaperIdentification:
         delta = np.array(list(c_s)) / self.membrane.L_m
         y = np.array(list(c_s.values()))
         r_squared = None
-        words = f"c_s(0) = {c_s[0.0]:.4g} kg/(m s)"
+        message = f"c_s(0) = {c_s[0.0]:.4g} kg/(m s)"
         if len(c_s) > 1:
             slope = float(delta @ (y - c_s[0.0]) / (delta @ delta))
             gap = y - c_s[0.0] - slope * delta
             r_squared = float(1 - gap @ gap / ((y - y.mean()) @ (y - y.mean())))
             self.membrane = replace(self.membrane, c_s_delta=slope)
             values["c_s_delta"] = slope
-            words = f"c_s = {slope:.4g} delta + {c_s[0.0]:.4g} kg/(m s), R^2 = {r_squared:.3f}"
-        self.record_step("line", [r.label for r in self.membrane_runs], values, words)
+            message = f"c_s = {slope:.4g} delta + {c_s[0.0]:.4g} kg/(m s), R^2 = {r_squared:.3f}"
+        self.record_step("line", [r.label for r in self.membrane_runs], values, message)
         return r_squared
 
     def validate_curves(self, c_s: dict[float, float]) -> tuple[CurveValidation, ...]:

@@ -1,4 +1,4 @@
-"""The parameters an identification knows: the model's own, damping and stiffness at one elongation, shared errors."""
+"""Identifiable parameters: those of the model, skin damping and stiffness at one elongation, shared errors."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -33,7 +33,7 @@ def elongation_parameter(symbol: str, elongation_m: float) -> str:
 
 
 def parse_elongation(name: str) -> float | None:
-    """The elongation (m) that a name made by `at` stands for; None for any other name."""
+    """Return the elongation (m) in a name made by `elongation_parameter`; None for any other name."""
     if name[:4] in ("c_s(", "k_s(") and name.endswith(" mm)"):
         try:
             return float(name[4:-4]) * 1e-3
@@ -43,7 +43,7 @@ def parse_elongation(name: str) -> float | None:
 
 
 def parameter_spec(name: str, observations: ObservationSet | None = None) -> ParameterSpec:
-    """Unit, limits and meaning of a parameter; raises ParameterError for a name nobody knows."""
+    """Unit, limits and meaning of a parameter; raises ParameterError for an unknown name."""
     if name in SPECIMEN_PARAMETERS:
         return SPECIMEN_PARAMETERS[name]
     if parse_elongation(name) is not None:
@@ -65,9 +65,9 @@ def default_values(tactor: Tactor, membrane: Membrane, contact_length: float | N
 
 
 def identifiable_parameters(observations: ObservationSet, per_elongation: bool = False) -> tuple[str, ...]:
-    """What these runs are there for: the paper's parameters as far as a run of the kind that tells them is present.
+    """Return the parameters of the paper that these kinds of runs can identify.
 
-    `each` asks for a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
+    `per_elongation` adds a c_s at every elongation instead of the line c_s_delta delta + c_s_0.
     """
     responses = observations.of_type(FrequencyResponseObservation)
     on_skin = sorted({r.elongation_m for r in responses if r.elongation_m is not None})
@@ -100,7 +100,7 @@ def validate_names(names: Iterable[str], observations: ObservationSet) -> tuple[
 
 
 def start_value(name: str, base: Mapping[str, float | None]) -> float:
-    """Where a fit starts that was told nothing: the present value; c_s from the line, 0 for shared errors."""
+    """Return the default start of a fit: the present value; c_s from the line, 0 for shared errors."""
     if name in base:
         value = base[name]
         if value is None:  # the contact length that follows the geometry

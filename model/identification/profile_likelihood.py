@@ -21,21 +21,21 @@ class ProfileInterval:
     low: float | None
     high: float | None
     values: Array
-    """Where it was looked, ascending."""
+    """Evaluated values, ascending."""
     chi_square_rise: Array
-    """Chi-square above its least, each with all other parameters fitted again."""
+    """Chi-square above its least, each with all other parameters fitted repeat."""
 
 
 def profile_interval(
     fit: JointFit, name: str, coverage: float = 0.95, cancelled: CancelCheck | None = None
 ) -> ProfileInterval:
-    """The interval in which chi-square rises by no more than the quantile of one degree of freedom, times `fit.stretch` squared.
+    """The interval in which chi-square rises by no more than the quantile of one degree of freedom, times `fit.error_scale` squared.
 
     Each side takes some ten fits.
 
     Raises:
         ParameterError: the parameter was not free, or coverage is outside 0..1.
-        FitCancelled: `cancelled` said so.
+        FitCancelled: `cancelled` returned true.
     """
     if name not in fit.free_parameters:
         raise ParameterError(f"{name} was not free in this fit: choose from {', '.join(fit.free_parameters)}")
@@ -45,15 +45,15 @@ def profile_interval(
     value = float(fit.theta[at])
     error = float(np.sqrt(fit.covariance[at, at])) * fit.error_scale
     step = error if 0 < error < abs(fit.parameter_scale[at]) else 0.1 * float(fit.parameter_scale[at])
-    wanted = float(chdtri(1, 1 - coverage)) * fit.error_scale**2
+    limit_rise = float(chdtri(1, 1 - coverage)) * fit.error_scale**2
     others = tuple(n for n in fit.free_parameters if n != name)
     prior = fit.options.priors.get(name)
     limit = known.parameter_spec(name, fit.observations)
-    looked = {value: 0.0}
+    evaluated = {value: 0.0}
     start = dict(zip(fit.names, fit.theta.tolist(), strict=True))
 
     def rise(v: float) -> float:
-        if v not in looked:
+        if v not in evaluated:
             setting = replace(
                 fit.options,
                 free=others,
@@ -62,13 +62,13 @@ def profile_interval(
                 start={n: start[n] for n in others},
             )
             if others:
-                again = joint_fit(fit.observations, setting, cancelled=cancelled, max_starts=1)
-                start.update(zip(again.names, again.theta.tolist(), strict=True))
-                cost = again.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
+                repeat = joint_fit(fit.observations, setting, cancelled=cancelled, max_starts=1)
+                start.update(zip(repeat.names, repeat.theta.tolist(), strict=True))
+                cost = repeat.cost + (0.0 if prior is None else ((v - prior[0]) / prior[1]) ** 2)
             else:
                 cost = _single_parameter_cost(fit, v)
-            looked[v] = cost - fit.cost
-        return looked[v]
+            evaluated[v] = cost - fit.cost
+        return evaluated[v]
 
     def edge(sign: int) -> float | None:
         from scipy.optimize import brentq
@@ -78,16 +78,16 @@ def profile_interval(
             v = value + sign * reach
             if not bool(limit.is_valid(v)):
                 return None
-            if rise(v) > wanted:
-                return float(brentq(lambda x: rise(x) - wanted, inside, v, xtol=1e-3 * abs(v - inside)))
+            if rise(v) > limit_rise:
+                return float(brentq(lambda x: rise(x) - limit_rise, inside, v, xtol=1e-3 * abs(v - inside)))
             inside, reach = v, 1.7 * reach
         return None
 
     low = edge(-1)
     start.update(zip(fit.names, fit.theta.tolist(), strict=True))
     high = edge(1)
-    values = np.array(sorted(looked))
-    return ProfileInterval(name, coverage, low, high, values, np.array([looked[v] for v in values]))
+    values = np.array(sorted(evaluated))
+    return ProfileInterval(name, coverage, low, high, values, np.array([evaluated[v] for v in values]))
 
 
 def _single_parameter_cost(fit: JointFit, value: float) -> float:

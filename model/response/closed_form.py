@@ -1,8 +1,8 @@
-"""The same beam solved without Galerkin: the exact frequency response of the three segments of Eqs. (1)-(6).
+"""Exact frequency response of the three-segment beam of Eqs. (1)-(6), without Galerkin.
 
 In each segment w'''' = z w with z = (omega^2 m - i omega c - k_s) / k, complex; four constants per segment, twelve in all,
 follow from the clamp, the two interfaces and the centre. Nothing here is shared with the Galerkin solution, so that each
-can be the judge of the other.
+can verify the other.
 """
 
 from math import factorial
@@ -28,7 +28,7 @@ def exact_response(
     """Deflection (or its derivative to x, 0..3) per volt on the specimen or per newton at the centre.
 
     Arguments, shapes and errors are those of `model.response.frequency_response.frequency_response`; frequency 0 is the static solution.
-    `clamp` (N m per radian) lets the clamp turn: k1 w''(0) = clamp w'(0) in place of Eq. (3b); None is rigid.
+    `clamp_stiffness` (N m per radian) lets the clamp rotate: k1 w''(0) = clamp_stiffness w'(0) in place of Eq. (3b); None is rigid.
     """
     f = check_frequency(frequency_hz)
     at = check_position(tactor, tactor.L if x is None else x)

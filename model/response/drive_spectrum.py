@@ -1,4 +1,4 @@
-"""What the two-slope amplifier makes of a periodic input: Fourier series of the voltage on the specimen.
+"""Fourier series of the voltage on the specimen for a periodic input of the two-slope amplifier.
 
 The drive on the specimen is v(t) = Re sum_k V_k exp(i k omega t). A sine around rest arrives as 1000 sin + 500 |sin| at full
 scale, so a series, not one number, excites the tactor.

@@ -45,7 +45,7 @@ def tactor_modal_form(
 ) -> ModalForm:
     """Poles (2n,) and residues of w(x) for exact time stepping: w = Re sum r_k z_k, z_k' = s_k z_k + V(t).
 
-    `x` in m: None is the centre, a float gives residues (2n,), an array of X positions gives (X, 2n). `source` is a volt
+    `x` in m: None is the centre, a float gives residues (2n,), an array of X positions gives (X, 2n). `excitation` is a volt
     on the specimen or a newton at the centre.
 
     Raises:
@@ -81,7 +81,7 @@ def frequency_response(
 ) -> Complex:
     """Complex deflection at `x` (m, default the centre) per volt on the specimen, m/V; Eq. (13) in the steady state.
 
-    Shape (F,) for x None or a float, (X, F) for X positions. `source="load"` gives m per newton at the centre instead.
+    Shape (F,) for x None or a float, (X, F) for X positions. `excitation="load"` gives m per newton at the centre instead.
 
     Raises:
         ParameterError: a frequency < 0, n not in 3..300, x outside 0..L.

@@ -1,4 +1,4 @@
-"""How quickly the tactor can be felt: latency figures for a step and for the onset of a sine."""
+"""Latency: rise, settling and time to threshold for a step and for the onset of a sine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -111,7 +111,7 @@ def _evaluate_latency(
         return Latency(0.0, None, None, None, 0.0)
     decay = float((-form.poles.real).min())
     slowest = float(np.abs(form.poles).min())
-    # Without damping nothing ever settles: look at a hundred periods only.
+    # Without damping the response never settles: evaluate a hundred periods only.
     span = 12 / decay if decay > 1e-3 * slowest else 200 * np.pi / slowest
     t = np.linspace(0.0, max(span, 2 / slowest_hz), TIME_POINTS)
     e = envelope(t)

@@ -1,4 +1,4 @@
-"""Whether the vibration is felt: margin over the skin's discrimination threshold, and the band where it is usable."""
+"""Perception: margin over the skin's discrimination threshold, and the usable frequency bands."""
 
 from dataclasses import dataclass
 

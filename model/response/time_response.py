@@ -33,7 +33,7 @@ def step_response(
 def unit_step(form: ModalForm, t: Array) -> Array:
     """sum_k r_k (exp(s_k t) - 1) / s_k for one output, shape of t."""
     s, r = form
-    above = s.imag >= 0  # of a conjugate pair one tells both
+    above = s.imag >= 0  # one of each conjugate pair is enough
     s, r = s[above], np.where(s.imag > 0, 2.0, 1.0)[above] * r[above]
     return np.asarray((np.expm1(np.multiply.outer(t, s)) @ (r / s)).real)
 

@@ -1,6 +1,6 @@
 """The theory curves of the paper's Figs. 4, 5, 6, 8, 9, 10, 11 and 12 as data.
 
-Their captions say where the text and the equations differ; whoever draws or exports them adds nothing.
+Their captions say where the text and the equations differ; plots and exports add nothing to them.
 """
 
 from dataclasses import dataclass, fields, replace

@@ -1,4 +1,4 @@
-"""Global sensitivity: which variable the response owes its variance to (Sobol indices over given ranges)."""
+"""Global sensitivity: Sobol indices of the response over given ranges of the variables."""
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -62,9 +62,9 @@ def sobol_indices_of(
         return np.vstack((amplitude.max(1), np.asarray(study.frequency_hz)[peak], amplitude.T))
 
     dists: Any = [uniform(low, high - low) for low, high in ranges.values()]
-    got = sobol_indices(func=outputs, n=samples, dists=dists, rng=np.random.default_rng(seed))
+    indices = sobol_indices(func=outputs, n=samples, dists=dists, rng=np.random.default_rng(seed))
     labels = ("peak [m]", "frequency of peak [Hz]", *(f"amplitude at {f:g} Hz [m]" for f in study.frequency_hz))
-    return Sensitivity(names, labels, np.asarray(got.first_order), np.asarray(got.total_order))
+    return Sensitivity(names, labels, np.asarray(indices.first_order), np.asarray(indices.total_order))
 
 
 def chunked_responses(study: Study, values: Mapping[str, Array], executor: Executor | None = None) -> NDArray[Any]:

@@ -19,7 +19,7 @@ class EstimateSet:
     """Named values with their covariance, SI.
 
     Raises:
-        ParameterError: an unknown name, a value that is not physical, or a covariance that is none.
+        ParameterError: an unknown name, a value that is not physical, or an invalid covariance.
     """
 
     names: tuple[str, ...]
