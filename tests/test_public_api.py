@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-PACKAGES = ["drivers", "protocols", "sim_hardware"]
+PACKAGES = ["drivers", "model", "protocols", "sim_hardware"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)

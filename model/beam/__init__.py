@@ -1,1 +1,1 @@
-"""Shape functions, Galerkin matrices and poles of the beam."""
+"""Beam model: shape functions, Galerkin matrices, poles and receptance."""

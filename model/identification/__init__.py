@@ -1,1 +1,1 @@
-"""Identification: from observations of one specimen to parameters with their errors, and to what the data cannot tell."""
+"""Identification: parameters of a specimen with standard errors, from observations."""

@@ -1,1 +1,1 @@
-"""Static, modal, frequency and time responses of the beam."""
+"""Static, modal, frequency and time responses of the tactor."""
