@@ -1,1 +1,1 @@
-"""The window. The only room that knows Qt."""
+"""Graphical user interface; the only package that imports Qt."""

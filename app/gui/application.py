@@ -1,4 +1,4 @@
-"""Opens the window and stays until it is closed; a signal from outside takes the same way out as closing."""
+"""Opens the main window and runs it until it is closed; signals close it like the user."""
 
 import gc
 import os
@@ -23,13 +23,13 @@ from protocols.base.protocol import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
 WELCOME_SEEN_KEY = "window/seen"
-"""In the settings: somebody has had this window before."""
+"""Settings key: this window has been opened before."""
 
 BenchFactory = Callable[[str], tuple[Connect, BenchConfig]]
 
 
 def qt_application() -> QApplication:
-    """The one Qt application of this process, dressed alike on every system."""
+    """Return the Qt application of this process, in the same style on every system."""
     present = QApplication.instance()
     if isinstance(present, QApplication):
         return present
@@ -60,14 +60,14 @@ def open_window(
         folder: for run files; None for the one used last.
         specimen: its name; None for the one used last.
         autostart: begin a run as soon as the bench is there.
-        settings: where window, folder and specimen are remembered; None is the user's own place.
+        settings: where window, folder and specimen are stored; None for the user's own settings.
         make_session: tests give one that needs no bench.
         bench_factory: opens another bench by its file, where the window may change to one; raises ConfigError.
     """
     qt_application()
     kept = settings or QSettings()
-    # Units in the form are read by pint, which takes half a second to import: neither when somebody presses a key, nor
-    # while the window is painted for the first time.
+    # pint reads the units of the form and takes half a second to import: import it neither at a key press nor during the
+    # first paint.
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
     newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
     kept.setValue(WELCOME_SEEN_KEY, True)
@@ -102,7 +102,7 @@ def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
     window.show()
     if units.ident is None:
         QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, units.start)
-        # What the window is made of stays: looking through it for garbage would be a gap between two frames.
+        # Objects of the window live until the end: a garbage collection over them would delay a frame.
         QTimer.singleShot(UNITS_IMPORT_DELAY_MS, window, gc.freeze)
     with _close_on_signal(window):
         app.exec()
@@ -116,7 +116,7 @@ def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
 
 @contextmanager
 def _close_on_signal(window: MainWindow) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP go to rest and close. The window's timer lets Python see them."""
+    """Go to rest and close on Ctrl-C, SIGTERM and SIGHUP. The window's timer lets Python handle them."""
 
     def leave(_number: int, _frame: FrameType | None) -> None:
         window.close_session(force=True)

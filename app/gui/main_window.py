@@ -1,4 +1,4 @@
-"""The main window: bench bar, notices and pages over one session; a timer carries what happened onto the screen."""
+"""Main window: status bar, notices and pages of one session, refreshed by a timer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 FRAME_MS = 16
 HIDDEN_CONNECT_DELAY_MS = 500
-"""After this long a window that was not painted, because nobody sees it, connects all the same."""
+"""A window that is not visible, and so not painted, connects after this time."""
 
 
 class MainWindow(QMainWindow):
-    """Shows what a session tells and carries the operator's wishes to it.
+    """Shows the state of a session and forwards the operator's commands to it.
 
-    Closing goes to rest first: the window stays, alive, until the session has let go of the bench.
+    Closing goes to rest first: the window stays responsive until the session has released the bench.
     """
 
     def __init__(
@@ -78,10 +78,10 @@ class MainWindow(QMainWindow):
         self._timer.start()
         QTimer.singleShot(HIDDEN_CONNECT_DELAY_MS, self, self._start_connecting)
 
-    # -- what the operator wants ---------------------------------------------------------------------------------------
+    # -- commands ---------------------------------------------------------------------------------------
 
     def start_run(self) -> None:
-        """Begin what the campaign has next where that is seen, else a run with what the form says, if it may begin."""
+        """Start the campaign's next item if its page is visible, else a run of the form, if one can begin."""
         self.central.show_pages()
         if self.tabs.currentIndex() == CAMPAIGN:
             self.tabs.campaign.run()
@@ -89,19 +89,19 @@ class MainWindow(QMainWindow):
             self.controller.start_run(protocol, self.tabs.folder, self.tabs.specimen)
 
     def start_campaign_run(self, request: "RunRequest") -> None:
-        """Begin a run of the campaign, if it may still begin."""
+        """Start a run of the campaign if one can still begin."""
         if self.controller.can_start:
             self.controller.start_campaign_run(request, self.tabs.campaign.accept_run(request))
 
     def escape(self) -> None:
-        """Stop, always; where nothing runs the page seen goes a step back besides."""
+        """Stop always; without a run the visible page also goes one step back."""
         idle = not self.state.busy
         self.controller.stop()
         if idle and not (self.faults is not None and self.faults.close_list()):
             self.central.go_back()
 
     def start_demo(self) -> None:
-        """A sine dwell on the simulated bench, from its first volt to its file, with a line that says what is seen."""
+        """Run a sine dwell on the simulated bench with hints for first-time users."""
         if not self.state.simulated:
             self.demo_requested = True
             self.change_bench("sim")
@@ -113,7 +113,7 @@ class MainWindow(QMainWindow):
         self._autostart = True
 
     def change_bench(self, name: str) -> None:
-        """Let go of this bench and open another: a bench file, or the simulated one."""
+        """Release this bench and open another: a bench file, or the simulated one."""
         if self.state.busy or self._change_bench is None:
             busy = "A run is going on: let it end, or stop it, first." if self.state.busy else ""
             self.central.welcome.message_label.show_message(busy, is_error=True)
@@ -126,19 +126,19 @@ class MainWindow(QMainWindow):
         self.close_session()
 
     def close_session(self, force: bool = False) -> None:
-        """Go to rest, let go of the bench, close. `force` closes even over an unsafe sentence nobody has read."""
+        """Go to rest, release the bench and close. `force` closes even with an unacknowledged unsafe message."""
         self._force_close = self._force_close or force
         self.controller.close()
         self.notices.show_closing()
 
-    # -- what happens --------------------------------------------------------------------------------------------------
+    # -- events --------------------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Carry what happened since the last tick onto the screen."""
+        """Process the events since the last tick and refresh what moves."""
         self.controller.process_events()
         view = self.state
         self.tabs.set_active_file(getattr(self.adapter.session, "path", None) if view.busy else None)
-        # The runner asks after it has told.
+        # The operator's prompt id is set only after the event was emitted.
         self.notices.show_prompt(view.prompt, self.adapter.mailbox.pending_id, self.adapter.feed.latest_um)
         if view.busy:
             self.status_bar.show_progress(self.adapter.feed.streamed_s)
@@ -155,17 +155,17 @@ class MainWindow(QMainWindow):
             QTimer.singleShot(0, self, self._start_connecting)  # when everything is painted
 
     def _start_connecting(self) -> None:
-        """Connect, and compute the curve. Either would hold up the first paint; a window nobody sees connects as well."""
+        """Connect and compute the model curve, after the first paint; an invisible window connects as well."""
         if not self._connect_started and not self.controller.closing:
             self._connect_started = True
             self.measure_page.start_model_curve()
             self.adapter.session.start()
             folder = self.tabs.folder
             self.tabs.run_in_background(lambda: self.adapter.publish(unreported_watchdog_messages(folder)))
-            self.tabs.preload_pages()  # while the bench connects, so that looking at one is no wait
+            self.tabs.preload_pages()  # while the bench connects, so that no page has to be waited for
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.theme = theme
         QApplication.setPalette(theme.palette())
         self.setStyleSheet(style_sheet(theme))
@@ -193,10 +193,10 @@ class MainWindow(QMainWindow):
         super().resizeEvent(event)
         self.status_bar.scale_to_window(self.size())
         if (outer := self.status_bar.parentWidget()) is not None and (layout := outer.layout()) is not None:
-            layout.activate()  # at once: what is below shall not stand in the signs for a frame
+            layout.activate()  # now: otherwise widgets overlap the signs for one frame
 
     def _close_if_acknowledged(self) -> None:
-        """The session has ended: close, unless a person must first read that the bench is not at rest."""
+        """Close after the session has ended, unless the operator must first acknowledge that rest is not confirmed."""
         if self.state.unsafe and not self._force_close:
             self.notices.show_unsafe_exit()
             return
@@ -215,7 +215,7 @@ class MainWindow(QMainWindow):
 
     @property
     def state(self) -> WindowState:
-        """What is shown."""
+        """The displayed window state."""
         return self.controller.state
 
     # -- building ------------------------------------------------------------------------------------------------------
@@ -264,7 +264,7 @@ class MainWindow(QMainWindow):
         geometry = self._settings.value("window/geometry")
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
-        # Who asks for a protocol, or starts one, wants to see it.
+        # Show the Measure page if a protocol was given or is started.
         asked = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
         self.tabs.restore_state(folder, specimen, asked)
 
@@ -278,7 +278,7 @@ class MainWindow(QMainWindow):
 
 
 def _instrument_names(config: BenchConfig) -> dict[str, str]:
-    """Instruments by role, as the bench file names them."""
+    """Return the instruments' names in the bench file, by role."""
     generator, card = config.generator, config.card
     return {
         "generator": generator.resource or generator.driver,

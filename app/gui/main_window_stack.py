@@ -1,4 +1,4 @@
-"""What is below bench bar and notices: the pages, and what may cover them: the sheet of keys, and the newcomer's page."""
+"""Central widget of the main window: the pages, and the shortcut sheet or welcome page over them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.gui.widgets.layouts import column
 
 
 class CentralStack(QWidget):
-    """Shows the pages, or one of the covers; whatever covers them goes away with Escape."""
+    """Shows the pages, or the shortcut sheet or welcome page over them; Escape returns to the pages."""
 
     demo_requested = Signal()
     bench_chosen = Signal(str)
@@ -28,7 +28,7 @@ class CentralStack(QWidget):
         self.stack = QStackedWidget()
         for widget in (tabs, self.shortcut_sheet, self.welcome):
             self.stack.addWidget(widget)
-        for cover in (self.shortcut_sheet, self.welcome):  # what covers the pages makes no window larger
+        for cover in (self.shortcut_sheet, self.welcome):  # a cover does not enlarge the window
             cover.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         column(self.hint, (self.stack, 1), parent=self, margins=(10, 0, 10, 8), spacing=6)
         self._previous_focus: QWidget | None = None
@@ -41,11 +41,11 @@ class CentralStack(QWidget):
 
     @property
     def is_covered(self) -> bool:
-        """Whether the pages cannot be seen."""
+        """Whether the pages are covered."""
         return self.stack.currentWidget() is not self.tabs
 
     def toggle_shortcuts(self) -> None:
-        """Show what every key does, or the pages again."""
+        """Show the shortcut sheet, or the pages again."""
         if self.stack.currentWidget() is self.shortcut_sheet:
             self.show_pages()
             return
@@ -54,12 +54,12 @@ class CentralStack(QWidget):
         self.shortcut_sheet.show_shortcuts(shortcuts_by_group(self.window(), [title]))
 
     def show_welcome(self) -> None:
-        """Show the newcomer's page."""
+        """Show the welcome page."""
         self._show_cover(self.welcome)
         self.welcome.show_page(str(self.tabs.folder))
 
     def show_pages(self) -> bool:
-        """Show the pages; whether something covered them."""
+        """Show the pages and return whether they were covered."""
         if not self.is_covered:
             return False
         self.stack.setCurrentWidget(self.tabs)
@@ -71,7 +71,7 @@ class CentralStack(QWidget):
         return True
 
     def go_back(self) -> None:
-        """One step back."""
+        """Go one step back."""
         if not self.show_pages():
             self.tabs.go_back()
 

@@ -1,4 +1,4 @@
-"""What the operator wants, told to the bench first and then to the screen; and what the bench tells, as the view to be shown."""
+"""Session controller: operator commands to the session, session events to the window state."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 
 class SessionController(QObject):
-    """Between window and session. Nothing new is begun once somebody is leaving."""
+    """Forwards commands to the session; starts nothing while the window is closing."""
 
     changed = Signal()
-    """`view` is another one."""
+    """Emitted when `state` has changed."""
 
     def __init__(self, adapter: SessionAdapter, state: WindowState, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -44,7 +44,7 @@ class SessionController(QObject):
         return self.state.can_run and not self.closing
 
     def process_events(self) -> None:
-        """Take what happened since this was last called."""
+        """Reduce the events since the last call to the window state."""
         view = self.state
         for heard in self.adapter.pending_events():
             view = reduce(view, heard)
@@ -52,21 +52,21 @@ class SessionController(QObject):
             self.state = view
             self.changed.emit()
 
-    # -- what the operator wants ---------------------------------------------------------------------------------------
+    # -- commands ---------------------------------------------------------------------------------------
 
     def start_run(self, protocol: Protocol, folder: Path, specimen: str) -> None:
-        """Begin a run."""
+        """Start a run."""
         if self.can_start:
             self._apply(RunRequested(protocol.title))
             self.adapter.session.run(RunRequest(protocol, folder, specimen or "unnamed"))
 
     def start_campaign_run(self, request: RunRequest, runner: CampaignRunner) -> None:
-        """Begin a run of a campaign."""
+        """Start a run of a campaign."""
         self._apply(RunRequested(request.protocol.title))
         runner.submit(self.adapter.session, request)
 
     def repeat_entries(self, entries: tuple[int, ...], folder: Path) -> None:
-        """Measure some points of the last run again, into a run that goes on with it. The session reads that run."""
+        """Measure some entries of the last run again, in a run that continues it."""
         outcome = self.state.outcome
         if outcome is not None and outcome.path and self.can_start:
             path = Path(outcome.path)
@@ -74,12 +74,12 @@ class SessionController(QObject):
             self.adapter.session.repeat_entries(path, entries, folder)
 
     def stop(self) -> None:
-        """Go to rest and end the run. The bench hears it first, then the screen."""
+        """Go to rest and end the run; the session is called before the window is updated."""
         self.adapter.session.stop()
         self._apply(StopRequested())
 
     def toggle_pause(self) -> None:
-        """Go to rest and wait there, or go on."""
+        """Pause at rest, or resume."""
         if not self.state.can_pause or self.state.pause_requested:
             return
         if self.state.paused:
@@ -89,22 +89,22 @@ class SessionController(QObject):
         self._apply(PauseRequested())
 
     def answer_prompt(self, choice: str = "done") -> None:
-        """The operator has done what the prompt says, or chosen another of its answers."""
+        """Answer the present prompt."""
         if self.state.prompt is not None and self.adapter.mailbox.pending_id == self.state.prompt.ask_id:
             self.adapter.mailbox.reply(self.state.prompt.ask_id, choice)
 
     def acknowledge(self) -> None:
-        """The operator has read the unsafe sentence, or why something failed."""
+        """Acknowledge the unsafe message or the problem."""
         self._apply(Acknowledged())
 
     def reconnect(self) -> None:
-        """Open the bench once more."""
+        """Open the bench again."""
         if self.adapter.reconnect():
             self._apply(ReconnectRequested())
             self.adapter.session.start()
 
     def close(self) -> None:
-        """Go to rest and let go of the bench; returns at once."""
+        """Go to rest and release the bench; returns immediately."""
         self.closing = True
         self._apply(StopRequested())
         self.adapter.session.close(0.0)

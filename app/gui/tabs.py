@@ -1,7 +1,4 @@
-"""The window's four pages: made when they are first looked at, kept between starts, ended with the window.
-
-The window's pages behind tabs; a single page needs none.
-"""
+"""Tabs of the main window: the four pages, created when they are first needed."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Page(Protocol):
-    """What the window does with a page: a widget that shows views."""
+    """Interface of a page: a widget that shows window states."""
 
     def set_state(self, view: WindowState) -> None: ...
 
@@ -45,7 +42,7 @@ class Page(Protocol):
     def tick(self) -> None: ...
 
     def activate(self) -> None:
-        """It is looked at from now on: take the keyboard, without which its keys do nothing."""
+        """Take the keyboard focus, without which the page's shortcuts do nothing."""
 
 
 MEASURE, CAMPAIGN, EXPLORE, RUNS = range(4)
@@ -61,7 +58,7 @@ class MainTabs(QTabWidget):
     """
 
     run_requested = Signal(object)
-    """A `RunRequest` of the campaign that the session shall carry out now."""
+    """A `RunRequest` of the campaign for the session."""
 
     def __init__(
         self, protocol: Measurement, adapter: SessionAdapter, config: BenchConfig, settings: QSettings, theme: Theme
@@ -103,13 +100,13 @@ class MainTabs(QTabWidget):
         self.currentChanged.connect(lambda index: self.page(index).activate())
 
     def select_page(self, index: int) -> None:
-        """Look at a page, and have the keyboard there."""
+        """Select a page and give it the focus."""
         if index == self.currentIndex():
             self.page(index).activate()
         self.setCurrentIndex(index)
 
     def show_page_later(self, index: int) -> None:
-        """Turn to a page without making it: until somebody does, its place says that it comes."""
+        """Select a page without creating it; a placeholder is shown until then."""
         with QSignalBlocker(self):
             self.setCurrentIndex(index)
         if index not in self._created:
@@ -118,7 +115,7 @@ class MainTabs(QTabWidget):
             self._page_layouts[index].addWidget(comes)
 
     def page(self, index: int) -> Page:
-        """A page, made by now."""
+        """Return a page, created if necessary."""
         if index not in self._created:
             self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
@@ -134,12 +131,12 @@ class MainTabs(QTabWidget):
 
     @property
     def created_pages(self) -> Mapping[int, Page]:
-        """The pages that somebody has looked at, by their place."""
+        """The pages created so far, by index."""
         return self._created
 
     @property
     def current_page(self) -> Page:
-        """The page that is seen."""
+        """The visible page."""
         return self.page(self.currentIndex())
 
     def set_state(self, view: WindowState) -> None:
@@ -153,7 +150,7 @@ class MainTabs(QTabWidget):
             page.set_theme(theme)
 
     def tick(self) -> None:
-        """Let what can be seen move."""
+        """Refresh the visible page."""
         if (page := self._created.get(self.currentIndex())) is not None:
             page.tick()
 
@@ -161,22 +158,22 @@ class MainTabs(QTabWidget):
 
     @property
     def campaign(self) -> CampaignPage:
-        """The page about the measurements of one specimen, made by now."""
+        """The Campaign page, created if necessary."""
         return cast("CampaignPage", self.page(CAMPAIGN))
 
     @property
     def explore(self) -> ExplorePage:
-        """The page about the model, made by now."""
+        """The Explore page, created if necessary."""
         return cast("ExplorePage", self.page(EXPLORE))
 
     @property
     def runs(self) -> RunsPage:
-        """The page about the runs of the folder, made by now."""
+        """The Runs page, created if necessary."""
         return cast("RunsPage", self.page(RUNS))
 
     @property
     def folder(self) -> Path:
-        """Where run files go."""
+        """Folder for run files."""
         return Path(self.measure.run_panel.folder_edit.text().strip()).expanduser()
 
     @property
@@ -186,38 +183,38 @@ class MainTabs(QTabWidget):
     # -- what the window does with them --------------------------------------------------------------------------------
 
     def preload_pages(self) -> None:
-        """Make the pages before somebody looks at them. What they import takes a second, which the window does not wait."""
+        """Import the other pages in the background, which takes a second, and create them."""
 
         def load() -> None:
             for name in ("campaign", "explore", "runs"):
                 importlib.import_module(f"app.gui.{name}.page")
 
         def make(_: object) -> None:
-            for at in sorted(range(RUNS + 1), key=lambda at: at != self.currentIndex()):  # first what is looked at
+            for at in sorted(range(RUNS + 1), key=lambda at: at != self.currentIndex()):  # the selected page first
                 QTimer.singleShot(0, self, partial(self._preload_page, at))
 
         self._worker.submit(load, make)
 
     def run_in_background(self, work: Callable[[], object]) -> None:
-        """Do something that reads files, beside the window."""
+        """Run a job that reads files in the background."""
         self._worker.submit(work)
 
     def go_back(self) -> None:
-        """A step back on the page that is seen."""
+        """Go one step back on the visible page."""
         if self.currentIndex() == RUNS:
             self.runs.go_back()
         elif self.currentIndex() == CAMPAIGN:
             self.campaign.go_back()
 
     def set_active_file(self, path: Path | None) -> None:
-        """The file that this program is writing."""
+        """Set the run file that this program is writing."""
         if RUNS in self.created_pages:
             self.runs.set_active_file(path)
         if CAMPAIGN in self.created_pages:
             self.campaign.controller.active_file = path
 
     def restore_state(self, folder: Path | None, specimen: str | None, protocol_requested: bool) -> None:
-        """Be as it was; a folder or specimen that is given counts more, and a protocol that was `asked` for is to be seen."""
+        """Restore saved settings; a given folder or specimen has precedence, and a requested protocol is shown."""
         self.measure.restore_state(self._settings, restore_form=not protocol_requested)
         splitters.restore_splitters(self.measure, self._settings)
         last = str(self._settings.value("window/page", ""))
@@ -230,7 +227,7 @@ class MainTabs(QTabWidget):
         )
 
     def save_state(self) -> None:
-        """Remember how everything is."""
+        """Save settings."""
         self._settings.setValue("run/folder", self.measure.run_panel.folder_edit.text())
         self._settings.setValue("run/specimen", self.measure.run_panel.specimen_edit.text())
         self._settings.setValue("window/page", self.currentIndex())
@@ -240,7 +237,7 @@ class MainTabs(QTabWidget):
             page.save_state(self._settings)
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._worker.close()
         self.overlay.close()
         for page in self._pages_with("shutdown"):
@@ -249,7 +246,7 @@ class MainTabs(QTabWidget):
     # -- inside --------------------------------------------------------------------------------------------------------
 
     def _preload_page(self, index: int) -> None:
-        if self._worker.closed:  # what is made after the end would not be ended
+        if self._worker.closed:  # a page created after shutdown would not be shut down
             return
         waited = index == self.currentIndex() and index not in self.created_pages
         page = self.page(index)
@@ -275,7 +272,7 @@ class MainTabs(QTabWidget):
         return page
 
     def _make_explore(self) -> ExplorePage:
-        from app.explore.fit import fit_runs  # not seen when the window opens
+        from app.explore.fit import fit_runs  # slow to import, and not visible when the window opens
         from app.gui.explore.page import ExplorePage
 
         page = ExplorePage(self._first_theme, fit_runs)

@@ -1,7 +1,4 @@
-"""The window's wire to the session: events come through a queue, samples through the feed, wishes go out. No Qt.
-
-Prompts that the window answers: the runner polls in the bench thread, the window replies by id. No Qt.
-"""
+"""Session adapter: queues session events and samples for the window, and answers prompts."""
 
 import queue
 import threading
@@ -24,7 +21,7 @@ from protocols.runner.request import RunRequest
 
 
 class PromptMailbox:
-    """Holds one prompt and its answer (protocols.base.operator.Operator); a new prompt throws away whatever was there."""
+    """Holds one prompt and its answer (protocols.base.operator.Operator); a new prompt replaces the previous one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -33,7 +30,7 @@ class PromptMailbox:
 
     @property
     def pending_id(self) -> int | None:
-        """The id of the prompt that this operator must answer, None where nothing is asked of it."""
+        """Id of the prompt that the window must answer, None if there is none."""
         with self._lock:
             return self._pending_id
 
@@ -50,7 +47,7 @@ class PromptMailbox:
             return words
 
     def reply(self, ask_id: int, choice: str = "done") -> bool:
-        """Answer a prompt; whether it was still waiting."""
+        """Answer a prompt and return whether it was still waiting."""
         with self._lock:
             if self._pending_id != ask_id or self._answer is not None:
                 return False
@@ -58,7 +55,7 @@ class PromptMailbox:
             return True
 
     def clear(self) -> None:
-        """The run is over; nothing is asked any more."""
+        """Drop the prompt after the run."""
         with self._lock:
             self._pending_id, self._answer = None, None
 
@@ -67,7 +64,7 @@ Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
 
 class SessionLike(Protocol):
-    """What the window needs of a session."""
+    """Interface of a session as used by the window."""
 
     bench: Bench | None
 
@@ -92,27 +89,27 @@ MakeSession = Callable[[Connect, Sequence[Observer], Operator], SessionLike]
 
 
 class SessionAdapter:
-    """One session at a time; a bench that could not be opened may be opened again."""
+    """Connects the window with one session at a time; `reconnect` makes a new one."""
 
     def __init__(self, connect: Connect, make_session: MakeSession = Session) -> None:
         self.mailbox, self.feed = PromptMailbox(), LiveFeed()
         self.faults = FaultPlan()
-        """Hands that break and mend a simulated bench."""
+        """Injects faults into a simulated bench."""
         self._connect, self._make_session = self.faults.wrap(connect), make_session
         self._events: queue.SimpleQueue[TimedEvent] = queue.SimpleQueue()
         self.events = EventBus()
-        """Told every event but the samples, in the bench thread, before the window hears it."""
+        """Called in the bench thread with every event except samples, before the window."""
         self.session = self._new_session()
 
     def reconnect(self) -> bool:
-        """Open the bench again; whether the last session had let go of it."""
+        """Open the bench again; returns False while the last session still holds it."""
         if not self.session.close(0.0):
             return False
         self.session = self._new_session()
         return True
 
     def pending_events(self) -> Iterator[TimedEvent]:
-        """What happened since this was last asked; never waits."""
+        """Yield the events since the last call without waiting."""
         while True:
             try:
                 yield self._events.get_nowait()
@@ -120,12 +117,12 @@ class SessionAdapter:
                 return
 
     def publish(self, events: Sequence[SessionEvent]) -> None:
-        """Tell what no session has told; from any thread."""
+        """Publish events that come from no session; from any thread."""
         for event in events:
             self.observe(event)
 
     def observe(self, event: SessionEvent) -> None:
-        """Called in the bench thread: blocks go to the feed, everything else into the queue."""
+        """Forward blocks to the feed and every other event to the queue; called in the bench thread."""
         if isinstance(event, BlockStored | BlockDiscarded):
             self.feed.add_block(event.block)
             return

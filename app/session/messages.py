@@ -1,4 +1,4 @@
-"""What happened, as a sentence a person reads in the log; one per event that is worth a line, nothing for the rest."""
+"""Log messages of session events."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -32,7 +32,7 @@ from protocols.registry import PROTOCOLS
 
 
 class Severity(StrEnum):
-    """How much a sentence matters."""
+    """Severity of a message."""
 
     INFO = "plain"
     SUCCESS = "good"
@@ -50,7 +50,7 @@ class LogLine:
 
 
 def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
-    """The event in words and how much they matter; None where a person need not read it."""
+    """Return severity and log message of an event; None if the event is not logged."""
     match event:
         case BenchOpened(name, simulated, identities):
             have = ", ".join(f"{role} {identity}" for role, identity in identities.items())
@@ -96,7 +96,7 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
 
 
 def describe_point(point: Any) -> str:
-    """One point with its value, its uncertainty and what is wrong with it."""
+    """Format a point with its value, uncertainty and quality flags."""
     quality = Quality(point.quality)
     flags, said = quality & ~Quality.SIMULATED, getattr(point, "summary", "")
     if not said:
@@ -116,7 +116,7 @@ def format_estimate(estimate: EstimatedQuantity) -> str:
 
 
 def protocol_title(protocol: str) -> str:
-    """The title of a protocol by its name; the name itself where it is not known."""
+    """Return the title of a protocol by its name; the name itself if it is unknown."""
     return PROTOCOLS.title(protocol) if protocol in PROTOCOLS else protocol
 
 

@@ -1,4 +1,4 @@
-"""From what happens to what the window shows: `reduce` makes the next view from the last and an event. Pure."""
+"""Reducer: the next window state from the last one and an event. Pure."""
 
 import re
 from dataclasses import replace
@@ -41,11 +41,11 @@ from protocols.base.quality import Quality
 MAX_LOG_LINES = 500
 
 INSTRUMENT_PATTERN = r"\b{role} [^:.;,]{{1,40}}:"
-"""A driver's sentence begins with its instrument: `function generator 33511B: no answer ...`."""
+"""A driver's message begins with its instrument: `function generator 33511B: no answer ...`."""
 
 
 def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
-    """The view after an event."""
+    """Return the window state after an event."""
     event = timed_event.event
     after = _transition(view, event, timed_event.streamed_s)
     if isinstance(event, RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested):
@@ -82,7 +82,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             before = view.outcome or RunEnded(RunStatus.FAILED, words, "")
             outcome = replace(
                 before, status=RunStatus.FAILED, reason=words
-            )  # a run that was read can be asked for again
+            )  # entries of the run that was read can be repeated
             return replace(
                 view, busy=False, progress=None, problem=words, bench_state=_state_between_runs(view), outcome=outcome
             )
@@ -96,7 +96,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             )
             return replace(view, rest=None, drive=None, protocol=event.protocol)
         case PromptShown(_, prompt):
-            # Whoever is asked to switch high voltage on does so before answering: it is live from now on.
+            # The operator switches high voltage on before answering: the specimen is live from now on.
             off = view.bench_state in (BenchState.ARMING, BenchState.HV_OFF)
             live = prompt.action == ENABLE_HIGH_VOLTAGE.action and off
             return replace(view, prompt=event, bench_state=BenchState.LIVE if live else view.bench_state)
@@ -151,12 +151,12 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
 
 
 def _without_results(view: WindowState) -> WindowState:
-    """Nothing of the run before."""
+    """Clear the results of the previous run."""
     return replace(view, outcome=None, points=(), entries=(), curves=())
 
 
 def _with_live_state(view: WindowState) -> WindowState:
-    # A run that was asked to stop may still tell what it did before it heard.
+    # A run that was asked to stop may still report earlier events.
     if view.bench_state is BenchState.GOING_TO_REST:
         return view
     return replace(view, bench_state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)
@@ -167,7 +167,7 @@ def _state_without_high_voltage(view: WindowState) -> BenchState:
 
 
 def _state_between_runs(view: WindowState) -> BenchState:
-    """What is known between runs: unsafe stays unsafe until rest is measured."""
+    """Return the bench state between runs: unsafe until rest is measured."""
     if view.rest_lost:
         return BenchState.UNSAFE
     return BenchState.AT_REST if view.rest is not None else BenchState.IDLE

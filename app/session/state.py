@@ -1,4 +1,4 @@
-"""What the window shows, as one frozen value and its words. No Qt here; `app.session.reducer` makes it from what happens."""
+"""Window state as one frozen value with its texts, and the commands that change it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ UNSAFE_EXIT = 3
 
 
 class BenchState(StrEnum):
-    """The bench in a word that is read from two metres."""
+    """State of the bench in a word that can be read from two metres."""
 
     CONNECTING = "connecting"
     IDLE = "not armed"
-    """The instruments answer; nobody has measured rest yet."""
+    """The instruments answer; rest has not been measured yet."""
     ARMING = "arming"
     LIVE = "live"
     PAUSED = "paused"
@@ -36,7 +36,7 @@ class BenchState(StrEnum):
 
 
 class Lamp(StrEnum):
-    """What is known of an instrument."""
+    """Status of an instrument."""
 
     WAITING = "connecting"
     READY = "ready"
@@ -46,7 +46,7 @@ class Lamp(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class InstrumentStatus:
-    """One instrument of the bench bar."""
+    """One instrument of the status bar."""
 
     role: str
     identity: str
@@ -55,7 +55,7 @@ class InstrumentStatus:
 
 @dataclass(frozen=True, slots=True)
 class RunProgress:
-    """How far a run is. `updated_at_s` is the bench time that had streamed when this was told."""
+    """Progress of a run. `updated_at_s` is the bench time streamed at this update."""
 
     title: str
     entries: int
@@ -66,12 +66,12 @@ class RunProgress:
     updated_at_s: float = 0.0
 
     def remaining_at(self, streamed_s: float) -> float:
-        """Bench time left, counted down by the samples that came since; never past the present entry."""
+        """Return the remaining bench time, counted down by the samples since the update; never past the present entry."""
         entry_s = self.expected_s / max(self.entries, 1)
         return max(self.remaining_s - min(max(streamed_s - self.updated_at_s, 0.0), entry_s), 0.0)
 
     def fraction_at(self, streamed_s: float) -> float:
-        """How much is done, 0 to 1."""
+        """Return the fraction that is done, 0 to 1."""
         return 1.0 - min(self.remaining_at(streamed_s) / self.expected_s, 1.0) if self.expected_s > 0 else 0.0
 
 
@@ -81,7 +81,7 @@ class RunRequested:
 
     title: str
     resumed_file: str = ""
-    """The run that is read first, to be gone on with; what it measured is shown until the new one has begun."""
+    """File of the run to continue, which is read first; its points are shown until the new run begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +91,17 @@ class PauseRequested:
 
 @dataclass(frozen=True, slots=True)
 class StopRequested:
-    """The operator pressed Stop, or wants to leave."""
+    """The operator pressed Stop or closes the window."""
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledged:
-    """The operator has read the sentence on the banner."""
+    """The operator acknowledged the message."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReconnectRequested:
-    """The operator wants the bench to be opened once more."""
+    """The operator requested to open the bench again."""
 
 
 WindowEvent = SessionEvent | RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested
@@ -109,7 +109,7 @@ WindowEvent = SessionEvent | RunRequested | PauseRequested | StopRequested | Ack
 
 @dataclass(frozen=True, slots=True)
 class TimedEvent:
-    """An event, when it was heard, and how much bench time the card had streamed by then."""
+    """An event, the time it was received, and the bench time streamed by then."""
 
     event: WindowEvent
     time: datetime
@@ -118,7 +118,7 @@ class TimedEvent:
 
 @dataclass(frozen=True, slots=True)
 class WindowState:
-    """Everything the window shows but the samples."""
+    """Everything the window shows except the samples."""
 
     amplifier: AmplifierMap
     bench_name: str
@@ -126,40 +126,40 @@ class WindowState:
     instruments: tuple[InstrumentStatus, ...]
     bench_state: BenchState = BenchState.CONNECTING
     connected: bool = False
-    """The instruments answered when they were last asked to."""
+    """The instruments answered at the last connection."""
     busy: bool = False
-    """A run was asked for and has not ended."""
+    """A run was requested and has not ended."""
     pause_requested: bool = False
-    """A pause was asked for and has not begun."""
+    """A pause was requested and has not begun."""
     paused: bool = False
     protocol: str = ""
     """Name of the protocol of the present or last run."""
     high_voltage: bool = True
-    """Whether the present run has it on."""
+    """Whether high voltage is on in the present run."""
     drive: Drive | None = None
     rest: RestMeasured | None = None
-    """Rest as last measured; None while nothing is known."""
+    """The last rest measurement; None before the first."""
     rest_lost: bool = False
-    """Rest could once not be confirmed, and has not been measured since."""
+    """Rest was not confirmed, and has not been measured since."""
     progress: RunProgress | None = None
     prompt: PromptShown | None = None
     points: tuple[Any, ...] = ()
     entries: tuple[int, ...] = ()
     """The entry of the plan each point belongs to."""
     curves: tuple[ResultCurve, ...] = ()
-    """What entries gave beside their points; one of each entry and label, the newest."""
+    """Curves of the entries; the newest of each entry, name and label."""
     outcome: RunEnded | None = None
     unsafe: str = ""
-    """The unsafe sentence, until it is acknowledged."""
+    """The unsafe message, until it is acknowledged."""
     problem: str = ""
-    """Why the last thing did not work, until it is dismissed or something new begins."""
+    """Reason of the last failure, until it is dismissed or a new run begins."""
     messages: tuple[LogLine, ...] = ()
     message_count: int = 0
-    """How many messages there ever were."""
+    """Number of messages so far, including dropped ones."""
 
     @property
     def unusable(self) -> int:
-        """How many of the points no fit may use."""
+        """Number of points that are not usable for fits."""
         flags = [Quality(point.quality) for point in self.points]
         return sum(not flag.usable and Quality.SUPERSEDED not in flag for flag in flags)
 
@@ -169,7 +169,7 @@ class WindowState:
 
     @property
     def blocked_reason(self) -> str:
-        """Why no run can begin; empty where one can."""
+        """Why no run can begin; empty if one can."""
         if self.busy:
             return "a run is going on"
         if self.unsafe:
@@ -182,7 +182,7 @@ class WindowState:
 
     @property
     def voltage_text(self) -> str:
-        """Volts on the specimen, in figures."""
+        """Voltage on the specimen as text."""
         match self.bench_state:
             case BenchState.LIVE if self.drive is not None:
                 low, high = self.amplifier.specimen_v([self.drive.low_v, self.drive.high_v])
@@ -198,7 +198,7 @@ class WindowState:
 
     @property
     def voltage_note(self) -> str:
-        """What belongs beside the figures."""
+        """Note below the voltage."""
         match self.bench_state:
             case BenchState.LIVE:
                 return (
@@ -229,7 +229,7 @@ class WindowState:
 
     @property
     def exit_code(self) -> int:
-        """What the program tells its caller: 3 unsafe, 1 failed or no bench, else 0."""
+        """Exit code of the program: 3 unsafe, 1 failed or no bench, else 0."""
         if self.bench_state is BenchState.UNSAFE or self.rest_lost:
             return UNSAFE_EXIT
         failed = self.outcome is not None and self.outcome.status is RunStatus.FAILED
@@ -237,7 +237,7 @@ class WindowState:
 
 
 def initial_window_state(amplifier: AmplifierMap, bench: str, simulated: bool, names: Mapping[str, str]) -> WindowState:
-    """The view before anything is heard; `names` are the instruments' names of the bench file, by role."""
+    """Return the state before the first event; `names` are the instruments' names in the bench file, by role."""
     return WindowState(
         amplifier, bench, simulated, tuple(InstrumentStatus(r, n, Lamp.WAITING) for r, n in names.items())
     )
@@ -250,7 +250,7 @@ def format_voltage_range(low: float, high: float) -> str:
 
 
 def describe_drive(drive: Drive) -> str:
-    """How fast a drive goes, in words: `160 Hz`, `25 … 525 Hz`, `held`."""
+    """Describe the frequency of a drive: `160 Hz`, `25 … 525 Hz`, `held`."""
     match drive:
         case Sine(frequency_hz=f):
             return f"{f:g} Hz"

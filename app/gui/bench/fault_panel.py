@@ -1,4 +1,4 @@
-"""For lessons on the simulated bench: what can be broken, ticked to break it, and a band that says what is broken."""
+"""Fault injection panel of the simulated bench."""
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
@@ -26,10 +26,10 @@ COLUMNS = 2
 
 
 class FaultPanel(QWidget):
-    """A band while something is broken, and on F9 the list below it. Nothing drops down: it would keep the Stop key.
+    """Band that lists the active faults and, on F9, check boxes for every fault. No popup: it would take the Stop key.
 
     Args:
-        plan: breaks and mends the bench; asked in a thread of this panel's own.
+        plan: injects and clears faults; called in this panel's background thread.
     """
 
     def __init__(self, plan: FaultPlan, parent: QWidget) -> None:
@@ -37,9 +37,9 @@ class FaultPanel(QWidget):
         self._plan, self._worker = plan, BackgroundWorker("faults", self)
         self._connected = False
         self._previous_focus: QWidget | None = None
-        """What had the keyboard before the list was opened."""
+        """Widget that had the focus before the list was opened."""
         self.active_faults: tuple[str, ...] = ()
-        """What is broken, as the bench itself says."""
+        """Active faults as reported by the bench."""
         self.corner = QWidget()
         self.open_button = QPushButton()
         set_style_kind(self.open_button, "choice")
@@ -60,19 +60,19 @@ class FaultPanel(QWidget):
         add_actions(parent, {"faults.toggle": self.open_button.click, "faults.clear": self.clear_button.click})
 
     def set_state(self, view: WindowState) -> None:
-        """Another bench is whole until it says otherwise."""
+        """Read the active faults again when the connection changes."""
         if view.connected != self._connected:
             self._connected = view.connected
             self._worker.submit(self._plan.active_faults, self._show_faults, self._on_error)
 
     def close_list(self) -> bool:
-        """Close the list; whether it was open."""
+        """Close the list and return whether it was open."""
         was_open = self.open_button.isChecked()
         self.open_button.setChecked(False)
         return was_open
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._worker.close()
 
     def _set_open(self, open_: bool) -> None:
@@ -85,7 +85,7 @@ class FaultPanel(QWidget):
             self._previous_focus.setFocus()
 
     def _switch_fault(self, name: str, active: bool) -> None:
-        """Break one, mend one, or with no name mend all; then ask the bench what is broken."""
+        """Inject or clear a fault, or with no name clear all; then read the active faults."""
 
         def act() -> tuple[str, ...]:
             if active:
@@ -132,7 +132,7 @@ class FaultPanel(QWidget):
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.list.setWidgetResizable(True)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.list.setMinimumHeight(48)  # a notice above it may need the room: then it is scrolled
+        self.list.setMinimumHeight(48)  # a notice above it may need the space: then it scrolls
         self.list.setMaximumHeight(self._sheet.sizeHint().height() + 4)
         self.list.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
         column(self.band, self.list, parent=self, margins=(10, 0, 10, 0), spacing=4)

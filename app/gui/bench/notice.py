@@ -1,4 +1,4 @@
-"""A sentence across the window with buttons beside it: a prompt, a question, a failure, the unsafe sentence."""
+"""Notice across the window: a message with buttons."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from app.gui.widgets.layouts import column, make_button, make_label, row
 
 @dataclass(frozen=True, slots=True)
 class NoticeButton:
-    """A button: its words with the key that presses it, and what then happens."""
+    """A button of a notice: text with its shortcut, and callback."""
 
     label: str
     callback: Callable[[], object]
@@ -22,7 +22,7 @@ class NoticeButton:
 
 
 class SymbolIcon(QWidget):
-    """One of the drawn symbols, in the colour of the writing around it."""
+    """One of the drawn symbols, in the text colour of its parent."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -41,7 +41,7 @@ class SymbolIcon(QWidget):
 
 
 class Notice(QFrame):
-    """Hidden until there is something to say. `kind` is `prompt`, `unsafe` or `problem`: the style sheet's word."""
+    """A message with buttons, hidden while it is empty. `kind` is one of the style sheet."""
 
     def __init__(
         self, choices: tuple[NoticeButton, ...], kind: str, symbol: str, parent: QWidget | None = None
@@ -62,7 +62,7 @@ class Notice(QFrame):
         self.hide()
 
     def show_message(self, text: str, detail: str = "") -> None:
-        """Show a sentence and, smaller, what else is known; nothing hides the notice."""
+        """Show a message and, smaller, its details; an empty message hides the notice."""
         if (text, detail) != (self.message_label.text(), self.detail_label.text()):
             self.message_label.setText(text)
             self.detail_label.setText(detail)

@@ -1,4 +1,4 @@
-"""What must be read or answered, above the pages: unsafe, closing, a prompt, a failure. Enter answers what is asked."""
+"""Notices above the pages: unsafe state, closing, operator prompts and failures."""
 
 import time
 
@@ -14,7 +14,7 @@ from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base.events import PromptShown
 
 INPUT_GUARD_S = 0.4
-"""An Enter this soon after a question appeared was meant for something else."""
+"""Enter is ignored for this long after a question appeared: it was meant for something else."""
 
 RUN_ACTIVE_TEXT = "A run is going on. Go to rest first, then close?"
 UNSAFE_TEXT = "Rest was not confirmed and the message has not been acknowledged. Close all the same?"
@@ -69,9 +69,9 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def set_state(self, view: WindowState) -> None:
-        """Show what a view has to say."""
+        """Show the messages of a window state."""
         self._no_bench = not view.connected and bool(view.problem)
-        # What to do comes first and large; what was measured and why it came to this can be read afterwards.
+        # Instructions first and large; measured values and causes below.
         todo = MANUAL_SHUTDOWN_INSTRUCTIONS if view.unsafe.startswith(MANUAL_SHUTDOWN_INSTRUCTIONS) else view.unsafe
         self.unsafe.show_message(todo, view.unsafe.removeprefix(todo).lstrip(". "))
         self.problem.show_message(f"{view.problem[:1].upper()}{view.problem[1:]}")
@@ -79,7 +79,7 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def show_prompt(self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None) -> None:
-        """Show a prompt, if it is this window that must answer it and not a simulated operator."""
+        """Show a prompt if this window must answer it, and not a simulated operator."""
         asked = prompt if prompt is not None and pending_id == prompt.ask_id else None
         if self.prompt.show_prompt(asked):
             self._shown_at_s = time.monotonic()
@@ -88,11 +88,11 @@ class NoticeArea(QWidget):
 
     @property
     def accepts_input(self) -> bool:
-        """Whether a question has stood long enough to be read."""
+        """Whether a question has been visible long enough to be read."""
         return time.monotonic() - self._shown_at_s >= INPUT_GUARD_S
 
     def ask_to_close(self, view: WindowState) -> None:
-        """Ask once whether the window shall close."""
+        """Ask once whether to close the window."""
         if self.closing.isHidden():
             self.closing.show_message(RUN_ACTIVE_TEXT if view.busy else UNSAFE_TEXT)
             self.closing.buttons[0].setText("Go to rest and close   (Enter)" if view.busy else "Close   (Enter)")
@@ -100,19 +100,19 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def show_closing(self) -> None:
-        """Nothing more is asked: the window closes when the bench is at rest."""
+        """Show that the window closes as soon as the bench is at rest."""
         self.closing.show_message(CLOSING_TEXT)
         for button in self.closing.buttons:
             button.hide()
         self._update_visibility()
 
     def cancel_closing(self) -> None:
-        """The window is not closed after all."""
+        """Hide the question whether to close."""
         self.closing.show_message("")
         self._update_visibility()
 
     def show_unsafe_exit(self) -> None:
-        """The session has ended and rest was not confirmed: the window closes when that has been read."""
+        """Ask for the acknowledgement with which the window closes although rest was not confirmed."""
         self.closing.show_message("")
         self.unsafe.buttons[0].setText(shortcut_label("Acknowledge and close", "acknowledge"))
         self._update_visibility()

@@ -1,4 +1,4 @@
-"""What a person must do now: large words, a drawing of the set-up, what the laser sees, and one key for each answer."""
+"""Operator prompt: instruction, drawing of the set-up, laser reading and answers."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
@@ -12,7 +12,7 @@ from protocols.base.events import PromptShown
 
 
 class PromptNotice(Notice):
-    """Shows one prompt at a time. Enter is its first answer; every other one has its first letter for a key."""
+    """Shows one prompt at a time. Enter gives its first answer; each other answer has its first letter as shortcut."""
 
     answered = Signal(str)
     stop_pressed = Signal()
@@ -35,7 +35,7 @@ class PromptNotice(Notice):
         self.text_layout.addLayout(self._answer_row)
 
     def show_prompt(self, event: PromptShown | None) -> bool:
-        """Show a prompt, or none; whether it is another one than before."""
+        """Show a prompt or none, and return whether it changed."""
         if event == self._prompt and self.isHidden() == (event is None):
             return False
         self._prompt = event
@@ -56,7 +56,7 @@ class PromptNotice(Notice):
         return True
 
     def show_laser(self, displacement_um: float | None) -> None:
-        """What the laser sees now."""
+        """Show the present laser reading."""
         words = "" if displacement_um is None else f"laser {round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
         self.laser_label.setText(words)
         self.laser_label.setVisible(bool(words) and self._prompt is not None and self._prompt.prompt.hands_on)

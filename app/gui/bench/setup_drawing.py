@@ -1,4 +1,4 @@
-"""The set-up a prompt asks for, drawn from the side: tactor between its clamps, weight, mass, membrane, wires."""
+"""Drawing of the set-up a prompt asks for: tactor, clamps, weight, mass, membrane and wires."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ class SetupDrawing(QWidget):
         self._prompt: Prompt | None = None
 
     def show_prompt(self, prompt: Prompt) -> bool:
-        """Draw what a prompt asks for; whether there is a drawing of it."""
+        """Draw the set-up of a prompt and return whether there is a drawing for it."""
         self._prompt = prompt
         self.setAccessibleName(prompt.text)
         self.update()

@@ -1,4 +1,4 @@
-"""The bench at a glance: its state, volts on the specimen, what runs and for how long, SIMULATED, and Stop."""
+"""Status bar of the bench: state, voltage, progress, instruments, SIMULATED, Pause and Stop."""
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
@@ -31,7 +31,7 @@ STRIPED_STATES = (BenchState.LIVE, BenchState.UNSAFE)
 
 
 class InstrumentLamp(QWidget):
-    """One instrument: a lamp with a symbol in it, its role, and who it says it is, shortened where there is no room."""
+    """Status lamp of one instrument with its role and identity, elided to the available width."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -48,7 +48,7 @@ class InstrumentLamp(QWidget):
 
     @property
     def text(self) -> str:
-        """Who it is; what is wrong where something is."""
+        """The identity, or the status where it is not ready."""
         return self.instrument.identity if self.instrument.lamp is Lamp.READY else str(self.instrument.lamp)
 
     def sizeHint(self) -> QSize:
@@ -133,7 +133,7 @@ class BenchStatusBar(QWidget):
         column(top, self._lamp_row, parent=self, margins=(10, 8, 10, 4), spacing=4)
 
     def scale_to_window(self, window: QSize) -> None:
-        """Signs grow with the window: who has a large screen stands further away."""
+        """Scale the signs with the window: a large screen is read from further away."""
         height = min(max(window.height() // 9, 72), 130)
         for widget in (self.state_sign, self.voltage_sign, self.simulated_label, self.pause_button, self.stop_button):
             widget.setFixedHeight(height)
@@ -144,14 +144,14 @@ class BenchStatusBar(QWidget):
                 button.setStyleSheet(words)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
         if self._state is not None:
             view, self._state = self._state, None
             self.set_state(view)
 
     def set_state(self, view: WindowState) -> None:
-        """Show the bench's part of a view."""
+        """Show bench state, voltage, progress and instruments."""
         last, self._state = self._state, view
         self.state_sign.set_content(view.bench_state.upper(), symbol=STATE_SYMBOLS[view.bench_state])
         self.state_sign.set_colors(
@@ -176,7 +176,7 @@ class BenchStatusBar(QWidget):
         self.show_progress(0.0 if view.progress is None else view.progress.updated_at_s)
 
     def show_progress(self, streamed_s: float) -> None:
-        """Count down between what the runner tells."""
+        """Update the progress bar and the remaining time between two progress events."""
         view = self._state
         if view is None:
             return

@@ -1,4 +1,4 @@
-"""Signs that are read from two metres: a symbol, a word as large as its place allows, and a note below it."""
+"""Status signs readable from two metres: symbol, text in the largest size that fits, note."""
 
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPaintEvent, QPen
@@ -23,14 +23,14 @@ class StatusSign(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
 
     def set_content(self, text: str, note: str = "", symbol: str = "") -> None:
-        """What shall be read."""
+        """Set the text, the note below it and the symbol."""
         if (text, note, symbol) != (self._text, self._note, self._symbol):
             self._text, self._note, self._symbol = text, note, symbol
             self.setAccessibleName(f"{text} {note}".strip())
             self.update()
 
     def set_colors(self, background: str, foreground: str, striped: bool = False) -> None:
-        """Ground ("" for none) and writing; `striped` paints the warning stripes of live machinery at both ends."""
+        """Set background ("" for none) and text colour; `striped` paints warning stripes at both ends."""
         if (background, foreground, striped) != (self._background, self._foreground, self._striped):
             self._background, self._foreground, self._striped = background, foreground, striped
             self.update()
@@ -96,7 +96,7 @@ class StatusSign(QWidget):
 
 
 def _fit_text(font: QFont, text: str, area: QRectF, bold: bool, max_px: int) -> tuple[list[str], QFont]:
-    """Lines and font: the largest type in which the words fit on one line, or on two."""
+    """Return lines and font: the largest size at which the text fits on one line, or on two."""
     parts = text.split()
     halves = [[" ".join(parts[:i]), " ".join(parts[i:])] for i in range(1, len(parts))]
     one, two = [text], min(halves, key=lambda lines: max(map(len, lines)), default=[text])
@@ -107,7 +107,7 @@ def _fit_text(font: QFont, text: str, area: QRectF, bold: bool, max_px: int) -> 
 
 
 def _largest_font_px(font: QFont, lines: list[str], area: QRectF, bold: bool, max_px: int) -> int:
-    """In pixels; 0 where nothing fits. Type grows almost evenly with its size: one look tells nearly where to end."""
+    """Return the size in pixels, 0 if none fits. Text width grows almost linearly with size, so one estimate is near."""
 
     def scale(px: int) -> float:
         metrics = QFontMetricsF(_font_of_size(font, px, bold))

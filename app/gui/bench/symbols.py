@@ -1,4 +1,4 @@
-"""The signs' symbols, drawn and not written: no font is sure to have them."""
+"""Symbols of signs and lamps, drawn because no font is sure to contain them."""
 
 from collections.abc import Callable
 
@@ -75,7 +75,7 @@ def _question(painter: QPainter, box: QRectF) -> None:
 
 
 def _hand(painter: QPainter, box: QRectF) -> None:
-    """A pointing arrow: it is your turn."""
+    """An arrow that points to the answer buttons."""
     _pen(painter, box)
     painter.drawPolyline(_polygon(box, (0.08, 0.5), (0.86, 0.5)))
     painter.drawPolyline(_polygon(box, (0.56, 0.2), (0.88, 0.5), (0.56, 0.8)))
@@ -88,7 +88,7 @@ def _pause(painter: QPainter, box: QRectF) -> None:
 
 
 def _again(painter: QPainter, box: QRectF) -> None:
-    """A circle with an arrow head: round once more."""
+    """A circle with an arrow head: repeat."""
     _pen(painter, box)
     painter.drawArc(box.adjusted(2, 2, -2, -2), 60 * 16, 290 * 16)
     painter.drawPolyline(_polygon(box, (0.48, 0.02), (0.74, 0.14), (0.6, 0.4)))

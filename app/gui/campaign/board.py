@@ -1,9 +1,4 @@
-"""A campaign that is open: what comes next above, the list on the left, and beside it the chosen item or the live plots.
-
-The next step of a campaign, large, with why it is next, what it will take, and one key for each answer.
-
-The top of an open campaign: whose it is, how far it is, and the way to another one.
-"""
+"""Open campaign: header with progress, next step with its actions, list of items, details."""
 
 from __future__ import annotations
 
@@ -43,7 +38,7 @@ ACTION_BUTTON_LABELS = {
     "run without hands": shortcut_label("Run what needs no hands", "campaign.queue"),
     "halt the queue": shortcut_label("Only this one", "campaign.queue"),
 }
-"""Of the buttons, by what they do (`app.campaign.presentation.CampaignAction`)."""
+"""Text of the buttons, by action (`app.campaign.presentation.CampaignAction`)."""
 
 
 class NextStepPane(QFrame):
@@ -66,7 +61,7 @@ class NextStepPane(QFrame):
         row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
 
     def show_step(self, step: NextStep, blocked_reason: str) -> None:
-        """Show a step; `why_not` tells why no run may begin now, and is empty where one may."""
+        """Show a step; `blocked_reason` says why no run can begin now, empty if one can."""
         self.heading.setText(step.heading)
         self.reason.setText(step.reason)
         self.detail.setText(step.detail)
@@ -84,7 +79,7 @@ class NextStepPane(QFrame):
 
 
 class CampaignHeader(QWidget):
-    """A line of words, a bar, and below it what could not be done."""
+    """Specimen, progress bar and error message of the open campaign."""
 
     another_pressed = Signal()
     open_pressed = Signal()
@@ -103,8 +98,8 @@ class CampaignHeader(QWidget):
         column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
-        """How far campaign and present run are."""
-        from app.campaign.presentation import format_progress  # HDF5 comes with it; a thread beside has imported it
+        """Show the progress of the campaign and the present run."""
+        from app.campaign.presentation import format_progress  # imports HDF5, which a background thread has loaded
 
         self.name_label.setText(f"Campaign of {summary.specimen}")
         self.name_label.setToolTip(str(summary.path))
@@ -116,10 +111,10 @@ class CampaignHeader(QWidget):
 
 
 class CampaignBoard(QWidget):
-    """Shows; what a person wants is told as signals."""
+    """Shows an open campaign; emits the operator's actions as signals."""
 
     action_requested = Signal(str, str)
-    """What shall be done (a word of `campaign_side.BUTTONS` or `campaign_step.CampaignAction`), and with which item ("": none)."""
+    """Action (a `CampaignAction` or a key of `details.BUTTONS`) and name of the item ("": none)."""
     item_moved = Signal(str, str)
 
     def __init__(self, live: LivePane, theme: Theme) -> None:
@@ -167,8 +162,8 @@ class CampaignBoard(QWidget):
         running: str,
         queue: bool,
     ) -> None:
-        """Show how everything stands."""
-        from app.campaign.presentation import next_step  # HDF5 comes with it; by now a thread beside has imported it
+        """Show a campaign with its next step and present run."""
+        from app.campaign.presentation import next_step  # imports HDF5, which a background thread has loaded by now
 
         about = self.step.item_name if self.step is not None else ""
         self.summary, self._estimates, self._busy = summary, estimates, state.busy
@@ -186,7 +181,7 @@ class CampaignBoard(QWidget):
         self._show_details()
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.item_list.set_theme(theme)
         self.live_pane.set_theme(theme)
 
@@ -202,6 +197,6 @@ class CampaignBoard(QWidget):
         self.action_requested.emit(action, self.item_list.selected_item)
 
     def _on_step_action(self, action: str) -> None:
-        """A button of the step: what is accepted or rejected is what it asks about, and what runs is what comes next."""
+        """Request an action of the step: accept and reject concern its item, run the next one."""
         about = self.step.item_name if self.step is not None and action in ("accept", "reject") else ""
         self.action_requested.emit(action, about)

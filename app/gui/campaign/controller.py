@@ -1,4 +1,4 @@
-"""The campaign that is open, and all that reads or writes its files: one after the other, beside the window."""
+"""Controller of the open campaign: file access, queue and fits in background threads."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:  # run files and numerics are imported where they are used: in
 MAX_RECENT = 8
 
 OpenedCampaign = tuple["Campaign", "CampaignRunner", int]
-"""A campaign, who carries it out, and when its file was last changed."""
+"""A campaign, its runner, and the time of its file's last change."""
 
 
 class CampaignController(QObject):
-    """Opens, changes and carries on one campaign.
+    """Opens, modifies and runs one campaign.
 
     Args:
-        bench: the present one, None while there is none; asked what is left for the rehearsal.
-        amplifier: of the bench, for what the runs tell together.
+        bench: the connected bench or None; used to estimate the remaining time.
+        amplifier: of the bench, for the estimates from all runs.
     """
 
     changed = Signal()
-    """`sheet`, `known` or `available` are others."""
+    """Emitted when `summary`, `estimates` or `available` have changed."""
     message = Signal(str)
     """Why something was not done."""
     run_requested = Signal(object)
-    """A `RunRequest` that the session shall carry out now."""
+    """A `RunRequest` for the session."""
 
     def __init__(
         self, bench: Callable[[], Bench | None], amplifier: AmplifierMap, parent: QObject | None = None
@@ -50,33 +50,33 @@ class CampaignController(QObject):
         self._runner: CampaignRunner | None = None
         self._stamp = 0
         self._fitted_runs: tuple[Path, ...] | None = None
-        """The runs that `known` was made from."""
+        """The runs from which `estimates` was computed."""
         self.summary: CampaignSummary | None = None
         self.estimates: CampaignEstimates | None = None
         self.available: tuple[Path, ...] = ()
-        """Campaigns that could be opened, the likeliest first."""
+        """Campaigns that can be opened, the most recent first."""
         self.recent: list[Path] = []
         self.running_item = ""
-        """The item whose run was begun here and goes on."""
+        """Name of the item whose run was started here and is active."""
         self.active_file: Path | None = None
         """The run file that this program is writing."""
         self.queue_active = False
-        """Whether what needs no hands follows by itself."""
+        """Whether items that need no operator are started one after the other."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is not back yet."""
+        """Whether a background job is pending."""
         return bool(self._file_worker.pending or self._fit_worker.pending)
 
     def observe(self, event: SessionEvent) -> None:
-        """Called in the bench thread with every event."""
+        """Forward a session event to the campaign's runner; called in the bench thread."""
         if (conductor := self._runner) is not None:
             conductor(event)
 
     # -- which campaign ------------------------------------------------------------------------------------------------
 
     def find_campaigns(self, folder: Path) -> None:
-        """Look what could be opened: what was open last, and what lies in the folder."""
+        """List recent campaigns and those in the folder."""
 
         def find() -> tuple[Path, ...]:
             from app.campaign.plan import list_campaigns
@@ -87,7 +87,7 @@ class CampaignController(QObject):
         self._file_worker.submit(find, self._on_campaigns_found, self._on_error)
 
     def create(self, folder: Path, specimen: str, simulated: bool) -> None:
-        """Begin a campaign: the paper's measurements in their order."""
+        """Create a campaign with the paper's measurements in their order."""
 
         def begin() -> OpenedCampaign:
             from app.campaign.campaign import Campaign
@@ -110,14 +110,14 @@ class CampaignController(QObject):
 
         self._file_worker.submit(read, self._on_opened, self._on_error)
 
-    # -- what a person changes -----------------------------------------------------------------------------------------
+    # -- changes -----------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Read anew how everything stands."""
+        """Read the status of every item again."""
         self.modify(lambda _: None)
 
     def modify(self, action: Callable[[Campaign], object]) -> None:
-        """Change the campaign, and read how it stands then."""
+        """Apply a change to the campaign and refresh."""
         if self._campaign is None:
             return
 
@@ -134,7 +134,7 @@ class CampaignController(QObject):
     # -- runs ----------------------------------------------------------------------------------------------------------
 
     def run(self, name: str = "", hands_free: bool = False, simulated: bool = True) -> None:
-        """Begin the item that is named, or what comes next; `hands_free` goes on by itself with what needs no hands."""
+        """Start the named item or the next one; `hands_free` continues with items that need no operator."""
         if self._campaign is None:
             return
 
@@ -150,19 +150,19 @@ class CampaignController(QObject):
         self._file_worker.submit(work, self.run_requested.emit, self._on_error)
 
     def accept_run(self, request: RunRequest) -> CampaignRunner:
-        """The session takes an order; the conductor that gives it."""
+        """Note that a run of the campaign starts, and return the runner that submits it."""
         assert self._runner is not None
         self.running_item = request.item
         self.changed.emit()
         return self._runner
 
     def halt_queue(self) -> None:
-        """What goes on is the last one of the queue."""
+        """Start no further item after the present run."""
         self.queue_active = False
         self.changed.emit()
 
     def run_ended(self, completed: bool) -> None:
-        """No run goes on any more; `completed` where it was completed."""
+        """Refresh after a run, and continue the queue if it was completed."""
         before, self.running_item = self.running_item, ""
         self.queue_active = self.queue_active and completed and bool(before)
         self.refresh()
@@ -170,7 +170,7 @@ class CampaignController(QObject):
             self._continue_queue(before)
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._file_worker.close()
         self._fit_worker.close()
 
@@ -194,7 +194,7 @@ class CampaignController(QObject):
             self.halt_queue()
 
     def _current_campaign(self) -> Campaign:
-        """The campaign; read anew where another program has changed its file."""
+        """Return the campaign, read again if another program has changed its file."""
         campaign = self._campaign
         assert campaign is not None
         if not self.running_item and campaign.path.stat().st_mtime_ns != self._stamp:

@@ -1,4 +1,4 @@
-"""Beside the list: everything about the chosen item, what can be done with it, and what is known of the specimen."""
+"""Details of the selected campaign item, its actions, and the specimen's estimates."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ItemDetailsPane(QWidget):
     def show_item(
         self, item: ItemSummary | None, estimates: CampaignEstimates | None, specimen: str, busy: bool
     ) -> None:
-        """Show an item, and allow what can be done with it."""
+        """Show an item and enable its actions."""
         if (item, estimates, specimen, busy) == self._shown_state:
             return
         self._shown_state = (item, estimates, specimen, busy)
@@ -57,12 +57,12 @@ class ItemDetailsPane(QWidget):
 
     @property
     def plain_text(self) -> str:
-        """All that is shown, as text."""
+        """The displayed details as text."""
         paper = self.details_area.widget()
         return "\n".join(label.text() for label in paper.findChildren(QLabel)) if paper is not None else ""
 
     def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
-        from app.campaign.presentation import item_details  # HDF5 comes with it; by now a thread beside has imported it
+        from app.campaign.presentation import item_details  # imports HDF5, which a background thread has loaded by now
 
         paper = QWidget()
         paper.setAutoFillBackground(False)
@@ -76,7 +76,7 @@ class ItemDetailsPane(QWidget):
 
 
 def _allowed_actions(item: ItemSummary) -> set[str]:
-    """What can be done with an item."""
+    """Return the actions that an item allows."""
     line = item.state
     allowed = {"skip"} if line.status != "running" else set()
     if line.next_action not in ("", "wait"):

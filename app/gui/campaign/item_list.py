@@ -1,4 +1,4 @@
-"""A campaign's items in their order: how each stands in a symbol and in words; dragged, or moved by keys, to another place."""
+"""List of a campaign's items with status symbols, reordered by dragging or shortcuts."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ STATUS_SYMBOLS = {
     "running": "play",
     "skipped": "nothing",
 }
-"""By the word for how an item stands."""
+"""By item status."""
 
 
 class CampaignList(QListWidget):
-    """Shows the rows of a sheet. Enter is told as `enter_pressed`; what it means is the page's affair."""
+    """Shows the items of a campaign in their order; they can be dragged to another place."""
 
     item_moved = Signal(str, str)
-    """An item, and the one it shall stand before ("" for the end)."""
+    """Name of an item and of the one to place it before ("" for the end)."""
     selected_item_changed = Signal()
     enter_pressed = Signal()
 
@@ -59,18 +59,18 @@ class CampaignList(QListWidget):
 
     @property
     def selected_item(self) -> str:
-        """Name of the chosen item, empty for none."""
+        """Name of the selected item, empty for none."""
         item = self.currentItem()
         return str(item.data(ITEM_ROLE).name) if item is not None else ""
 
     def select_item(self, name: str) -> None:
-        """Choose an item by its name."""
+        """Select an item by its name."""
         for at in range(self.count()):
             if self.item(at).data(ITEM_ROLE).name == name:
                 self.setCurrentRow(at)
 
     def show_summary(self, summary: CampaignSummary, running: str) -> None:
-        """Show how everything stands; what is chosen stays chosen, at first what comes next."""
+        """Show the items and keep the selection; at first the next item is selected."""
         before = self.selected_item or running or (summary.next_item.name if summary.next_item is not None else "")
         self.item_delegate.next_item = summary.next_item.name if summary.next_item is not None else ""
         self.item_delegate.running_item = running
@@ -92,7 +92,7 @@ class CampaignList(QListWidget):
         self.selected_item_changed.emit()
 
     def move_selected(self, offset: int) -> None:
-        """Move what is chosen up (-1) or down (+1)."""
+        """Move the selected item up (-1) or down (+1)."""
         at, last = self.currentRow(), self.count() - 1
         if 0 <= at + offset <= last and at >= 0:
             names = [self.item(i).data(ITEM_ROLE).name for i in range(self.count())]
@@ -100,7 +100,7 @@ class CampaignList(QListWidget):
             self.item_moved.emit(names[at], names[after] if after <= last else "")
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.item_delegate.theme = theme
         self.viewport().update()
 
@@ -111,7 +111,7 @@ class CampaignList(QListWidget):
         super().keyPressEvent(event)
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Tell where it was dropped; the list changes when the campaign has."""
+        """Emit the new place; the list changes when the campaign has changed."""
         over = self.indexAt(event.position().toPoint())
         below = self.dropIndicatorPosition() == QAbstractItemView.DropIndicatorPosition.BelowItem
         at = self.count() if not over.isValid() else over.row() + below
@@ -123,7 +123,7 @@ class CampaignList(QListWidget):
 
 
 class CampaignItemDelegate(QStyledItemDelegate):
-    """Draws one item: symbol, name and title, below it the state and why; at the right what it will take."""
+    """Draws one item: symbol, name and title; below them status and reason; at the right the duration."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -193,7 +193,7 @@ class CampaignItemDelegate(QStyledItemDelegate):
         right: str,
         color: QColor | None = None,
     ) -> None:
-        """A bold word, what follows it shortened to its room, and something at the right end."""
+        """Draw a bold word, elided text after it, and text at the right end."""
         flags = Qt.AlignmentFlag.AlignVCenter
         painter.setFont(font)
         painter.drawText(area, flags | Qt.AlignmentFlag.AlignLeft, head)

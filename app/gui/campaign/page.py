@@ -1,4 +1,4 @@
-"""The Campaign page: begin or open a campaign, carry it through, and see each run while it goes on."""
+"""Campaign page: creates or opens a campaign, runs its items and shows each run."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 
 class CampaignPage(QStackedWidget):
-    """One page of the window: where a campaign is begun or opened, and in its place the one that is open.
+    """The start pane, or in its place the open campaign.
 
     Args:
-        desk: the open campaign, and all that touches its files.
-        where: folder and specimen of the Measure page, for a new campaign.
+        controller: opens and modifies the campaign.
+        location: folder and specimen of the Measure page, for a new campaign.
     """
 
     title = "Campaign"
     run_open_requested = Signal(object)
-    """Path of a run that shall be opened on the Runs page."""
+    """Path of a run to open on the Runs page."""
 
     def __init__(
         self,
@@ -60,14 +60,14 @@ class CampaignPage(QStackedWidget):
         for part in (self.start_pane, self.board):
             part.setSizePolicy(
                 QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored
-            )  # the Measure page tells the least
+            )  # the Measure page determines the minimum size
             self.addWidget(part)
         self._connect_signals()
 
     # -- what the window does with a page ------------------------------------------------------------------------------
 
     def set_state(self, view: WindowState) -> None:
-        """A run that ended is news, whoever began it."""
+        """Show a window state; refresh after any run ends."""
         ended, connected = self._busy and not view.busy, self._state is None or self._state.connected
         self._state, self._busy = view, view.busy
         if ended:
@@ -77,15 +77,15 @@ class CampaignPage(QStackedWidget):
         self._show_campaign()
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.board.set_theme(theme)
 
     def activate(self) -> None:
-        """Take the keyboard."""
+        """Take the keyboard focus."""
         self._show_part(self.start_pane if self.currentIndex() == 0 else self.board)
 
     def tick(self) -> None:
-        """Called at every tick while the page is seen."""
+        """Refresh what changes between events; called at every tick while the page is visible."""
         folder, _ = self._location()
         if folder != self._searched_folder:
             self._searched_folder = folder
@@ -102,39 +102,39 @@ class CampaignPage(QStackedWidget):
         self._overlay.submit(self._request)
         try:
             curve = self._overlay.result()
-        except ParameterError:  # the model cannot answer this: there is no curve, and nothing else
+        except ParameterError:  # outside the model's range: show no curve
             return
         if curve is not None:
             self.board.live_pane.show_model_curve(curve)
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self.controller.shutdown()
         self._overlay.close()
 
     def save_state(self, settings: QSettings) -> None:
-        """Remember which campaigns were open."""
+        """Store the recent campaigns and the open one."""
         settings.setValue("campaign/recent", [str(path) for path in self.controller.recent])
         settings.setValue(
             "campaign/open", str(self.controller.recent[0]) if self.controller.summary is not None else ""
         )
 
     def restore_state(self, settings: QSettings) -> None:
-        """Open the campaign that was open."""
+        """Restore the recent campaigns and reopen the open one."""
         kept = settings.value("campaign/recent", [])
         self.controller.recent = [Path(str(path)) for path in (kept if isinstance(kept, list) else [kept]) if path]
         if path := str(settings.value("campaign/open", "")):
             self.controller.open(Path(path))
 
     def go_back(self) -> None:
-        """From beginning another one to the one that is open."""
+        """Return from the start pane to the open campaign."""
         if self.controller.summary is not None:
             self._show_part(self.board)
 
-    # -- what a person wants -------------------------------------------------------------------------------------------
+    # -- commands -------------------------------------------------------------------------------------------
 
     def run(self, name: str = "", hands_free: bool = False) -> None:
-        """Begin what comes next, or the item that is named; `hands_free` goes on with what needs no hands."""
+        """Start the next item or the named one; `hands_free` continues with items that need no operator."""
         view = self._state
         if self.currentWidget() is self.board and view is not None:
             self._show_message("")
@@ -144,12 +144,12 @@ class CampaignPage(QStackedWidget):
                 self.controller.run(name, hands_free, view.simulated)
 
     def accept_run(self, request: RunRequest) -> CampaignRunner:
-        """An order is about to be carried out: show what belongs to it; the conductor that gives it to the session."""
+        """Show the model curve of a run about to start, and return the runner that submits it."""
         self._request = curve_request_for(request.protocol, request.folder, request.specimen)
         return self.controller.accept_run(request)
 
     def perform_action(self, action: str, item_name: str = "") -> None:
-        """Do one of the things that buttons and keys stand for, with an item; without one, with what comes next."""
+        """Perform the action of a button or shortcut on an item; without one, on the next item."""
         row = self.controller.summary.item(item_name) if self.controller.summary is not None else None
         self._show_message("")
         match action:
@@ -180,7 +180,7 @@ class CampaignPage(QStackedWidget):
             self.controller.open(path)
 
     def create_campaign(self, specimen: str) -> None:
-        """Begin a campaign beside the runs of the Measure page."""
+        """Create a campaign in the folder of the Measure page."""
         if self._state is not None and not self._busy:
             self._show_message("")
             self.controller.create(self._location()[0], specimen, self._state.simulated)
@@ -200,7 +200,7 @@ class CampaignPage(QStackedWidget):
             self.board.header.show_progress(sheet, self.controller.running_item, view, self._feed.streamed_s)
 
     def _on_campaign_changed(self) -> None:
-        """The desk has news."""
+        """Show the campaign again, and turn to it when another one was opened."""
         self._show_campaign()
         sheet = self.controller.summary
         if sheet is not None and sheet.path != self._shown_path:
@@ -208,7 +208,7 @@ class CampaignPage(QStackedWidget):
             self._show_part(self.board)
 
     def _show_part(self, part: CampaignBoard | CampaignStart) -> None:
-        """Show one of the two, and give it the keyboard where this page has it."""
+        """Show one of the two panes and give it the focus if this page is visible."""
         self.setCurrentWidget(part)
         if self.isVisible():
             (self.board.item_list if part is self.board else self.start_pane.specimen_edit).setFocus()

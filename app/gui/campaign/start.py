@@ -1,4 +1,4 @@
-"""Where no campaign is open: begin one of a specimen, or go on with one that is there."""
+"""Start pane of the Campaign page: creates a campaign or opens an existing one."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ PATH_ROLE = Qt.ItemDataRole.UserRole
 
 
 class CampaignStart(QWidget):
-    """A form of one line, and the campaigns there are."""
+    """Specimen field for a new campaign, and a list of existing ones."""
 
     create_requested = Signal(str)
     open_requested = Signal(object)
@@ -73,7 +73,7 @@ class CampaignStart(QWidget):
         self._validate()
 
     def show_campaigns(self, paths: Sequence[Path], folder: Path, specimen: str, simulated: bool) -> None:
-        """Show what there is, and where a new one would be."""
+        """Show the existing campaigns and the folder of a new one."""
         kind = "Simulated runs count, real ones do not" if simulated else "Real runs count, simulated ones do not"
         self.location_label.setText(f"Kept beside the runs in {folder.absolute()}. {kind}.")
         if not self.specimen_edit.isModified():

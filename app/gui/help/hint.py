@@ -1,4 +1,4 @@
-"""A line that leads a newcomer through the first run; it goes by itself when that run has been looked at."""
+"""Hints during a user's first run."""
 
 from PySide6.QtWidgets import QWidget
 
@@ -16,7 +16,7 @@ REASON_END = "The run did not come to its end: {reason}. F5 begins again; F1 tel
 
 
 class FirstRunHint(QWidget):
-    """Hidden, until `begin`."""
+    """Hint for the first run, hidden until `start`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -26,13 +26,13 @@ class FirstRunHint(QWidget):
         self.hide()
 
     def start(self) -> None:
-        """Lead through the run that comes."""
+        """Show the hint for the next run."""
         self._run_finished = False
         self.label.setText(WAITING_TEXT)
         self.show()
 
     def set_state(self, view: WindowState) -> None:
-        """Say what is to be seen now."""
+        """Show the text for the present stage of the run."""
         if self.isHidden():
             return
         if view.busy and self._run_finished:  # another run: the lesson is over

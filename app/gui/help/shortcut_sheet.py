@@ -1,4 +1,4 @@
-"""The sheet of keys over the pages: what every key does, in groups, with a search."""
+"""Shortcut sheet over the pages: every keyboard shortcut by group, with a search."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, ro
 
 
 class ShortcutSheet(QWidget):
-    """Filled each time it is opened."""
+    """Lists the shortcuts by group; filled whenever it is opened."""
 
     closed = Signal()
     welcome_requested = Signal()
@@ -28,7 +28,7 @@ class ShortcutSheet(QWidget):
         super().__init__()
         self._groups: Mapping[str, tuple[ActionInfo, ...]] = {}
         self.rows: list[tuple[str, ActionInfo]] = []
-        """What is shown, with the title of its group."""
+        """The displayed actions with the title of their group."""
         self.search = QLineEdit()
         self.search.setPlaceholderText("Search: what to do, or a key")
         self.search.setAccessibleName("search the keys")
@@ -44,7 +44,7 @@ class ShortcutSheet(QWidget):
         column(top, (self._scroll, 1), parent=self, margins=(16, 12, 16, 8), spacing=10)
 
     def show_shortcuts(self, groups: Mapping[str, tuple[ActionInfo, ...]]) -> None:
-        """Show these groups."""
+        """Show groups of actions and clear the search."""
         self._groups = groups
         self.search.clear()
         self._fill_list()

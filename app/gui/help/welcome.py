@@ -1,4 +1,4 @@
-"""What a newcomer sees first: one thing to try, and how one's own bench comes in. Shown once; again from the sheet of keys."""
+"""Welcome page of the first start: a demo run, and how to set up a bench."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
@@ -32,7 +32,7 @@ PAGES_TEXT = (
 
 
 class WelcomePage(QWidget):
-    """Covers the pages until somebody has chosen."""
+    """Covers the pages until the user has made a choice."""
 
     demo_requested = Signal()
     browse_pressed = Signal()
@@ -82,7 +82,7 @@ class WelcomePage(QWidget):
         )
 
     def show_page(self, folder: str) -> None:
-        """Show it."""
+        """Show where runs are stored, and focus the demo button."""
         self.about_label.setText(DEMO_TEXT.format(folder=folder))
         self.message_label.show_message("")
         self.demo_button.setFocus()

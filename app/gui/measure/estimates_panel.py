@@ -1,4 +1,4 @@
-"""What the points of the present run tell of the specimen so far, and how its error shrinks with every point."""
+"""Live estimates of the present run with the history of their errors."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequenc
 
 
 class ErrorHistoryPlot(QWidget):
-    """A relative error after each point, on a logarithmic scale."""
+    """Relative error after each point, on a logarithmic scale."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -30,7 +30,7 @@ class ErrorHistoryPlot(QWidget):
         return QSize(60, self.fontMetrics().height() + 4)
 
     def show_errors(self, errors: Sequence[float], color: str) -> None:
-        """The history of one estimate."""
+        """Show the error history of one estimate."""
         self.errors, self._color = errors, color
         told = f"{len(errors)} fits, from {100 * errors[0]:.2g} % to {100 * errors[-1]:.2g} %" if errors else ""
         self.setToolTip(f"Standard error in parts of the value: {told}" if told else "")
@@ -56,7 +56,7 @@ class ErrorHistoryPlot(QWidget):
 
 
 class EstimatesPanel(QWidget):
-    """Hidden until a run has points to tell from."""
+    """Estimates of the present run, hidden until it has points."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -83,13 +83,13 @@ class EstimatesPanel(QWidget):
         self.hide()
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
         told, self._update = self._update, EstimateUpdate()
         self.show_update(told)
 
     def show_update(self, update: EstimateUpdate) -> None:
-        """Show what is known by now."""
+        """Show the present estimates."""
         if update is self._update:
             return
         self._update = update
@@ -114,7 +114,7 @@ class EstimatesPanel(QWidget):
         self._show()
 
     def set_busy(self, busy: bool) -> None:
-        """Only while points arrive: what the run ended with stands above the response."""
+        """Show the panel only during a run: final estimates are above the response."""
         self._busy = busy
         self._show()
 

@@ -1,4 +1,4 @@
-"""Undo and redo of what a form said: a field, a preset, another protocol."""
+"""Undo and redo of the protocol form."""
 
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
@@ -10,31 +10,31 @@ from protocols.base.protocol import Protocol
 
 
 class FormHistory(QObject):
-    """Remembers the protocols that the form of a page said, faulty ones left out. A field's own text has its own undo.
+    """Remembers the valid protocols of a form. Text within a field has its own undo.
 
     Args:
         panel: holds the form.
-        page: where the keys of undo and redo work.
+        page: where the shortcuts of undo and redo work.
     """
 
     def __init__(self, panel: RunPanel, page: QWidget) -> None:
         super().__init__(page)
         self._panel = panel
         self._history: UndoHistory[Protocol | None] = UndoHistory(panel.protocol)
-        # A preset fills one field after the other: what counts is how the form stands when all of that is over.
+        # A preset fills one field after the other: only the form after the last change is remembered.
         self._settle_timer = QTimer(self, singleShot=True, interval=0)
         self._settle_timer.timeout.connect(self._remember)
         panel.changed.connect(self._settle_timer.start)
         add_actions(page, {"measure.undo": self.undo, "measure.redo": self.redo})
 
     def undo(self) -> None:
-        """Show what the form said before."""
+        """Show the previous protocol."""
         self._remember()
         if self._panel.form.isEnabled() and self._history.undo():
             self._show_protocol()
 
     def redo(self) -> None:
-        """Show what was taken back."""
+        """Show the protocol that was undone."""
         if self._panel.form.isEnabled() and self._history.redo():
             self._show_protocol()
 
@@ -49,7 +49,7 @@ class FormHistory(QObject):
 
 
 def _changed_field(old: Protocol | None, new: Protocol) -> str:
-    """The field that is another one; empty where it is more than one."""
+    """Return the field that differs; empty if more than one does."""
     if type(old) is not type(new):
         return ""
     names = [name for name in type(new).model_fields if getattr(old, name) != getattr(new, name)]

@@ -1,4 +1,4 @@
-"""The measuring page: what to run on the left; the response, the live traces and the log on the right."""
+"""Measure page: run panel on the left; response, live traces and log on the right."""
 
 import json
 import time
@@ -26,7 +26,7 @@ from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 
 CALIBRATION_POLL_S = 1.0
-"""How often the specimen's calibration is looked at."""
+"""Interval at which the specimen's calibration is checked."""
 
 
 class MeasurePage(QSplitter):
@@ -78,17 +78,17 @@ class MeasurePage(QSplitter):
 
     @property
     def points(self) -> PointsPlot:
-        """The plot of points that are no amplitudes over frequency."""
+        """Plot of points that are not amplitudes over frequency."""
         return self.live_pane.points
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.live_pane.set_theme(theme)
         self.log.set_theme(theme)
         self.run_panel.estimates_panel.set_theme(theme)
 
     def set_state(self, view: WindowState) -> None:
-        """Show a view."""
+        """Show a window state."""
         self.run_panel.set_state(view)
         self.live_pane.set_state(view, self.run_panel.kind)
         if view.busy and (self._state is None or view.points is not self._state.points or not self._state.busy):
@@ -97,17 +97,17 @@ class MeasurePage(QSplitter):
         self.log.set_state(view)
 
     def start_model_curve(self) -> None:
-        """Want the model's curve from now on: its numerics take a while to import."""
+        """Compute the model curve from now on; its numerics take a while to import."""
         self._curve_started = True
         if self._state is None or not self._state.busy:
-            self._estimator.submit((), self._active_model)  # what it imports would hold up a run's first frames
+            self._estimator.submit((), self._active_model)  # importing during a run would delay its first frames
 
     def activate(self) -> None:
-        """Take the keyboard, into no field: a stray key shall change nothing."""
+        """Take the keyboard focus, but into no field: a stray key must not change a value."""
         self.setFocus()
 
     def tick(self) -> None:
-        """What moves between events: called at every tick."""
+        """Refresh what changes between events; called at every tick."""
         self.live_pane.tick()
         self.run_panel.estimates_panel.show_update(self._estimator.latest)
         if self._curve_started and self._request is not None:
@@ -116,14 +116,14 @@ class MeasurePage(QSplitter):
             self._run_preflight()
         try:
             curve = self._overlay.result()
-        except ParameterError:  # the form admits what the model cannot answer: there is no curve, and nothing else
+        except ParameterError:  # the form admits values outside the model's range: show no curve
             return
         if curve is not None:
             self._active_model = curve.active_model
             self.live_pane.show_model_curve(curve)
 
     def _run_preflight(self) -> None:
-        """Rehearse the form with the model; while a run goes on there is nothing to decide."""
+        """Run the preflight check of the form, except during a run."""
         protocol, bench = self.run_panel.protocol, self._bench()
         if protocol is None or bench is None or self._state is None or self._state.busy:
             self.run_panel.show_warnings(())
@@ -132,16 +132,16 @@ class MeasurePage(QSplitter):
         self.run_panel.show_warnings(self._preflight.warnings)
 
     def _poll_calibration(self) -> None:
-        """Somebody may have accepted another calibration meanwhile, here or at a command line."""
+        """Check for another accepted calibration, for example from the command line."""
         now_s = time.monotonic()
         if now_s - self._last_poll_s > CALIBRATION_POLL_S:
             self._last_poll_s = now_s
             self._overlay.refresh()
 
     def _update_request(self) -> None:
-        """Want the curve that belongs to the form."""
+        """Request the model curve of the form."""
         if self._state is not None:
-            self.set_state(self._state)  # another protocol may want another plot
+            self.set_state(self._state)  # another protocol may need another plot
         if (protocol := self.run_panel.protocol) is not None:
             self._request = curve_request_for(protocol, self._folder, self.run_panel.specimen_edit.text().strip())
 
@@ -150,12 +150,12 @@ class MeasurePage(QSplitter):
         return Path(self.run_panel.folder_edit.text().strip()).expanduser()
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._estimator.close()
         self._preflight.close()
 
     def restore_state(self, settings: QSettings, restore_form: bool) -> None:
-        """Be as it was when it was last closed; `form`: what it said, too."""
+        """Restore saved settings; `restore_form` also restores the form's protocol."""
         if restore_form and (protocol := _saved_form(settings)) is not None:
             self.run_panel.set_protocol(protocol)
         span = settings.value("measure/span")
@@ -163,7 +163,7 @@ class MeasurePage(QSplitter):
             self.time_plot.select_span(int(span))
 
     def save_state(self, settings: QSettings) -> None:
-        """Remember how it is."""
+        """Save settings."""
         if (protocol := self.run_panel.protocol) is not None:
             said = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
             settings.setValue("measure/form", json.dumps(said))
@@ -171,7 +171,7 @@ class MeasurePage(QSplitter):
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:
-    """What the form said last; None where that is gone, or no protocol of this version."""
+    """Return the saved protocol; None if there is none, or this version rejects it."""
     try:
         said = json.loads(str(settings.value("measure/form", "")))
         return PROTOCOLS[said["protocol"]].model_validate(said["parameters"])

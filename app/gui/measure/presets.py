@@ -1,7 +1,4 @@
-"""A lab's own sets of parameters, by protocol and name: one JSON file, readable and shareable.
-
-A button with the sets of parameters of a protocol: the paper's, the lab's own, and what can be done with them.
-"""
+"""Presets of protocol parameters: one JSON file per user, and the menu button for it."""
 
 import json
 from collections.abc import Callable
@@ -21,29 +18,29 @@ from protocols.base.protocol import Protocol
 
 
 class PresetError(Exception):
-    """The presets cannot be read or written. The sentence says which file and why."""
+    """The presets cannot be read or written; the message names the file and the reason."""
 
 
 def presets_path() -> Path:
-    """Where the presets of this user are kept."""
+    """Return the path of the user's presets file."""
     return user_config_path("tactor-bench", appauthor=False) / "presets.json"
 
 
 @dataclass(frozen=True, slots=True)
 class PresetStore:
-    """Read from the file at every question: two windows may share it."""
+    """Reads the file at every access: two windows may share it."""
 
     path: Path
 
     def names(self, protocol: str) -> list[str]:
-        """Names of the presets of a protocol, in alphabetical order."""
+        """Return the names of a protocol's presets in alphabetical order."""
         return sorted(self._read().get(protocol, {}))
 
     def get(self, kind: type[Protocol], name: str) -> Protocol:
-        """The protocol with a preset's parameters.
+        """Return the protocol with a preset's parameters.
 
         Raises:
-            PresetError: it is gone, or this version refuses a value in it.
+            PresetError: it does not exist, or this version rejects a value in it.
         """
         values = self._read().get(kind.name, {}).get(name)
         if values is None:
@@ -56,7 +53,7 @@ class PresetStore:
             raise PresetError(f"the preset '{name}' does not fit: {where}: {fault['msg']}; keep it anew") from error
 
     def save(self, name: str, protocol: Protocol) -> None:
-        """Write a preset, in place of one of that name.
+        """Write a preset, replacing one of that name.
 
         Raises:
             PresetError: the file cannot be written.
@@ -95,7 +92,7 @@ class PresetStore:
 
 
 class PresetButton(QToolButton):
-    """Its menu is made when it is opened."""
+    """Button with a menu of presets, filled when it is opened."""
 
     preset_chosen = Signal(object)
 
@@ -113,7 +110,7 @@ class PresetButton(QToolButton):
         self.setMenu(menu)
 
     def set_protocol(self, kind: type[Protocol], current: Callable[[], Protocol | None]) -> None:
-        """Serve a protocol; `present` is what its form says."""
+        """Offer the presets of a protocol; `current` returns the form's protocol."""
         self._kind, self._current = kind, current
 
     def _fill_menu(self) -> None:

@@ -1,4 +1,4 @@
-"""What shall be measured, on what, and where it is kept: the form, specimen and folder, the rehearsal, and Run."""
+"""Run panel: protocol form, specimen, folder, rehearsal and the Run button."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -39,7 +39,7 @@ class RunPanel(QWidget):
 
     Args:
         protocol: fills the form at first.
-        bench: what the rehearsal asks; None while there is no bench.
+        bench: the connected bench, for the rehearsal; None while there is none.
         presets: the lab's own sets of parameters.
     """
 
@@ -57,7 +57,7 @@ class RunPanel(QWidget):
         super().__init__(parent)
         self._bench = bench
         self._edited_protocols: dict[str, Protocol] = {}
-        """What the forms of the other protocols said last."""
+        """Last edited parameters of the other protocols."""
         self._can_run, self._blocked_reason = False, ""
         self._rehearsed_inputs: tuple[object, ...] = ()
         self._rehearsal_result = ("", False)
@@ -90,12 +90,12 @@ class RunPanel(QWidget):
 
     @property
     def protocol(self) -> Protocol | None:
-        """What the form says, None while it is faulty."""
+        """The form's protocol, None while the form has an error."""
         return self.form.result.protocol
 
     @property
     def kind(self) -> type[Protocol]:
-        """Which protocol the form is of."""
+        """Protocol class of the form."""
         return self.form.kind
 
     def set_protocol(self, protocol: Protocol) -> None:
@@ -121,11 +121,11 @@ class RunPanel(QWidget):
 
     @property
     def can_start(self) -> bool:
-        """Whether Run would begin something."""
+        """Whether a run can be started."""
         return self.run_button.isEnabled()
 
     def set_state(self, view: WindowState) -> None:
-        """Whether a run may begin, and why not."""
+        """Show whether a run can begin, and why not."""
         for editor in (
             self.form,
             self.protocol_box,
@@ -142,7 +142,7 @@ class RunPanel(QWidget):
         self._update_rehearsal()
 
     def show_warnings(self, messages: Sequence[str]) -> None:
-        """What is foreseen to go wrong with what the form says."""
+        """Show the warnings of the preflight check."""
         text = "\n".join(f"⚠ {each}." for each in messages)
         if text != self.warnings_label.text():
             self.warnings_label.setText(text)
@@ -153,7 +153,7 @@ class RunPanel(QWidget):
         self.changed.emit()
 
     def _update_rehearsal(self) -> None:
-        """Rehearse what the form says, and allow Run or not."""
+        """Rehearse the form and enable or disable Run."""
         about = (self.form.result, self._bench())
         if about != self._rehearsed_inputs:
             self._rehearsed_inputs, self._rehearsal_result = about, self._rehearse()
@@ -166,7 +166,7 @@ class RunPanel(QWidget):
         self.run_button.setToolTip(f"Cannot run: {why}" if why else tooltip("run"))
 
     def _rehearse(self) -> tuple[str, bool]:
-        """Duration, points, volts and file size, or why it cannot be; whether it is a fault."""
+        """Return duration, points, volts and file size, or the error; and whether it is an error."""
         protocol = self.protocol
         if protocol is None:
             words = self.form.result.errors.get("", "") or "Correct the field marked above."
@@ -234,5 +234,5 @@ class RunPanel(QWidget):
 
 
 def protocol_summary(kind: type[Protocol]) -> str:
-    """The first sentence a protocol says of itself."""
+    """Return the first paragraph of a protocol's docstring."""
     return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())

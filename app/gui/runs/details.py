@@ -1,4 +1,4 @@
-"""Beside the list: the points of what is chosen, what was found, tags and a note, and what can be done with it."""
+"""Details of the selected runs: plot, results, tags, note, export."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -25,11 +25,11 @@ from app.gui.widgets.theme import Theme
 
 EMPTY_TEXT = "No run is listed.\n\nRun files and tables can be dropped here; the folder is the one of the Measure page."
 MAX_REASON_LENGTH = 280
-"""Characters of a reason that are shown beside the list."""
+"""Characters of a run's end reason that are shown beside the list."""
 
 
 class _NoteEdit(QPlainTextEdit):
-    """Is kept when it is left."""
+    """Note editor that emits a signal when it loses the focus."""
 
     focus_lost = Signal()
 
@@ -39,7 +39,7 @@ class _NoteEdit(QPlainTextEdit):
 
 
 class RunDetailsPane(QWidget):
-    """Tells of the chosen runs; what is typed is kept when the field is left."""
+    """Shows the selected runs; tags and note are saved when their field loses the focus."""
 
     notes_changed = Signal(str, str)
     open_pressed = Signal()
@@ -98,17 +98,17 @@ class RunDetailsPane(QWidget):
         self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.plot.set_theme(theme)
 
     def show_message(self, text: str, is_error: bool = False) -> None:
-        """A remark, or what went wrong."""
+        """Show a message or an error."""
         self.message_label.setText(text)
         set_style_kind(self.message_label, "fault" if is_error else "note")
         self.message_label.setVisible(bool(text))
 
     def show_selection(self, selected: Sequence[RunSummary]) -> None:
-        """Tell of these; the plot follows when the files are read."""
+        """Show facts and notes of the selected runs; the plot follows when the files are read."""
         one = selected[0] if len(selected) == 1 else None
         readable = any(e.readable for e in selected)
         for widget in (self.open_button, self.explore_button, *self.export_buttons):
@@ -125,7 +125,7 @@ class RunDetailsPane(QWidget):
             more = f"\n… and {len(found) - 6} more" if len(found) > 6 else ""
             self.facts_label.setText("\n".join(found[:6]) + more)
         texts, of = ((one.tags, one.note), one.path) if one is not None else (("", ""), "")
-        # A list that was read before the last words were kept, or before those that are being typed, takes none away.
+        # A list read before the last note was saved must not overwrite it, nor text that is being typed.
         if of != self._run_path or not (self.tags_edit.hasFocus() or self.note_edit.hasFocus()):
             self._saved_notes, self._run_path = texts, of
             with QSignalBlocker(self.tags_edit):
@@ -135,7 +135,7 @@ class RunDetailsPane(QWidget):
             self.show_runs((), 0)
 
     def show_runs(self, runs: Sequence[MeasuredResponse], selected_count: int) -> None:
-        """The points of what is chosen."""
+        """Plot the points of the selected runs."""
         self.plot.show_runs(
             runs, f"{len(runs)} of {selected_count} are shown" if 0 < len(runs) < selected_count else ""
         )
@@ -153,7 +153,7 @@ class RunDetailsPane(QWidget):
 
 
 def _shorten_reason(reason: str) -> str:
-    """As much of why a run ended as there is room for; it says all of it when it is opened."""
+    """Return a run's end reason, shortened to the available space."""
     return (
         reason
         if len(reason) <= MAX_REASON_LENGTH

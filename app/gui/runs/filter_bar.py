@@ -1,4 +1,4 @@
-"""The row above the list of runs: search, choices, how many there are, and how far a look at the folder is."""
+"""Filter bar above the list of runs: search, choices, count and scan progress."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30
 
 
 class _Search(QLineEdit):
-    """Down and Enter go on to the list."""
+    """Search field from which Down and Enter move to the list."""
 
     focus_list_requested = Signal()
 
@@ -26,13 +26,13 @@ class _Search(QLineEdit):
 
 
 class RunFilterBar(QWidget):
-    """Says which runs are wanted."""
+    """Search field and combo boxes that filter the list of runs."""
 
     changed = Signal()
     list_requested = Signal()
     stop_pressed = Signal()
     progressed = Signal(int, int)
-    """How many of how many files are read; told from another thread."""
+    """Files read and files in total; emitted from another thread."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -67,7 +67,7 @@ class RunFilterBar(QWidget):
 
     @property
     def selected_filter(self) -> RunFilter:
-        """What the row says."""
+        """The selected filter."""
         since = self.since.currentData()
         return RunFilter(
             self.search_edit.text(),
@@ -78,7 +78,7 @@ class RunFilterBar(QWidget):
         )
 
     def clear(self) -> bool:
-        """Want everything; whether something was filtered."""
+        """Clear the filter and return whether there was one."""
         if self.selected_filter == RunFilter():
             return False
         self.search_edit.clear()
@@ -87,7 +87,7 @@ class RunFilterBar(QWidget):
         return True
 
     def set_choices(self, summaries: Sequence[RunSummary]) -> None:
-        """The choices that there are."""
+        """Fill the combo boxes with the values of these runs."""
         for combo, values in (
             (self.specimen, {e.specimen for e in summaries}),
             (self.protocol, {e.protocol for e in summaries}),
@@ -102,14 +102,14 @@ class RunFilterBar(QWidget):
                 combo.setCurrentIndex(max(combo.findData(chosen), 0))
 
     def show_count(self, shown: int, total: int) -> None:
-        """How many are shown of how many."""
+        """Show the number of listed runs and the total."""
         number = f"{total:,}".replace(",", " ")
         self._count_text = f"{number} runs" if shown == total else f"{shown:,}".replace(",", " ") + f" of {number} runs"
         if not self.stop_button.isVisible():
             self.count_label.setText(self._count_text)
 
     def show_scan_result(self, result: ScanResult) -> None:
-        """The folder was looked at."""
+        """Show the result of a folder scan."""
         self.stop_button.hide()
         rest = "" if result.complete else "; reading was stopped"
         self.count_label.setText(f"{self._count_text}{rest}")

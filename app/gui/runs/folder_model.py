@@ -1,4 +1,4 @@
-"""The folder of the runs as far as it is known, and looks at it beside the window."""
+"""Runs of a folder from the catalogue, rescanned in the background."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,23 +12,23 @@ from app.gui.widgets.background import BackgroundWorker
 
 
 class RunFolderModel(QObject):
-    """Lists what is known at once, then what has changed since; one look at a time.
+    """Lists the catalogued runs immediately, then scans for changes; one scan at a time.
 
     Args:
-        folder: where the runs are, asked at every look.
-        index: where what is known is kept.
+        folder: returns the folder; called at every scan.
+        index: path of the catalogue.
     """
 
     cleared = Signal()
-    """The folder is another one, of which nothing is known yet."""
+    """Emitted when another folder is listed, which is empty so far."""
     listed = Signal()
-    """`entries` are what is known now."""
+    """Emitted when `summaries` has changed."""
     progressed = Signal(int, int)
-    """How many of how many files are read."""
+    """Files read and files in total."""
     scanned = Signal(object)
-    """A look is over: `ScanResult`."""
+    """A scan has finished: `ScanResult`."""
     failed = Signal(object)
-    """What went wrong: an exception with a sentence."""
+    """An exception with a message."""
 
     def __init__(self, folder: Callable[[], Path], index: Path | None, parent: QObject) -> None:
         super().__init__(parent)
@@ -41,30 +41,30 @@ class RunFolderModel(QObject):
 
     @property
     def path(self) -> Path:
-        """The folder that `entries` are of."""
+        """The folder of `summaries`."""
         return self._folder() if self._catalogue is None else self._catalogue.folder
 
     @property
     def is_idle(self) -> bool:
-        """Whether it was looked at, and nothing is under way."""
+        """Whether the folder was scanned and no job is pending."""
         return self._catalogue is not None and not self._worker.pending
 
     def set_busy(self, busy: bool) -> None:
-        """A run that ended is news."""
+        """Note whether a run is active; a run that ended makes a rescan due."""
         self._rescan_due = self._rescan_due or (self._busy and not busy)
         self._busy = busy
 
     def set_active_file(self, path: Path | None) -> None:
-        """The file that this program is writing; it is left alone."""
+        """Set the file that this program is writing; scans skip it."""
         self._excluded = () if path is None else (path,)
 
     def refresh_if_changed(self) -> None:
-        """Look where there may be something new."""
+        """Scan if the folder is another one or a run has ended."""
         if self._catalogue is None or self._catalogue.folder != self._folder() or self._rescan_due:
             self.rescan()
 
     def rescan(self) -> None:
-        """List what is known at once, then what has changed since."""
+        """List the catalogued runs, then scan for changes."""
         if self._scanning:
             return
         folder, leave = self._folder(), self._excluded
@@ -81,15 +81,15 @@ class RunFolderModel(QObject):
         )
 
     def cancel(self) -> None:
-        """End the look that is under way; what was read is kept."""
+        """Cancel the present scan; what was read is kept."""
         self._cancelled = True
 
     def annotate(self, runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
-        """Tags and a note for runs, given with the tags and the note they have."""
+        """Write tags and a note for runs, which are given with their present tags and note."""
         self._worker.submit(lambda: annotate_runs(list(runs), tags, note), lambda _: self.rescan(), self._on_error)
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._cancelled = True
         self._worker.close()
 

@@ -1,4 +1,4 @@
-"""The Runs page: every run of the folder, found by a few words, opened with Enter, compared, noted, exported, dragged."""
+"""Runs page: search, open, compare, annotate, export and import the runs of a folder."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,17 +30,17 @@ MAX_COMPARED = 24
 
 
 class RunsPage(QStackedWidget):
-    """One page of the window: the list, and in its place a run that was opened.
+    """The list of runs, or in its place an opened run.
 
     Args:
-        folder: where the runs are, asked whenever the page is looked at.
-        specimen: whose tables are dropped here, asked when some are.
-        amplifier: through which they were driven.
+        folder: returns the folder of the runs.
+        specimen: returns the specimen of imported tables.
+        amplifier: through which the specimen of imported tables was driven.
     """
 
     title = "Runs"
     explore_requested = Signal(object)
-    """Paths of runs to be laid over the model's curve."""
+    """Paths of runs to overlay on the model curve."""
 
     def __init__(
         self,
@@ -68,40 +68,40 @@ class RunsPage(QStackedWidget):
     # -- what the window does with a page ------------------------------------------------------------------------------
 
     def set_state(self, view: WindowState) -> None:
-        """A run that ended is news; one that is being written is left alone."""
+        """Show a window state; rescan the folder after any run ends."""
         self.folder_model.set_busy(view.busy)
 
     def set_active_file(self, path: Path | None) -> None:
-        """The file that this program is writing."""
+        """Set the run file that this program is writing."""
         self.folder_model.set_active_file(path)
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self.model.set_theme(theme)
         self.details.set_theme(theme)
         self.viewer.set_theme(theme)
 
     def activate(self) -> None:
-        """Take the keyboard."""
+        """Take the keyboard focus."""
         (self.viewer.back_button if self.currentWidget() is self.viewer else self.table).setFocus()
 
     def tick(self) -> None:
-        """Called at every tick while the page is seen."""
+        """Refresh what changes between events; called at every tick while the page is visible."""
         self.folder_model.refresh_if_changed()
         if self.currentWidget() is self.viewer and (curve := self._overlay.result()) is not None:
             self.viewer.show_model_curve(curve)
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self.transfers.shutdown()
         self.folder_model.shutdown()
         self._worker.close()
         self._overlay.close()
 
-    # -- what a person wants -------------------------------------------------------------------------------------------
+    # -- commands -------------------------------------------------------------------------------------------
 
     def open_selected(self) -> None:
-        """The chosen run, as it was."""
+        """Open the selected run."""
         chosen = self.selected
         if not chosen:
             return
@@ -111,12 +111,12 @@ class RunsPage(QStackedWidget):
         self.open_run(self._path_of(chosen[0]))
 
     def open_run(self, path: Path) -> None:
-        """A run, as it was."""
+        """Open a run in the viewer."""
         self.details.show_message("opening …")
         self._worker.submit(lambda: load_run(path), self._on_run_loaded, self._on_error)
 
     def go_back(self) -> bool:
-        """From an opened run to the list, from a search to all; whether there was somewhere to go."""
+        """Return from an opened run to the list, or clear the filter; return whether either was done."""
         if self.currentWidget() is self.viewer:
             self.setCurrentIndex(0)
             self.table.setFocus()
@@ -127,17 +127,17 @@ class RunsPage(QStackedWidget):
         return False
 
     def annotate(self, tags: str, note: str) -> None:
-        """Tags and a note for what is chosen; with several, the tags are added to each and notes stay."""
+        """Write tags and a note for the selected runs; with several, tags are added and notes stay."""
         chosen = [(self._path_of(e), e.tags, e.note) for e in self.selected]
         self.folder_model.annotate(chosen, tags, note)
 
     def export_selected(self, folder: Path, kind: Format, selected: Sequence[RunSummary] | None = None) -> None:
-        """What is chosen, or what was, as files for other programs."""
+        """Export the selected or given runs as files for other programs."""
         entries = self.selected if selected is None else selected
         self.transfers.export_runs([self._path_of(e) for e in entries if e.readable], folder, kind)
 
     def explore_selected(self) -> None:
-        """Lay what is chosen, or opened, over the model's curve."""
+        """Overlay the selected or opened runs on the model curve."""
         if self.currentWidget() is self.viewer and self.viewer.run is not None:
             self.explore_requested.emit([self.viewer.run.path])
         elif paths := [self._path_of(e) for e in self.selected if e.readable]:
@@ -145,7 +145,7 @@ class RunsPage(QStackedWidget):
 
     @property
     def selected(self) -> list[RunSummary]:
-        """The entries that are selected, in the list's order."""
+        """The selected runs in the list's order."""
         return self.table.selected
 
     def select_paths(self, paths: Sequence[str]) -> None:
@@ -192,7 +192,7 @@ class RunsPage(QStackedWidget):
         self.viewer.back_button.setFocus()
 
     def _load_trace_window(self, from_s: float, to_s: float) -> None:
-        """What is looked at closely is read from the file; only where it is still looked at when its turn comes."""
+        """Read the visible range from the file, and show it if it is still visible then."""
         run, traces = self.viewer.run, self.viewer.trace_plot
         if run is None:
             return

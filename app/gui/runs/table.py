@@ -1,7 +1,4 @@
-"""The list of runs: a table model over plain tuples, ten thousand of them without a pause.
-
-The list of runs: the table, and how it is laid out with the filter above it and what is chosen beside it.
-"""
+"""Table of runs: model over run summaries (ten thousand without a delay), view and layout."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,7 +49,7 @@ STATE_MARKS = {
 
 
 class RunTableModel(QAbstractTableModel):
-    """Shows entries in an order of its own; rows carry their files when they are dragged away."""
+    """Table of run summaries, sortable; dragged rows carry their run files."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
@@ -62,18 +59,18 @@ class RunTableModel(QAbstractTableModel):
         self._sort_column, self._descending = 0, True
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         self._theme = theme
 
     def set_summaries(self, folder: Path, summaries: Sequence[RunSummary]) -> None:
-        """Show other entries."""
+        """Show these runs."""
         self.beginResetModel()
         self.folder = folder
         self.summaries = sorted(summaries, key=SORT_KEYS[COLUMNS[self._sort_column]], reverse=self._descending)
         self.endResetModel()
 
     def row_of(self, path: str) -> int:
-        """Where a run stands; -1 if it does not."""
+        """Return the row of a run, -1 if it is not listed."""
         return next((row for row, entry in enumerate(self.summaries) if entry.path == path), -1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own signature
@@ -143,7 +140,7 @@ def _cell_text(summary: RunSummary, column: str) -> str:
 
 
 class RunTableView(QTableView):
-    """Enter opens what is chosen; not by a shortcut, because Enter answers a prompt first."""
+    """Table in which Enter opens the selected run; not a shortcut, because Enter answers a prompt first."""
 
     open_requested = Signal()
 
@@ -174,7 +171,7 @@ class RunTableView(QTableView):
 
     @property
     def selected(self) -> list[RunSummary]:
-        """The entries that are selected, in the list's order."""
+        """The selected runs in the list's order."""
         rows = sorted(index.row() for index in self.selectionModel().selectedRows())
         return [self._runs.summaries[row] for row in rows]
 
@@ -195,7 +192,7 @@ class RunTableView(QTableView):
 
 
 class RunListLayout(QWidget):
-    """Holds the three."""
+    """Layout of filter bar, table and details."""
 
     def __init__(self, top: QWidget, table: QWidget, side: QWidget) -> None:
         super().__init__()

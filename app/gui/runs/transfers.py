@@ -1,4 +1,4 @@
-"""Files into the folder of the runs and out of it: one thing at a time, beside the window, with how far it is."""
+"""Transfers of run files: export, copy and import in the background, with progress."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,16 +20,16 @@ class RunTransfers(QObject):
     """Exports runs, takes run files in, and imports tables.
 
     Args:
-        going: shows how far it is, and stops it.
-        folder: where the runs are, asked when something is to come there.
-        specimen: whose tables are imported, asked when some are.
-        amplifier: through which they were driven.
+        progress_row: shows the progress and cancels.
+        folder: returns the folder of the runs.
+        specimen: returns the specimen of imported tables.
+        amplifier: through which the specimen of imported tables was driven.
     """
 
     finished = Signal()
-    """There may be new runs in the folder."""
+    """Emitted when there may be new runs in the folder."""
     message = Signal(str, bool)
-    """What came of it, and whether it is a fault."""
+    """Message, and whether it is an error."""
 
     def __init__(
         self,
@@ -44,17 +44,17 @@ class RunTransfers(QObject):
         self._worker = BackgroundWorker("run deeds", self)
 
     def export_runs(self, paths: Sequence[Path], folder: Path, kind: Format) -> None:
-        """Runs as files for other programs."""
-        going = self._progress_row
+        """Export runs as files for other programs."""
+        progress = self._progress_row.progress
         self._start(
             f"exporting {pluralize(len(paths), 'run')} …",
-            lambda: export_runs(paths, folder, kind, going.cancelled, going.update_progress),
+            lambda: export_runs(paths, folder, kind, lambda: progress.cancelled, progress.update),
             lambda count: f"{count} files written to {folder}",
         )
 
     def copy_in(self, paths: Sequence[Path]) -> None:
         """Copy run files into the folder; what has the same name is never replaced."""
-        folder, going = self._folder(), self._progress_row
+        folder, progress = self._folder(), self._progress_row.progress
 
         def done(taken: CopyResult) -> str:
             self.finished.emit()
@@ -65,41 +65,42 @@ class RunTransfers(QObject):
 
         self._start(
             f"taking in {pluralize(len(paths), 'run')} …",
-            lambda: copy_runs_into(paths, folder, going.cancelled, going.update_progress),
+            lambda: copy_runs_into(paths, folder, lambda: progress.cancelled, progress.update),
             done,
         )
 
     def import_tables(self, paths: Sequence[Path]) -> None:
-        """Tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
-        folder, specimen, going = self._folder(), self._specimen(), self._progress_row
+        """Import tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
+        folder, specimen, progress = self._folder(), self._specimen(), self._progress_row.progress
         names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
 
-        def tell(share: float) -> None:
-            if going.cancelled():
-                raise OperationCancelled
-            going.update_progress(share)
+        def update(fraction: float) -> None:
+            progress.raise_if_cancelled()
+            progress.update(fraction)
 
         def done(brought: tuple[int, list[str]]) -> str:
             self.finished.emit()
             count, cautions = brought
             return "\n".join([f"{names}: {pluralize(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
-        self._start(f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, tell), done)
+        self._start(
+            f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, update), done
+        )
 
     def shutdown(self) -> None:
-        """End what works beside the window."""
+        """Stop background threads."""
         self._progress_row.request_cancel()
         self._worker.close()
 
     def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
-        """Do something with files that takes its time; `then` says what came of it."""
+        """Run a file operation in the background; `describe_result` words its result."""
         going = self._progress_row
         if going.running:
             self.message.emit(f"{going.label.text()} Wait for its end, or stop it, first.", True)
             return
 
         def done(answer: Any) -> None:
-            stopped = "stopped" if going.cancelled() else ""
+            stopped = "stopped" if going.progress.cancelled else ""
             going.finish()
             self.message.emit("; ".join(filter(None, [stopped, describe_result(answer)])), False)
 

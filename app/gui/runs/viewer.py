@@ -1,4 +1,4 @@
-"""One run from the archive, opened: its response on the model's curve, its traces, what happened and what was found."""
+"""Viewer of a finished run: response with model curve, traces, log and results."""
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
@@ -18,7 +18,7 @@ from protocols.registry import PROTOCOLS
 
 
 class RunViewer(QWidget):
-    """Shows a reopened run as the measuring page showed it."""
+    """Shows a finished run as the Measure page showed it."""
 
     back_pressed = Signal()
     explore_pressed = Signal()
@@ -46,12 +46,12 @@ class RunViewer(QWidget):
         return self.plots.response
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours."""
+        """Apply a theme."""
         for widget in (self.plots, self.trace_plot, self.log):
             widget.set_theme(theme)
 
     def show_run(self, run: LoadedRun) -> None:
-        """Show a run; its curve follows."""
+        """Show a run; its model curve follows."""
         self.run = run
         self.heading.setText(run.title)
         told = "".join(f"   {format_estimate(e)}." for e in run.estimates)
@@ -60,7 +60,7 @@ class RunViewer(QWidget):
         self.facts_label.setText(
             f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}, {format_outcome(run.state, run.reason)}.{told}\n{parameters}"
         )
-        # What a protocol that is not known here measured is drawn where it is an amplitude over frequency.
+        # Points of an unknown protocol are drawn if they are amplitudes over frequency.
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
         found = RunEnded(RunStatus.COMPLETED, "", "", run.estimates)
         self.plots.show_results(kind, run.points, run.curves, found, run.simulated)
@@ -68,7 +68,7 @@ class RunViewer(QWidget):
         self.log.show_messages(run.messages)
 
     def show_model_curve(self, curve: OverlayCurve) -> None:
-        """The model under the points."""
+        """Show the model curve under the points."""
         self.plots.show_model_curve(curve)
 
 

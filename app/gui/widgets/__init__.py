@@ -1,1 +1,1 @@
-"""Shared widgets: forms, theme, shortcuts, background work."""
+"""Shared widgets: actions, layouts, forms, theme, background work."""

@@ -1,4 +1,4 @@
-"""Run files, and tables that can become some, dragged over a page."""
+"""Run files and tables of drag and drop events."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ TABLE_SUFFIXES = frozenset({".csv", ".tsv", ".txt", ".dat", ".mat"})
 
 
 def dropped_runs(event: QDropEvent) -> list[Path]:
-    """Run files that are dragged over a page."""
+    """Return the run files of a drag or drop event."""
     return [path for path in _paths(event) if path.suffix == ".h5"]
 
 
 def dropped_tables(event: QDropEvent) -> list[Path]:
-    """Tables that are dragged over a page."""
+    """Return the tables of a drag or drop event."""
     return [path for path in _paths(event) if path.suffix.lower() in TABLE_SUFFIXES]
 
 

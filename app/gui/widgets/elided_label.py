@@ -1,15 +1,15 @@
-"""A label that says "…" where it has no room, instead of cutting its words off without a sign."""
+"""Label whose text is elided with an ellipsis when it does not fit."""
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel
 
 MIN_CHARACTERS = 6
-"""Characters that are seen in any case."""
+"""Characters that are always visible."""
 
 
 class ElidedLabel(QLabel):
-    """One line of plain text."""
+    """Label for one line of plain text that is elided to its width."""
 
     def minimumSizeHint(self) -> QSize:
         whole = super().minimumSizeHint()

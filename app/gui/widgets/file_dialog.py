@@ -1,4 +1,4 @@
-"""Asking for a file or a folder while a run may be going on: the window stays alive, and Stop stays in reach."""
+"""Non-modal dialog for files and folders that leaves the Stop key in reach."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,17 +15,17 @@ def choose_files(
     parent: QWidget, title: str, callback: Callable[[list[Path]], object], name_filter: str = "", start: str = "",
     mode: Mode = Mode.ExistingFile,
 ) -> QFileDialog:  # fmt: skip
-    """Ask, and go on at once; `then` is called with what was chosen, if anything was.
+    """Open a dialog and return immediately; `callback` is called with the chosen paths, if any.
 
-    Not the system's own dialog: that one, and any that is modal, would keep the Stop key and button to itself.
+    Not the system's dialog and not modal: either would block the Stop key and button.
 
     Args:
-        parent: over whose window it stands.
-        title: what is asked for.
+        parent: parent of the dialog.
+        title: title of the dialog.
         callback: takes the paths.
-        name_filter: which files are listed, as Qt words it: `Runs (*.h5)`.
-        start: the folder that is looked at first; with `ModalFit.AnyFile` a name, too.
-        mode: one file, several, a folder, or a file that need not be there.
+        name_filter: which files are listed, in Qt's syntax: `Runs (*.h5)`.
+        start: the initial folder; with `Mode.AnyFile` also a file name.
+        mode: one file, several, a folder, or a file that need not exist.
     """
     where = Path(start)
     dialog = QFileDialog(parent, title, str(where.parent if mode is Mode.AnyFile else where), name_filter)

@@ -1,7 +1,4 @@
-"""The form of a protocol, generated from its annotated fields: text with units, checked at every key.
-
-A protocol's form without the form: what its annotated fields are called, what they admit, and what is wrong. No Qt.
-"""
+"""Protocol form generated from annotated fields: values with units, validated at every edit."""
 
 import re
 from collections.abc import Mapping
@@ -20,7 +17,7 @@ from protocols.base.protocol import Protocol
 
 @dataclass(frozen=True, slots=True)
 class FormField:
-    """One parameter as a person sees it."""
+    """One parameter as the form shows it."""
 
     name: str
     label: str
@@ -36,21 +33,21 @@ class FormField:
 
 @dataclass(frozen=True, slots=True)
 class FormResult:
-    """What came of the texts of a form: the protocol, or a sentence per faulty field ("" for the form as a whole)."""
+    """Result of checking a form: the protocol, or a message per faulty field ("" for the whole form)."""
 
     protocol: Protocol | None
     errors: Mapping[str, str]
 
 
 def protocol_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
-    """The fields of a protocol in the order in which it writes them."""
+    """Return the fields of a protocol in the order of its class."""
     written = list(kind.__annotations__)
     names = sorted(kind.model_fields, key=lambda name: written.index(name) if name in written else -1)
     return tuple(_make_field(kind, name) for name in names)
 
 
 def form_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
-    """The fields of a form, whose words call the other fields by their labels."""
+    """Return the fields of a form; descriptions refer to other fields by their labels."""
 
     def label(name: re.Match[str]) -> str:
         return f"'{_field_label(kind, name[0])}'" if name[0] in kind.model_fields else name[0]
@@ -61,14 +58,14 @@ def form_fields(kind: type[Protocol]) -> tuple[FormField, ...]:
 
 
 def format_parameter(value: Any) -> str:
-    """A parameter's value as one types it."""
+    """Format a parameter's value as it is typed."""
     if isinstance(value, tuple):
         return ", ".join(format_parameter(item) for item in value)
     return f"{value:.12g}" if isinstance(value, float | int) and not isinstance(value, bool) else str(value)
 
 
 def check_form(kind: type[Protocol], texts: Mapping[str, Any]) -> FormResult:
-    """Read what was typed, in units or without."""
+    """Read and validate the texts of a form, with or without units."""
     faults: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name, text in texts.items():
@@ -79,7 +76,7 @@ def check_form(kind: type[Protocol], texts: Mapping[str, Any]) -> FormResult:
         except UnitError as error:
             faults[name] = str(error)
     try:
-        protocol = kind(**values)  # unreadable fields stand at their defaults, so that the others are still judged
+        protocol = kind(**values)  # unreadable fields have their defaults, so that the others are still checked
     except ValidationError as error:
         for fault in error.errors():
             name, words = _field_error(kind, fault)
@@ -132,9 +129,9 @@ def _format_limits(interval: Interval | None, unit: str) -> str:
 
 
 def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
-    """The field a fault belongs to, and what to do about it."""
+    """Return the field of a validation error, and the message."""
     place, words = error["loc"], error["msg"].removeprefix("Value error, ")
-    if not place:  # fields that do not fit together: the sentence begins with the one to change
+    if not place:  # fields that contradict each other: the message begins with the one to change
         name = next((name for name in kind.model_fields if words.startswith(name)), "")
         return name, words
     name = str(place[0])
@@ -152,11 +149,11 @@ def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
 Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
 
 LIST_HEIGHT_LINES = (3, 7)
-"""Of an editor for many numbers, at least and at most."""
+"""Minimum and maximum height of an editor for many numbers."""
 
 
 class FieldRow:
-    """One field: its name, its editor, its unit, and below them what it means - or what is wrong."""
+    """Widgets of one field: label, editor, unit, and below them its description or error."""
 
     def __init__(self, field: FormField, value: Any) -> None:
         self.field = field
@@ -189,7 +186,7 @@ class FieldRow:
 
     @property
     def text(self) -> Any:
-        """What stands in the editor."""
+        """The editor's value."""
         match self.editor:
             case QCheckBox() as box:
                 return box.isChecked()
@@ -201,7 +198,7 @@ class FieldRow:
                 return line.text()
 
     def show_error(self, error: str) -> None:
-        """Show what is wrong, or what the field means."""
+        """Show an error, or the description if it is empty."""
         meaning = self.field.description + (f"  ({self.field.limits})" if self.field.limits else "")
         self.note_label.setText(f"✕ {error}" if error else meaning)
         for widget, name in ((self.note_label, "fault" if error else "note"), (self.editor, "faulty" if error else "")):
@@ -209,7 +206,7 @@ class FieldRow:
 
 
 class ProtocolForm(QWidget):
-    """Parameters of one protocol as a person edits them."""
+    """Editable parameters of one protocol."""
 
     changed = Signal()
 
@@ -249,7 +246,7 @@ class ProtocolForm(QWidget):
 
 
 def set_style_kind(widget: QWidget, kind: str) -> None:
-    """Say what a widget is at present, so that the style sheet can show it."""
+    """Set the property `kind` that the style sheet selects, and restyle the widget."""
     if widget.property("kind") != kind:
         widget.setProperty("kind", kind)
         widget.style().unpolish(widget)
@@ -257,7 +254,7 @@ def set_style_kind(widget: QWidget, kind: str) -> None:
 
 
 class NumberListEdit(QPlainTextEdit):
-    """An editor for many numbers: a few lines, more where there is room."""
+    """Editor for many numbers: a few lines, more if there is space."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -284,7 +281,7 @@ def _make_editor(field: FormField) -> Editor:
 
 
 def _edit_signal(editor: Editor) -> Any:
-    """The signal that tells of an edit."""
+    """Return the editor's signal of an edit."""
     match editor:
         case QCheckBox():
             return editor.toggled

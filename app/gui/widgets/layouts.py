@@ -1,4 +1,4 @@
-"""Declarative box layouts, labels and buttons: what a page's widgets repeat."""
+"""Declarative box layouts, labels and buttons."""
 
 from collections.abc import Callable
 from typing import TypeVar

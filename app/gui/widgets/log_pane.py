@@ -1,4 +1,4 @@
-"""What happened, line by line, with the time: newest at the bottom, kept in sight unless somebody reads further up."""
+"""Log pane: time-stamped messages, scrolled to the newest unless the user has scrolled up."""
 
 from html import escape
 
@@ -13,7 +13,7 @@ SEVERITY_MARKS = {Severity.INFO: " ", Severity.SUCCESS: "✓", Severity.WARNING:
 
 
 class LogPane(QPlainTextEdit):
-    """Shows the messages of a view."""
+    """Shows the log messages of a window state."""
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -26,14 +26,14 @@ class LogPane(QPlainTextEdit):
         self.setPlaceholderText("What happens is written here.")
 
     def set_theme(self, theme: Theme) -> None:
-        """Take other colours, also for what is already written."""
+        """Apply a theme, also to the lines that are already written."""
         self._theme = theme
         self.clear()
         for message in self._messages:
             self._write(message)
 
     def set_state(self, view: WindowState) -> None:
-        """Write what is new."""
+        """Append the new messages."""
         new = view.message_count - self._written_count
         if new <= 0:
             return
@@ -42,7 +42,7 @@ class LogPane(QPlainTextEdit):
             self._write(message)
 
     def show_messages(self, messages: tuple[LogLine, ...]) -> None:
-        """Write these and nothing else."""
+        """Show these messages only."""
         self.clear()
         self._written_count, self._messages = len(messages), messages
         for message in messages:

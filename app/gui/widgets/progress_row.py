@@ -1,22 +1,51 @@
-"""Something that takes its time beside the window: what it is, how far, and a button that ends it."""
+"""Progress bar of a background operation with a Stop button."""
 
 import threading
+from collections.abc import Callable
 
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QProgressBar, QWidget
 
+from app.common.progress import Progress
 from app.gui.widgets.layouts import make_button, make_label, row
 
 SHOW_DELAY_MS = 300
-"""What is over sooner is not shown: it would only flash."""
+"""An operation that ends sooner is not shown: it would only flash."""
 
 PROGRESS_STEPS = 1000
 
 
-class ProgressRow(QWidget):
-    """Hidden while nothing goes on. `tell` and `stopped` are for the thread that works."""
+class RowProgress(Progress):
+    """Progress of the operation that a row shows; updates too small to be seen are dropped."""
 
-    _progress_changed = Signal(float)
+    def __init__(self, show_fraction: Callable[[float], object]) -> None:
+        self._show_fraction = show_fraction
+        self._cancel_event = threading.Event()
+        self._last = 0.0
+
+    def restart(self) -> None:
+        """Begin a new operation."""
+        self._cancel_event.clear()
+        self._last = 0.0
+
+    def cancel(self) -> None:
+        """Request that the operation ends."""
+        self._cancel_event.set()
+
+    @property
+    def cancelled(self) -> bool:
+        return self._cancel_event.is_set()
+
+    def update(self, fraction: float, text: str = "") -> None:  # noqa: ARG002 - the row shows its own text
+        if not 0 <= fraction - self._last < 1 / PROGRESS_STEPS:
+            self._last = fraction
+            self._show_fraction(fraction)
+
+
+class ProgressRow(QWidget):
+    """Shows the progress of one operation with a Stop button; hidden while none is running."""
+
+    _fraction_changed = Signal(float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -28,40 +57,32 @@ class ProgressRow(QWidget):
         self.bar.setTextVisible(False)
         self.bar.setFixedHeight(10)
         self.running = False
-        self._cancel_event = threading.Event()
-        self._last_share = 0.0
+        self.progress = RowProgress(self._fraction_changed.emit)
         self._show_timer = QTimer(self, singleShot=True, interval=SHOW_DELAY_MS)
         self._show_timer.timeout.connect(self.show)
-        self._progress_changed.connect(lambda share: self.bar.setValue(round(PROGRESS_STEPS * share)))
+        self._fraction_changed.connect(self._show_fraction)
         row(self.label, (self.bar, 1), self.cancel_button, parent=self, margins=(0, 0, 0, 0), spacing=8)
         self.hide()
 
     def start(self, text: str) -> None:
-        """Something begins."""
-        self.running, self._last_share = True, 0.0
-        self._cancel_event.clear()
+        """Show that an operation begins."""
+        self.running = True
+        self.progress.restart()
         self.label.setText(text)
         self.bar.setValue(0)
         self.cancel_button.setEnabled(True)
         self._show_timer.start()
 
     def finish(self) -> None:
-        """It has ended, or was ended."""
+        """Hide the row after the operation has ended or was cancelled."""
         self.running = False
         self._show_timer.stop()
         self.hide()
 
     def request_cancel(self) -> None:
-        """Somebody wants no more of it."""
-        self._cancel_event.set()
+        """Request cancellation."""
+        self.progress.cancel()
         self.cancel_button.setEnabled(False)
 
-    def update_progress(self, share: float) -> None:
-        """How far it is, 0 to 1; from any thread."""
-        if not 0 <= share - self._last_share < 1 / PROGRESS_STEPS:  # more could not be seen
-            self._last_share = share
-            self._progress_changed.emit(share)
-
-    def cancelled(self) -> bool:
-        """Whether somebody wants no more of it; from any thread."""
-        return self._cancel_event.is_set()
+    def _show_fraction(self, fraction: float) -> None:
+        self.bar.setValue(round(PROGRESS_STEPS * fraction))

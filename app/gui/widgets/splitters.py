@@ -1,4 +1,4 @@
-"""How a page's room is divided, kept between starts: every splitter that has a name, under that name."""
+"""Saves and restores the splitter positions of a page, by object name."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QSplitter, QWidget
 
 
 def restore_splitters(page: QWidget, settings: QSettings) -> None:
-    """Divide a page as it was divided last."""
+    """Restore the saved splitter positions of a page."""
     for splitter in _named_splitters(page):
         state = settings.value(splitter.objectName())
         if isinstance(state, QByteArray):
@@ -15,7 +15,7 @@ def restore_splitters(page: QWidget, settings: QSettings) -> None:
 
 
 def save_splitters(page: QWidget, settings: QSettings) -> None:
-    """Remember how a page is divided."""
+    """Save the splitter positions of a page."""
     for splitter in _named_splitters(page):
         settings.setValue(splitter.objectName(), splitter.saveState())
 

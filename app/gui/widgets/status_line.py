@@ -1,4 +1,4 @@
-"""A line for what a page has to say; what is no fault goes by itself."""
+"""Status line of a page; messages disappear after some seconds, errors stay."""
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QLabel, QWidget
@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 from app.gui.widgets.form import set_style_kind
 
 DISPLAY_MS = 8000
-"""How long a remark stays."""
+"""How long a message that is not an error stays visible."""
 
 
 class StatusLine(QLabel):
@@ -21,7 +21,7 @@ class StatusLine(QLabel):
         self._hide_timer.timeout.connect(lambda: self.show_message(""))
 
     def show_message(self, message: str, is_error: bool = False, persistent: bool = False) -> None:
-        """Show a sentence in place of the last one; nothing where it is empty. A fault stays, and what `persistent`."""
+        """Show a message, or hide the line if it is empty. Errors and `persistent` messages stay."""
         if message != self.text():
             self.setText(message)
             set_style_kind(self, "fault" if is_error else "note")

@@ -1,6 +1,6 @@
-"""Colours for a light and a dark room; which one is the system's choice. Nothing is told by colour alone.
+"""Light and dark colour theme, and the style sheet made from it.
 
-The window's style sheet in a theme's colours; sizes follow the system's font, so that scaling reaches everything.
+The system chooses the theme. Colour is never the only indication; sizes follow the system's font.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Theme:
     second: str
     """Twice the fundamental, measured, and the drive trace."""
     threshold: str
-    """The 50 um line."""
+    """The 50 um perception threshold."""
     success: str
     warning: str
     error: str
@@ -39,7 +39,7 @@ class Theme:
     """SIMULATED on a plot."""
 
     def state_colors(self, state: BenchState) -> tuple[str, str]:
-        """Ground and writing of the state sign."""
+        """Background and text colour of the state sign."""
         match state:
             case BenchState.LIVE | BenchState.GOING_TO_REST | BenchState.ARMING | BenchState.PAUSED:
                 return "#ffc400", "#000000"
@@ -67,7 +67,7 @@ class Theme:
         }[severity]
 
     def palette(self) -> QPalette:
-        """The theme as Qt's palette."""
+        """Return the theme as a Qt palette."""
         roles = QPalette.ColorRole
         palette = QPalette()
         for role, colour in (
@@ -135,12 +135,12 @@ DARK = Theme(
 
 
 def system_theme() -> Theme:
-    """What the system asks for; light where it does not say."""
+    """Return the system's theme; light if it has none."""
     return DARK if QGuiApplication.styleHints().colorScheme() is Qt.ColorScheme.Dark else LIGHT
 
 
 def style_sheet(theme: Theme) -> str:
-    """The style sheet."""
+    """Return the style sheet."""
     return f"""
     QToolTip {{ color: {theme.text}; background: {theme.panel}; border: 1px solid {theme.line}; padding: 4px; }}
     QLabel[kind="heading"] {{ font-size: 15pt; font-weight: bold; }}

@@ -238,15 +238,15 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
     monkeypatch.setattr("app.archive.transfer.COPY_CHUNK_BYTES", 4096)
     whole, half = (finished_run(tmp_path / "stick", name) for name in ("T8a", "T9a"))
     going, go_on, begun = page.details.progress_row, threading.Event(), threading.Event()
-    tell = going.update_progress
+    update = going.progress.update
 
     def slowly(share: float) -> None:
-        tell(share)
+        update(share)
         if share > 0.6:
             begun.set()
             assert go_on.wait(20)
 
-    monkeypatch.setattr(going, "update_progress", slowly)
+    monkeypatch.setattr(going.progress, "update", slowly)
     page.transfers.copy_in([whole, half])
     until(begun.is_set, "for the second file")
     until(going.isVisible, "for the bar")
@@ -296,9 +296,8 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     until(lambda: "--as raw or --as voltage-steps" in page.details.message_label.text(), "for the sentence")
     assert "tactor-bench import --help" in page.details.message_label.text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
-    monkeypatch.setattr(
-        page.details.progress_row, "update_progress", lambda _share: page.details.progress_row._cancel_event.set()
-    )  # as the button does
+    progress = page.details.progress_row.progress
+    monkeypatch.setattr(progress, "update", lambda _fraction: progress.cancel())  # as the button does
     page.transfers.import_tables([table])
     until(lambda: page.details.message_label.text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
