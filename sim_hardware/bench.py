@@ -1,4 +1,4 @@
-"""The simulated bench: one clock, one history, one plant, and the instruments that share them."""
+"""Simulated bench: one clock, voltage history and plant, and the instruments that share them."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -28,7 +28,7 @@ from sim_hardware.wires.scpi_engine import ScpiEngine
 
 
 class _Cable:
-    """From the generator to the amplifier's input. Off, the input is pulled; the generator does not notice."""
+    """The cable from the generator to the amplifier's input; unplugged, the input is pulled to `open_circuit_v`."""
 
     def __init__(self, history: VoltageHistory, clock: Clock, open_circuit_v: float) -> None:
         self._history = history
@@ -38,13 +38,13 @@ class _Cable:
         self._connected = True
 
     def emit(self, make: SegmentFactory) -> None:
-        """Put the generator's next segment on the line."""
+        """Output the generator's next segment."""
         with self._history.at_instant(self._clock) as t:
             self._from_generator = make(t)
             self._history.append(t, self._from_generator if self._connected else self._open)
 
     def set_connected(self, connected: bool) -> None:
-        """Pull the plug or put it back."""
+        """Unplug the cable or plug it in."""
         with self._history.at_instant(self._clock) as t:
             self._connected = connected
             self._history.append(t, self._from_generator if connected else self._open)
@@ -54,11 +54,11 @@ class _Cable:
     truth="parameters", sight="laser_view", laser_sees="laser_reading_m", hands="perform_action", broken="active_faults"
 )
 class SimulatedBench:
-    """A bench that is not there.
+    """A simulated bench (sim_hardware.operator.BenchControls).
 
     Args:
-        truth: what it is made of.
-        clock: whose time it lives in; default is the wall clock at the truth's speed.
+        parameters: of the plant and the instruments; default is `SimulationParameters()`.
+        clock: bench time; default is the wall clock at the speed of `parameters`.
     """
 
     @renamed_parameters(truth="parameters")
@@ -82,7 +82,7 @@ class SimulatedBench:
         self._generator_model.queue_error = engine.queue_error
         self.message_port = MessagePort(engine, self.faults)
         self.supply = SimulatedSupply(self._segment_sink("supply"), self.clock.now, parameters.supply)
-        if parameters.source == "supply":  # the wire of the bench is that of the source at the cable
+        if parameters.source == "supply":  # the link is that of the instrument at the cable
             self.message_port = MessagePort(
                 make_supply_engine(parameters.supply.model, self.supply, parameters.supply.serial), self.faults
             )
@@ -91,47 +91,44 @@ class SimulatedBench:
             self.enable_hv()
 
     def _segment_sink(self, source: str) -> Callable[[SegmentFactory], None]:
-        """Where an output's segments go: down the cable to the amplifier, or nowhere."""
+        """Return the sink of an output's segments: the cable to the amplifier, or none."""
         return self._cable.emit if self.parameters.source == source else self._discard_segment
 
     def _discard_segment(self, make: SegmentFactory) -> None:
         make(self.clock.now())
 
     def link(self, timeout_s: float = 2.0) -> InProcessLink:
-        """A link to the generator, or to the supply in its place, in this process."""
+        """Return a link in this process to the generator, or to the supply in its place."""
         g = self.parameters.generator
         model = self.parameters.supply.model if self.parameters.source == "supply" else g.model
         return InProcessLink(self.message_port, self.clock, f"generator {model} (simulated)", g.command_s, timeout_s)
 
     def digitizer(self, buffer_s: float = 10.0) -> SimulatedDigitizer:
-        """The card in this process."""
+        """Return the card in this process."""
         return SimulatedDigitizer(self.card, self.clock, self.faults, buffer_s)
 
     def laser_reading_m(self) -> float | None:
-        """Displacement as a laser sensor's own display shows it now; None where it is out of range."""
+        """Return the displacement that the laser sensor displays now; None out of its range."""
         sensor, now = self.parameters.sensor, self.clock.now()
         seen = float(self.laser_view.displacement(np.array([min(self.plant.available_until(now), now)]))[0])
         return None if abs(seen) > sensor.range_m or self.faults.is_active("sensor-out-of-range") else seen
 
     def enable_hv(self) -> None:
-        """The operator turns high voltage on."""
         with self.history.at_instant(self.clock) as t:
             self.history.switch_high_voltage(t, hv=True)
 
     def disable_hv(self) -> None:
-        """The operator turns high voltage off."""
         with self.history.at_instant(self.clock) as t:
             self.history.switch_high_voltage(t, hv=False)
 
     def now(self) -> float:
-        """Bench time."""
         return self.clock.now()
 
     def perform_action(self, action: str, values: Mapping[str, float]) -> float:
-        """Do by hand what `sim_hardware.plant.setup_state.OPERATOR_ACTIONS` names; bench time when it is done. Weights take a moment.
+        """Perform one of `sim_hardware.plant.setup_state.OPERATOR_ACTIONS`; return the bench time when it is done.
 
         Raises:
-            ValueError: no such action, a number is missing or makes no sense, or the specimen is live.
+            ValueError: no such action, a missing or invalid number, or high voltage is on.
         """
         check_action(action, values)
         done_s = now_s = self.clock.now()
@@ -155,11 +152,11 @@ class SimulatedBench:
         return done_s
 
     def add_fault_listener(self, listener: Callable[[], None]) -> None:
-        """Call `listener` after every break or repair."""
+        """Call `listener` after every change of the active faults."""
         self._listeners.append(listener)
 
     def inject(self, fault: str) -> None:
-        """Break something (`sim_hardware.plant.faults.FAULT_DESCRIPTIONS`). Raises ValueError for an unknown name."""
+        """Inject one of `sim_hardware.plant.faults.FAULT_DESCRIPTIONS`. Raises ValueError for an unknown name."""
         if self.faults.is_active(fault):
             return
         self.faults.inject(fault, self.clock.now())
@@ -176,7 +173,7 @@ class SimulatedBench:
             listener()
 
     def clear(self, fault: str | None = None) -> None:
-        """Repair one fault, or all. A generator that gets its power back is in its factory state."""
+        """Clear one fault, or all. A generator whose power returns is in its factory state."""
         for name in self.faults.active_faults() if fault is None else (fault,):
             if not self.faults.is_active(name):
                 continue
@@ -193,11 +190,9 @@ class SimulatedBench:
             listener()
 
     def active_faults(self) -> tuple[str, ...]:
-        """Names of the faults that are present."""
         return self.faults.active_faults()
 
     def report(self, tolerance_v: float = 0.02) -> VoltageReport:
-        """What the amplifier's input really saw until now."""
         rest_v = self.parameters.amplifier.map.rest_v
         return make_voltage_report(
             self.history.entries(), self.clock.now(), self.parameters.plant_rate_hz, rest_v, tolerance_v

@@ -1,10 +1,10 @@
-"""A clock for tests and for `--speed max`: its time moves only when somebody waits."""
+"""Virtual clock for tests and `--speed max`: time advances only in `sleep`."""
 
 import threading
 
 
 class VirtualClock:
-    """Bench time as a counter (drivers.clock.Clock). Sleeping costs nothing and moves it; so does waiting for data."""
+    """Bench time as a counter (drivers.clock.Clock). Sleeping and waiting for data advance it and take no real time."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""The operator of a simulated bench: does with the bench what a person would be asked to do."""
+"""Simulated operator: answers prompts by acting on a simulated bench; and its controls."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sim_hardware.plant.history_report import VoltageReport
 
 SLOW_ACTIONS = {"place-weight", "remove-weight"}
-"""What a person looks at for a while before the key is pressed: the laser mostly sees it first."""
+"""Actions that an operator watches for a while before confirming: the laser mostly detects them first."""
 
 
 class BenchControls(Protocol):
@@ -41,13 +41,14 @@ class BenchControls(Protocol):
 
 
 class SimulatedOperator:
-    """Answers a run's prompts (protocols.base.operator.Operator) by doing what `prompt.action` says.
+    """Answers the prompts of a run (protocols.base.operator.Operator) by performing `prompt.action`.
 
-    Its words are the first of the choices. Where a weight is placed or lifted, the key is pressed only after a while,
-    so that the laser can see it before. A question that no hand answers gets the first choice at once.
+    The answer is the first choice. It follows a placed or removed weight only after a while, so that the laser can
+    detect it before. A prompt without an action is answered immediately.
 
     Args:
-        patience_s: bench time from a weight's landing until the key.
+        bench: the simulated bench.
+        patience_s: bench time from a weight's landing until the answer.
     """
 
     def __init__(self, bench: BenchControls, patience_s: float = 10.0) -> None:
@@ -55,18 +56,18 @@ class SimulatedOperator:
         self._answers: dict[int, tuple[float, str]] = {}
 
     def clear_specimen(self) -> None:
-        """Bring the specimen back to how it stood at first, as a person would after a run that was stopped with a weight on."""
-        self._bench.disable_hv()  # nobody reaches for a live specimen; a run asks for it once more
+        """Restore the initial state of the specimen, after a run that was stopped with a weight on."""
+        self._bench.disable_hv()  # the specimen must not be live; a run prompts for high voltage again
         self._bench.perform_action("tidy-up", {})
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
-        """Begin with it at once."""
+        """Start the action."""
         bench, due_s = self._bench, 0.0
         match prompt.action:
             case "disable-high-voltage":
                 bench.disable_hv()
             case "enable-high-voltage":
-                bench.perform_action("connect-electrodes", {})  # nobody leaves a short across them
+                bench.perform_action("connect-electrodes", {})  # a short across them must be removed first
                 bench.enable_hv()
             case action if action in OPERATOR_ACTIONS:
                 due_s = bench.perform_action(action, dict(prompt.values))
@@ -74,7 +75,7 @@ class SimulatedOperator:
         self._answers[ask_id] = due_s, prompt.choices[0]
 
     def answer(self, ask_id: int) -> str | None:
-        """The words, once, when the time has come."""
+        """Return the answer, once, when it is due."""
         due_s, words = self._answers.get(ask_id, (0.0, None))
         if words is None or (due_s and self._bench.now() < due_s):
             return None

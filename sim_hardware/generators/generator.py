@@ -1,8 +1,8 @@
-"""What any bench function generator does to its output, whatever dialect it speaks.
+"""Output stage of all simulated function generators: turns settings into output segments.
 
-A dialect's model keeps the error messages and the limits of its box; this core turns settings into segments: bursts that
-start and idle at their phase, sines whose phase nobody knows, relays that drop the output to 0 V. Voltages are those of
-the open output (electromotive force): what a box *displays* depends on the load it was told of, the output does not.
+A model of a family adds commands, error messages and limits. Bursts start and idle at their phase, a free-running sine has
+an unknown phase, relays drop the output to 0 V. Voltages are those of the open output (electromotive force): what an
+instrument *displays* depends on the declared load, the output does not.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ RANGES_VPP = (0.32, 1.0, 3.2, 10.0, 20.0)
 
 @dataclass(frozen=True, slots=True)
 class GeneratorSettings:
-    """Settings that shape the output; the defaults are a Trueform box after reset.
+    """Settings that shape the output; the defaults are those of a Trueform instrument after reset.
 
     `frequency_hz` of an arbitrary waveform is how often its whole period comes. `idle` is where a burst waits in parts of
     the amplitude; None is at its start phase.
@@ -62,7 +62,7 @@ class SimulatedGenerator:
 
     Args:
         emit: takes what makes the next segment and puts it where the output goes.
-        seed: decides the phases that a real box would leave to chance.
+        seed: of the phases that are random on a real instrument.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class SimulatedGenerator:
         self.reset()
 
     def detune_clock(self, ppm: float) -> None:
-        """Let the clock run faster from the next trigger on; what plays goes on as it began."""
+        """Detune the clock from the next trigger on; a running output is unchanged."""
         self._next_clock *= 1 + ppm * 1e-6
 
     def ready_for_trigger(self, now: float) -> bool:
@@ -196,7 +196,7 @@ class SimulatedGenerator:
         if not continuous:
             self._carrier = None
         elif self._carrier is None:
-            # The oscillator has been running all the time; where it stands nobody knows.
+            # The oscillator has been running all the time; its phase is unknown.
             self._carrier = self._tone(t, self._random.uniform(-math.pi, math.pi), math.inf)
         elif isinstance(self._carrier, ChirpSegment) and s.sweep:
             self._carrier = replace(self._carrier, amplitude_v=s.emf_vpp / 2, offset_v=s.emf_offset_v)

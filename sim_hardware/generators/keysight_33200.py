@@ -1,7 +1,7 @@
-"""An Agilent 33220A function generator: as a 33500B, with one volatile waveform, whole periods, and no way to abort.
+"""Simulated Agilent 33210A/33220A/33250A: as a 33500B, with one volatile waveform and no abort.
 
-Its own traps: no limits that would catch a wrong level, 50 000 cycles at most, integers in the big-endian order, and a
-download that replaces what is playing at once.
+Pitfalls: no limits that would reject a wrong level, 50 000 cycles at most, integers in big-endian order, and a download
+that immediately replaces the waveform being played.
 """
 
 from collections.abc import Sequence

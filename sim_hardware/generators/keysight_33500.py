@@ -1,9 +1,9 @@
-"""A Keysight 33500B (Trueform) function generator as its programming guide describes it, traps included.
+"""Simulated Keysight 33500B (Trueform) function generator, after its programming guide.
 
-The traps that matter on this bench: it wakes up and resets to 50 ohm with the output off; told of 50 ohm it puts twice
-the volts on a high-impedance input; APPLy turns the output on; an amplitude in another range and another function switch
-relays; leaving DC or burst starts a sine at a phase nobody knows; a value it cannot do is clipped, not refused; a waveform's
-name can be given once; clearing its memory selects another waveform; the byte order of a download is the other one.
+Pitfalls that matter on this bench: power-up and reset give 50 ohm with the output off; with 50 ohm declared it puts twice
+the volts on a high-impedance input; APPLy turns the output on; another amplitude range and another function switch relays;
+leaving DC or burst starts a sine at an unknown phase; an impossible value is clipped, not rejected; a waveform's name can
+be used once; clearing the memory selects another waveform; the byte order of a download is the opposite one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ BUILT_IN_WAVEFORM = 1 - 2 * np.exp(-5 * np.arange(100) / 100)
 
 
 class SimulatedKeysightGenerator(SimulatedScpiGenerator):
-    """What 33200 and 33500 boxes have in common."""
+    """Commands common to 33200 and 33500 instruments."""
 
     AMPLITUDE_IS_WAVEFORM_SPAN = True
     ARBITRARY_KEYWORD = "ARB"
@@ -75,19 +75,19 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
         super()._select_trigger(source)
 
     def _apply(self, function: str) -> Callable[[Arguments], None]:
-        """APPLy: frequency, amplitude, offset at once. Modes end, the range goes automatic, the output comes on."""
+        """Make APPLy: sets frequency, amplitude and offset, ends modes, sets automatic range, turns the output on."""
 
         def setter(a: Arguments) -> None:
-            asked = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
+            requested = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
             self._levels.unfreeze_range()
             self._generator.apply_settings(burst=False, sweep=False, trigger="IMM", function=function)
-            if 0 in asked:
-                hertz = parse_number(asked[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
+            if 0 in requested:
+                hertz = parse_number(requested[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
                 self._generator.apply_settings(frequency_hz=self._levels.clip(hertz, 1e-6, self.MAX_FREQUENCY_HZ))
-            if 1 in asked and function == "SIN":
-                self._levels.set_vpp(asked[1])
-            if 2 in asked:
-                self._levels.set_offset(asked[2])
+            if 1 in requested and function == "SIN":
+                self._levels.set_vpp(requested[1])
+            if 2 in requested:
+                self._levels.set_offset(requested[2])
             self._generator.apply_settings(on=True)
 
         return setter

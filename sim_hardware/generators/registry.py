@@ -1,4 +1,4 @@
-"""Which simulated function generator a bench has: the model named in its truth, over the one `SimulatedGenerator`."""
+"""Registry of simulated function generators: the model named in the simulation parameters."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -14,7 +14,7 @@ from sim_hardware.wires.scpi_engine import ScpiError, ScpiInstrument
 
 
 class GeneratorModel(ScpiInstrument, Protocol):
-    """A model of a box, which may put errors into its engine's queue."""
+    """A simulated generator, which may put errors into its engine's queue."""
 
     queue_error: Callable[[ScpiError], None]
 
@@ -22,7 +22,7 @@ class GeneratorModel(ScpiInstrument, Protocol):
 def make_generator(
     parameters: GeneratorParameters, generator: SimulatedGenerator, now: Callable[[], float]
 ) -> GeneratorModel:
-    """The model of the box that the truth names."""
+    """Return the simulated generator that the parameters name."""
     family = next(name for name in GENERATOR_MAKERS if parameters.model.upper().startswith(name))
     maker = GENERATOR_MAKERS[family]
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"

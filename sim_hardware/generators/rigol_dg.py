@@ -1,8 +1,8 @@
-"""A Rigol DG1000Z or DG800 function generator as its programming guide describes it.
+"""Simulated Rigol DG1000Z or DG800 function generator, after its programming guide.
 
-Its own traps: VOLT:OFFS? answers 0 in DC mode whatever the level is APPL? tells it; a download selects the
-waveform function by itself, and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are
-stretched to 8192; switches are answered ON and OFF; the idle level of a burst is a setting of its own.
+Pitfalls: VOLT:OFFS? replies 0 in DC mode whatever the level that APPL? reports; a download selects the waveform function,
+and beyond 8192 points the sample-rate mode; in the frequency mode fewer points are stretched to 8192; switches are replied
+as ON and OFF; the idle level of a burst is a setting of its own.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""What the models of SCPI function generators share: settings by header, modes that exclude each other, waveforms.
+"""Simulated SCPI function generators: common commands, modes that exclude each other, waveforms.
 
-A dialect's model lists its headers and adds what is its own; what a setting does to the output is `SimulatedGenerator`'s.
+A family lists its headers and adds its own commands; `SimulatedGenerator` applies the settings to the output.
 """
 
 import math
@@ -32,10 +32,12 @@ class SimulatedScpiGenerator:
     """SCPI model of one channel over a `SimulatedGenerator` (sim_hardware.wires.scpi_engine.ScpiInstrument).
 
     Args:
-        now: bench time, for what depends on whether a burst is still running.
+        generator: the output stage.
+        now: returns bench time, to know whether a burst is still running.
 
     Attributes:
-        report: puts an error into the queue although the command is carried out; the engine's, once there is one.
+        identity: the reply to `*IDN?`.
+        queue_error: puts an error into the engine's queue although the command is carried out.
     """
 
     MAX_FREQUENCY_HZ: ClassVar[float] = 20e6
@@ -59,16 +61,16 @@ class SimulatedScpiGenerator:
         self._levels = OutputLevels(generator, self._queue_error, self.format_number)
 
     def format_number(self, value: float) -> str:
-        """How this box writes a number."""
+        """Return a number as this family writes it."""
         return format_real(value)
 
     def format_switch(self, on: bool) -> str:
-        """How this box writes a switch."""
+        """Return a switch as this family writes it."""
         return str(int(on))
 
     @property
     def commands(self) -> Sequence[ScpiCommand]:
-        """The commands that the boxes share under headers of their own; a model adds its others."""
+        """The commands that all families have under headers of their own; a family adds others."""
         return [
             ScpiCommand(SOURCE_PATTERN + "FUNCtion[:SHAPe]", self._set_function, lambda _: self._function_keyword()),
             self._numeric_command(
@@ -124,7 +126,7 @@ class SimulatedScpiGenerator:
         return ScpiCommand(pattern, setter, lambda _: self.format_switch(getattr(self._generator.settings, name)))
 
     def _keyword_command(self, pattern: str, *names: str) -> ScpiCommand:
-        """A setting that is kept and answered, and that makes no difference to an output at idle; the first is factory."""
+        """Make a setting that is stored and does not affect an idle output; the first name is the factory value."""
 
         def setter(a: Arguments) -> None:
             self._keyword_settings[pattern] = match_keyword(single_argument(a), *names)
@@ -151,7 +153,7 @@ class SimulatedScpiGenerator:
         self._generator.apply_settings(trigger=source)
 
     def _select_function(self, function: str) -> None:
-        """Another function: what does not go with it gives way, with an error in the queue."""
+        """Select a function; conflicting settings change, with an error in the queue."""
         s = self._generator.settings
         self._levels.check_limits(s.emf_vpp, s.emf_offset_v, function)
         if function == "DC":
@@ -160,7 +162,7 @@ class SimulatedScpiGenerator:
                 self.queue_error(ScpiError(-221, f"not able to {mode} dc, {mode} turned off"))
             self._generator.apply_settings(function="DC", burst=False, sweep=False)
             return
-        # DC allows an offset that leaves no room for a wave.
+        # DC allows an offset at which a wave would exceed the range.
         room = MAX_EMF_V - s.emf_vpp / 2
         if abs(s.emf_offset_v) > room:
             self.queue_error(ScpiError(-221, "offset changed on exit from dc function"))
@@ -190,15 +192,15 @@ class SimulatedScpiGenerator:
         self._generator.apply_settings(cycles=cycles)
 
     def _load_waveform(self, points: NDArray[np.float64], interpolated: bool = False, **settings: Any) -> None:
-        """Play these points from now on, 1 being half of what the amplitude says."""
+        """Play these points from now on, 1 being half of the amplitude."""
         if self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
-        # Single precision is finer than any box's converter, and the history keeps every waveform for ever.
+        # Single precision is finer than any converter, and the history keeps every waveform.
         self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
 
 
 def decode_block(argument: str, dtype: str, low: float, high: float) -> NDArray[np.float64]:
-    """The points in a binary block.
+    """Return the points of a binary block.
 
     Raises:
         ScpiError: no whole number of values, or one outside the limits: the byte order is wrong, for example.

@@ -1,7 +1,7 @@
-"""Amplitude, offset, load, range and limits of SCPI generators: what they display, clip and refuse.
+"""Amplitude, offset, load, range and limits of simulated SCPI generators: display, clipping, errors.
 
-The box always drives through 50 ohm and displays what would stand at the load it was *told* of. Inside, levels are those
-of the open output, so a change of the declared load changes the display and not the volts.
+The output always drives through 50 ohm and displays the voltage at the *declared* load. Levels are stored as those of the
+open output, so a change of the declared load changes the display and not the volts.
 """
 
 import math
@@ -29,8 +29,9 @@ class OutputLevels:
     """The VOLTage commands and OUTPut:LOAD over a `SimulatedGenerator`.
 
     Args:
-        report: puts an error into the queue although the command is carried out, as this box often does.
-        show: how this box writes a number.
+        generator: the output stage.
+        queue_error: puts an error into the queue although the command is carried out, which is common.
+        format_number: writes a number as this family does.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class OutputLevels:
         return self._low_limit_v, self._high_limit_v
 
     def clip(self, value: float, low: float, high: float) -> float:
-        """The nearest value that the box can do, with an error in the queue if it is another one."""
+        """Return the nearest possible value; queue an error if it differs."""
         if value > high * (1 + 1e-9) + 1e-12:
             self._queue_error(ScpiError(-222, "value clipped to upper limit"))
         elif value < low - abs(low) * 1e-9 - 1e-12:

@@ -1,8 +1,8 @@
-"""A Siglent SDG1000X or SDG2000X function generator as its programming guide describes it.
+"""Simulated Siglent SDG1000X or SDG2000X function generator, after its programming guide.
 
-Its own traps: a value it cannot do is clipped without a word, and no error is ever to be had; burst parameters are not
-heard before `STATE,ON`; a selected waveform brings along the frequency, amplitude and offset it was stored with; there is
-no range to freeze; parameters that do not apply vanish from the answer; an inverted polarity is a setting that stays.
+Pitfalls: an impossible value is clipped silently, and there is no error queue; burst parameters are ignored before
+`STATE,ON`; a selected waveform restores the frequency, amplitude and offset it was stored with; no range can be frozen;
+parameters that do not apply are missing from the reply; an inverted polarity is a setting that persists.
 """
 
 from collections.abc import Callable, Sequence
@@ -67,11 +67,11 @@ class SimulatedSiglentSdg:
         words = [word.upper() for word in a]
         if words and words[0] in ("ON", "OFF"):
             self._generator.apply_settings(on=words.pop(0) == "ON")
-        asked = _parse_pairs(words)
-        if "LOAD" in asked:
-            self._high_z = asked["LOAD"] == "HZ"
-        if "PLRT" in asked:
-            self._inverted = asked["PLRT"] == "INVT"
+        requested = _parse_pairs(words)
+        if "LOAD" in requested:
+            self._high_z = requested["LOAD"] == "HZ"
+        if "PLRT" in requested:
+            self._inverted = requested["PLRT"] == "INVT"
 
     def _query_output(self) -> str:
         on = "ON" if self._generator.settings.on else "OFF"
@@ -117,19 +117,19 @@ class SimulatedSiglentSdg:
             if s.burst and s.trigger == "BUS" and self.busy_s() == 0:
                 self._generator.trigger()
             return
-        asked = _parse_pairs(a)
-        on = asked.pop("STATE", "ON" if s.burst else "OFF") == "ON"
+        requested = _parse_pairs(a)
+        on = requested.pop("STATE", "ON" if s.burst else "OFF") == "ON"
         if on != s.burst and not (on and s.function == "DC"):
             self._generator.apply_settings(burst=on)
         if not s.burst and not on:
-            return  # not heard
+            return  # ignored
         changed: dict[str, object] = {}
-        if "TIME" in asked:
-            changed["cycles"] = min(max(float(round(_parse_value(asked["TIME"]))), 1.0), MAX_BURST_CYCLES)
-        if "TRSR" in asked:
-            changed["trigger"] = {"INT": "IMM", "MAN": "BUS"}.get(asked["TRSR"], "EXT")
-        if "STPS" in asked:
-            changed["phase_deg"] = _parse_value(asked["STPS"])
+        if "TIME" in requested:
+            changed["cycles"] = min(max(float(round(_parse_value(requested["TIME"]))), 1.0), MAX_BURST_CYCLES)
+        if "TRSR" in requested:
+            changed["trigger"] = {"INT": "IMM", "MAN": "BUS"}.get(requested["TRSR"], "EXT")
+        if "STPS" in requested:
+            changed["phase_deg"] = _parse_value(requested["STPS"])
         if changed:
             self._generator.apply_settings(**changed)
 
@@ -147,10 +147,10 @@ class SimulatedSiglentSdg:
         *words, data = a
         if len(words) % 2 == 0 or words[-1] != "WAVEDATA":
             return
-        asked = _parse_pairs(words[:-1])
+        requested = _parse_pairs(words[:-1])
         points = np.frombuffer(data.encode("latin-1"), "<i2") / FULL_SCALE
-        self._stored_waveforms[asked["WVNM"]] = points, asked
-        if asked["WVNM"] == self._selected_name:
+        self._stored_waveforms[requested["WVNM"]] = points, requested
+        if requested["WVNM"] == self._selected_name:
             self._generator.apply_settings(wave=ArbitraryWaveform(points))
 
     def _select(self, a: Arguments) -> None:

@@ -1,7 +1,7 @@
-"""A Tektronix AFG3000 or AFG1000 function generator as its programmer manual describes it.
+"""Simulated Tektronix AFG3000 or AFG1000 function generator, after its programmer manual.
 
-Its own traps: a burst is triggered by the internal timer unless told otherwise, and comes again and again; there is no
-range to freeze; an AFG1000's built-in DC pays no heed to the offset, and its load is for the front panel only.
+Pitfalls: a burst is triggered by the internal timer by default, again and again; no range can be frozen; an AFG1000's
+built-in DC ignores the offset, and its load can be set at the front panel only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
     """AFG3000 and AFG1000.
 
     Args:
-        high_z: what the front panel of an AFG1000 was set to by hand.
+        high_z: the load set at the front panel of an AFG1000.
     """
 
     MAX_FREQUENCY_HZ = 25e6
@@ -79,7 +79,7 @@ class SimulatedTektronixAfg(SimulatedScpiGenerator):
         ]
 
     def trigger(self) -> None:
-        # *TRG fires an external trigger, and there is no other way to fire it from the wire.
+        # *TRG fires an external trigger; no other command does.
         s = self._generator.settings
         if not s.burst or s.trigger != "BUS" or self.busy_s() > 0:
             raise ScpiError(-211)

@@ -1,4 +1,4 @@
-"""An analogue output of the card: it holds what it was last given, and a reset or power-up gives it 0 V."""
+"""Simulated analogue output of the card: holds its last value; a reset or power-up gives 0 V."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from sim_hardware.plant.voltage_history import VoltageHistory
 RANGE_V = 10.0
 VOLTS_PER_COUNT = 2 * RANGE_V / 65536
 FIFO_SAMPLES = 8191
-"""Samples that have left the computer and wait in the card: too late to be changed (X Series manual; USB-6341)."""
+"""Samples in the memory of the card, which cannot be changed any more (X Series manual; USB-6341)."""
 
 _STEP_V = 0.04
 """A step of a rendered drive that is larger is reported as a jump."""
@@ -26,7 +26,7 @@ Counts = NDArray[np.int16]
 class SampledSegment:
     """A converter's output: count `k` at `origin_s + k / rate_hz`, the last one held; `before_v` until the first.
 
-    Steps as small as a rendered drive should have are drawn as slopes; a larger one is the jump it is on the wire.
+    Steps as small as a rendered drive should have are rendered as slopes; a larger one is the jump it is on the wire.
     """
 
     origin_s: float
@@ -67,7 +67,7 @@ class SimulatedAnalogOutput:
     """One output.
 
     Args:
-        emit: takes what makes the next segment and puts it where the output is wired to.
+        emit: receives the factory of the next segment and outputs it.
 
     Attributes:
         owner: the task that plays on it, if any.
@@ -85,12 +85,12 @@ class SimulatedAnalogOutput:
         self._emit_segment(lambda _: ConstantSegment(0.0))
 
     def hold(self, volts: float) -> None:
-        """Stand at a level from now on."""
+        """Hold a level from now on."""
         level = float(to_counts(np.array([volts]))[0]) * VOLTS_PER_COUNT
         self._emit_segment(lambda _: ConstantSegment(level))
 
     def play(self, counts: Counts, rate_hz: float, start: Callable[[float], float]) -> float:
-        """Play samples from `start(now)` on; that time."""
+        """Play samples from `start(now)` on; return that time."""
         origin = [0.0]
 
         def make(t: float) -> Segment:
@@ -102,7 +102,7 @@ class SimulatedAnalogOutput:
         return origin[0]
 
     def freeze(self) -> None:
-        """Stay where it is at this instant: what a stopped task leaves behind."""
+        """Hold the present level, as a stopped task does."""
         self._emit_segment(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
 
     def volts(self, t: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""The 16-bit multifunction card and what hangs on it: channel 0 the amplifier's input, channel 1 the laser sensor.
+"""Simulated 16-bit multifunction card: channel 0 is the amplifier's input, channel 1 the laser sensor.
 
-Every sample is a pure function of the bench's truth, its history, the seed and the sample's index: it does not matter
-in what portions it is read, or when.
+Every sample is a pure function of the simulation parameters, the history, the seed and the sample's index: it does not
+matter in what portions it is read, or when.
 """
 
 import math
@@ -155,7 +155,7 @@ class SimulatedCard:
         return np.zeros(t.size), self.parameters.noise_v
 
     def _with_stuck_sensor(self, volts: Array, t: Array) -> Array:
-        """The sensor's volts, standing still from the moment at which it got stuck."""
+        """The sensor's volts, constant from the moment at which it got stuck."""
         if not self._faults.was_ever_active("sensor-stuck"):
             return volts
         begun = self._faults.active_since("sensor-stuck", t)
@@ -166,7 +166,7 @@ class SimulatedCard:
         return volts
 
     def quantize(self, volts: Array) -> Counts:
-        """Counts of the converter, the inverse of its scaling, standing at a rail where the voltage is beyond it."""
+        """Counts of the converter, the inverse of its scaling, at a rail where the voltage is beyond it."""
         c0, c1, *_ = self.parameters.coefficients
         counts = (volts - c0) / c1
         if self._nonlinearity is not None:

@@ -1,4 +1,4 @@
-"""Errors of NI-DAQmx by their numbers, in NI's words (nidaqmx.error_codes and NI's help)."""
+"""NI-DAQmx errors by number, with NI's messages (nidaqmx.error_codes and NI's help)."""
 
 ERROR_MESSAGES = {
     -200077: "Requested value is not a supported value for this property. The property value may be invalid because it "
@@ -31,7 +31,7 @@ ERROR_MESSAGES = {
 
 
 class NiError(Exception):
-    """An error of NI-DAQmx; `read` is the number of samples a read had got before it."""
+    """An error of NI-DAQmx; `samples_read` is the number of samples read before it."""
 
     def __init__(self, code: int, detail: str = "", samples_read: int | None = None) -> None:
         super().__init__("\n\n".join(filter(None, (ERROR_MESSAGES[code], detail, f"Status Code: {code}"))))

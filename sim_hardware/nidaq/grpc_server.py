@@ -1,8 +1,8 @@
-"""NI's gRPC device service over the simulated card, so that the unmodified `nidaqmx` package can use it.
+"""NI gRPC device service over the simulated card, for the unmodified `nidaqmx` package.
 
-Only the calls that analogue input and output tasks make are served; every other one is answered UNIMPLEMENTED by gRPC itself. The
-~150 property getters of the service share one function that looks the property's number up in a table.
-Errors travel as NI's own server sends them: status metadata `ni-error` (NI gRPC Device Server 2.0 release notes).
+Only the calls of analogue input and output tasks are served; gRPC itself answers any other with UNIMPLEMENTED. The ~150
+property getters of the service share one function that looks the property's number up in a table. Errors travel as from
+NI's own server: status metadata `ni-error` (NI gRPC Device Server 2.0 release notes).
 """
 
 import itertools
@@ -57,7 +57,7 @@ class NiGrpcServer(Closeable):
         return f"{HOST}:{self.port}"
 
     def update_from_faults(self) -> None:
-        """Die or come back, as the fault `grpc-gone` says."""
+        """Stop or start according to the fault `grpc-gone`."""
         gone = self.device.faults.is_active("grpc-gone")
         if gone and self._server is not None:
             self._stop()
@@ -221,7 +221,7 @@ class NiGrpcServer(Closeable):
 
 
 def _without_result(call: Callable[[Any], object]) -> Callable[[Any], Mapping[str, Any]]:
-    """A call that answers nothing but success."""
+    """Make a call that returns no result."""
 
     def run(request: Any) -> Mapping[str, Any]:
         call(request)

@@ -1,4 +1,4 @@
-"""The card read in this process: drivers.interfaces.Digitizer on the bench's clock, which a read moves as far as it must."""
+"""Simulated digitizer in this process: a read advances the bench clock as far as needed."""
 
 from dataclasses import replace
 

@@ -14,7 +14,7 @@ ALL_AVAILABLE = -1
 
 
 def default_buffer_size(rate_hz: float) -> int:
-    """Scans NI buffers for a continuous task when nothing larger is asked for (NI-DAQmx help, buffer size)."""
+    """Return NI's default buffer of a continuous task in scans (NI-DAQmx help, buffer size)."""
     for limit, size in ((100.0, 1000), (10e3, 10_000), (1e6, 100_000)):
         if rate_hz <= limit:
             return size
@@ -136,7 +136,7 @@ class NiInputTask(NiTask):
         )
 
     def _wait_for_scans(self, count: int, timeout_s: float) -> bool:
-        """Wait until `count` more scans are there; whether they are. The time-out is the reader's own, real time."""
+        """Wait until `count` more scans are there; whether they are. The time-out is real time."""
         clock, run = self.device.clock, self.acquisition
         given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * self.device.speed)
         while run is not None:

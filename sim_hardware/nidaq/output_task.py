@@ -1,7 +1,7 @@
-"""What NI-DAQmx does with an analogue output task, without its wire: buffer, start trigger, rewriting, stopping.
+"""NI-DAQmx analogue output tasks on the simulated card: buffer, start trigger, rewriting, stopping.
 
-Stopping a task in mid-wave leaves the output at the sample it had reached, and samples that have already left for the
-card's own memory are played whatever is written over them (NI-DAQmx help: regeneration; X Series manual, AO).
+Stopping a task in mid-wave leaves the output at the sample it had reached, and samples that are already in the card's own
+memory are played whatever is written over them (NI-DAQmx help: regeneration; X Series manual, AO).
 """
 
 import math

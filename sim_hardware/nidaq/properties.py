@@ -10,7 +10,7 @@ from sim_hardware.nidaq.output_task import NiOutputTask
 from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice
 
 DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
-"""Major, minor, update: what a driver of that year would say."""
+"""Major, minor and update version of the driver."""
 
 _NOT_SIMULATED = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
 """Digital lines and counters of a device: not simulated."""
@@ -30,19 +30,19 @@ def system_property(device: SimulatedNiDevice, number: int) -> Any:
 
 def device_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
     """A property of the card. Raises NiError: another device, not simulated, or unplugged."""
-    truth = device.card.parameters
+    parameters = device.card.parameters
     if name.lower() != device.name.lower():
         raise NiError(-200220, f"Device Specified: {name}")
     match number:
         case 0x631:  # product type
-            return truth.product
+            return parameters.product
         case 0x632:  # serial number
             device.check_present()
-            return truth.serial
+            return parameters.serial
         case 0x22CA:  # simulated
             return True
         case 0x231E:  # physical AI channels
-            return ", ".join(f"{device.name}/ai{i}" for i in range(truth.channels))
+            return ", ".join(f"{device.name}/ai{i}" for i in range(parameters.channels))
         case 0x231F:  # physical AO channels
             return ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs)))
         case 0x2A40:  # terminals
@@ -51,11 +51,11 @@ def device_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
         case _ if number in _NOT_SIMULATED:
             return ""
         case 0x298C | 0x298D:  # largest AI rate, one channel and all together
-            return truth.max_rate_hz
+            return parameters.max_rate_hz
         case 0x298F:  # simultaneous sampling
-            return truth.convert_s == 0
+            return parameters.convert_s == 0
         case 0x2990:  # voltage ranges
-            return [-truth.range_v, truth.range_v]
+            return [-parameters.range_v, parameters.range_v]
         case 0x2326:  # bus: USB
             return 12588
         case 0x29A9:  # category: X series
@@ -127,7 +127,7 @@ def _channel_property(task: NiInputTask, number: int, name: str) -> Any:
     if not task.channels:
         raise NiError(-200478)
     channel = next((c for c in task.channels if c.name == name), task.channels[0])
-    truth = task.device.card.parameters
+    parameters = task.device.card.parameters
     match number:
         case 0x187F:  # kind of channel: AI
             return 10100
@@ -136,15 +136,15 @@ def _channel_property(task: NiInputTask, number: int, name: str) -> Any:
         case 0x18F5:  # physical channel
             return task.device.physical_channel_name(channel.number)
         case 0x1930:  # scaling coefficients
-            return list(truth.coefficients)
+            return list(parameters.coefficients)
         case 0x17DD:  # max
             return channel.high_v
         case 0x17DE:  # min
             return channel.low_v
         case 0x1815:  # range, high
-            return truth.range_v
+            return parameters.range_v
         case 0x1816:  # range, low
-            return -truth.range_v
+            return -parameters.range_v
         case 0x1765:  # resolution in bits
             return 16.0
         case 0x1097:  # terminal configuration: differential

@@ -1,4 +1,4 @@
-"""The NI device of the simulated card and the base of its input and output tasks, without a wire."""
+"""The NI device of the simulated card and the base of its input and output tasks, without a transport."""
 
 import math
 import re

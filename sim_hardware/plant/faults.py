@@ -1,4 +1,4 @@
-"""What can be broken on a simulated bench, by name; each break and repair is stamped with bench time."""
+"""Injectable faults of a simulated bench by name, and when each was active in bench time."""
 
 import math
 import threading
@@ -23,18 +23,18 @@ FAULT_DESCRIPTIONS = {
     "sensor-stuck": "the laser sensor's output stands still where it was",
     "grpc-gone": "the server of the card has died",
 }
-"""Name and words of every fault."""
+"""Name and description of every fault."""
 
 
 class FaultState:
-    """The faults of one bench and when each was present."""
+    """The faults of one bench and when each was active."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._intervals: dict[str, list[list[float]]] = {}
 
     def inject(self, name: str, t: float) -> None:
-        """Break `name` from bench time `t` on; nothing if it is broken already.
+        """Activate `name` from bench time `t` on; no effect if it is active.
 
         Raises:
             ValueError: there is no such fault.
@@ -47,36 +47,36 @@ class FaultState:
                 spans.append([t, math.inf])
 
     def clear(self, name: str, t: float) -> None:
-        """Repair `name` at bench time `t`; nothing if it is not broken."""
+        """Clear `name` at bench time `t`; no effect if it is not active."""
         with self._lock:
             spans = self._intervals.get(name, [])
             if spans and math.isinf(spans[-1][1]):
                 spans[-1][1] = t
 
     def is_active(self, name: str) -> bool:
-        """Whether `name` is broken now."""
+        """Whether `name` is active now."""
         with self._lock:
             spans = self._intervals.get(name, [])
             return len(spans) > 0 and math.isinf(spans[-1][1])
 
     def active_faults(self) -> tuple[str, ...]:
-        """Everything that is broken now, in the order of `FAULT_DESCRIPTIONS`."""
+        """Return all active faults, in the order of `FAULT_DESCRIPTIONS`."""
         return tuple(name for name in FAULT_DESCRIPTIONS if self.is_active(name))
 
     def was_ever_active(self, name: str) -> bool:
-        """Whether `name` was ever broken."""
+        """Whether `name` was ever active."""
         with self._lock:
             return bool(self._intervals.get(name))
 
     def active_since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """When the break began that was present at bench times `t`, same shape; NaN where there was none."""
+        """Return when the fault active at bench times `t` began, same shape; NaN where there was none."""
         with self._lock:
             spans = [tuple(span) for span in self._intervals.get(name, [])]
-        begun = np.full(t.shape, np.nan)
+        begin_s = np.full(t.shape, np.nan)
         for begin, end in spans:
-            begun[(t >= begin) & (t < end)] = begin
-        return begun
+            begin_s[(t >= begin) & (t < end)] = begin
+        return begin_s
 
     def was_active(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether `name` was broken at bench times `t`, same shape."""
+        """Whether `name` was active at bench times `t`, same shape."""
         return ~np.isnan(self.active_since(name, t)) if self.was_ever_active(name) else np.zeros(t.shape, bool)

@@ -1,8 +1,8 @@
-"""The facts a safety test asks of the world: what the specimen's amplifier was really given while high voltage was on.
+"""Voltage report: extremes, jumps and slopes at the amplifier's input while high voltage was on.
 
-Nothing here knows what the program believed. Extremes are taken on the plant's grid and at every change; jumps are
-the discontinuities between and inside segments, those within one grid step added up (a staircase that takes no time
-is one jump).
+Independent of the state of the program. Extremes are taken on the plant's grid and at every change; jumps are the
+discontinuities between and inside segments, those within one grid step added up (a staircase that takes no time is one
+jump).
 """
 
 import math
@@ -27,13 +27,13 @@ class VoltageReport:
 
     Attributes:
         live_s: seconds with high voltage on; the extremes are rest and the jumps zero if there were none.
-        lowest_v, highest_v: extremes, volts that stood for no time at all included.
+        lowest_v, highest_v: extremes, including volts of zero duration.
         largest_jump_v: largest discontinuity, continuous slopes excluded.
         steepest_v_per_s: steepest continuous slope.
         outside_rest_s: seconds further from rest than the tolerance.
-        switched_at_rest: at every switching of high voltage the input stood still at rest.
+        switched_at_rest: at every switching of high voltage the input was constant at rest.
         end_v: volts at the input at the end.
-        ends_at_rest: the input stands still at rest at the end, and nothing will move it.
+        ends_at_rest: the input is constant at rest at the end, and stays so.
     """
 
     live_s: float
@@ -60,7 +60,7 @@ def _is_constant_at_rest(entry: HistoryEntry, t: float, rest_v: float, tolerance
 
 
 def _sample_times(entry: HistoryEntry, begin_s: float, end_s: float, rate_hz: float) -> Iterator[Array]:
-    """Times from begin to just before end, in chunks that share their end points; two points where it is still."""
+    """Yield times from begin to just before end, in chunks that share end points; two points where it is constant."""
     edges = [begin_s, *sorted(k for k in entry.segment.breakpoints_s if begin_s < k < end_s), end_s]
     for a, b in pairwise(edges):
         last = math.nextafter(b, -math.inf)
@@ -77,21 +77,21 @@ def _sample_times(entry: HistoryEntry, begin_s: float, end_s: float, rate_hz: fl
 
 
 def _jumps(entries: Sequence[HistoryEntry], until_s: float) -> Iterator[tuple[float, float, float]]:
-    """Time, volts before and volts after of every discontinuity under high voltage."""
-    for i, piece in enumerate(entries):
-        if i and piece.hv and entries[i - 1].hv and piece.start_s <= until_s:
+    """Yield time, volts before and volts after every discontinuity under high voltage."""
+    for i, entry in enumerate(entries):
+        if i and entry.hv and entries[i - 1].hv and entry.start_s <= until_s:
             earlier = entries[i - 1]
-            # A piece that stood for no time counts with what it would have put out.
-            stood = earlier.start_s < piece.start_s
+            # An entry of zero duration counts with its initial volts.
+            has_duration = earlier.start_s < entry.start_s
             yield (
-                piece.start_s,
-                _volts_just_before(earlier, piece.start_s) if stood else _volts_at(earlier, piece.start_s),
-                _volts_at(piece, piece.start_s),
+                entry.start_s,
+                _volts_just_before(earlier, entry.start_s) if has_duration else _volts_at(earlier, entry.start_s),
+                _volts_at(entry, entry.start_s),
             )
         end = entries[i + 1].start_s if i + 1 < len(entries) else math.inf
-        for knot in piece.segment.breakpoints_s:
-            if piece.hv and piece.start_s < knot < min(end, until_s):
-                yield knot, _volts_just_before(piece, knot), _volts_at(piece, knot)
+        for knot in entry.segment.breakpoints_s:
+            if entry.hv and entry.start_s < knot < min(end, until_s):
+                yield knot, _volts_just_before(entry, knot), _volts_at(entry, knot)
 
 
 def _largest_jump(entries: Sequence[HistoryEntry], until_s: float, rate_hz: float) -> float:
@@ -107,9 +107,9 @@ def _largest_jump(entries: Sequence[HistoryEntry], until_s: float, rate_hz: floa
 def _entry_extremes(
     entry: HistoryEntry, end_s: float, rate_hz: float, rest_v: float, tolerance_v: float
 ) -> tuple[float, float, float, float]:
-    """Lowest and highest volts, steepest slope and seconds outside rest of a piece until `end_s`.
+    """Return lowest and highest volts, steepest slope and seconds outside rest of an entry until `end_s`.
 
-    Remembered, because what is past does not change and a report is asked for again and again while a bench runs.
+    Cached, because the past does not change and reports are made repeatedly while a bench runs.
     """
     low, high, steepest, outside = math.inf, -math.inf, 0.0, 0.0
     for t in _sample_times(entry, entry.start_s, end_s, rate_hz):
@@ -117,7 +117,7 @@ def _entry_extremes(
         low, high = min(low, float(volts.min())), max(high, float(volts.max()))
         spans = np.diff(t)
         outside += float(spans[np.abs(volts[:-1] - rest_v) > tolerance_v].sum())
-        wide = spans > 1e-3 / rate_hz  # shorter chords would divide rounding by next to nothing
+        wide = spans > 1e-3 / rate_hz  # shorter chords would amplify rounding errors
         if wide.any():
             steepest = max(steepest, float(np.max(np.abs(np.diff(volts)[wide]) / spans[wide])))
     return low, high, steepest, outside
@@ -126,21 +126,21 @@ def _entry_extremes(
 def make_voltage_report(
     entries: Sequence[HistoryEntry], until_s: float, rate_hz: float, rest_v: float, tolerance_v: float
 ) -> VoltageReport:
-    """The report of a history up to `until_s`, sampled at the plant's rate."""
+    """Return the report of a history up to `until_s`, sampled at the plant's rate."""
     low, high, steepest, live, outside = math.inf, -math.inf, 0.0, 0.0, 0.0
     switched_at_rest = True
-    for i, piece in enumerate(entries):
-        if piece.start_s > until_s:
+    for i, entry in enumerate(entries):
+        if entry.start_s > until_s:
             break
-        if i and piece.hv != entries[i - 1].hv:
-            switched_at_rest &= _is_constant_at_rest(piece, piece.start_s, rest_v, tolerance_v)
-        if not piece.hv:
+        if i and entry.hv != entries[i - 1].hv:
+            switched_at_rest &= _is_constant_at_rest(entry, entry.start_s, rest_v, tolerance_v)
+        if not entry.hv:
             continue
         end = min(entries[i + 1].start_s if i + 1 < len(entries) else until_s, until_s)
-        live += end - piece.start_s
-        lowest, highest, slope, away = _entry_extremes(piece, end, rate_hz, rest_v, tolerance_v)
+        live += end - entry.start_s
+        lowest, highest, slope, away = _entry_extremes(entry, end, rate_hz, rest_v, tolerance_v)
         low, high, steepest, outside = min(low, lowest), max(high, highest), max(steepest, slope), outside + away
-    last = [piece for piece in entries if piece.start_s <= until_s][-1]
+    last = [entry for entry in entries if entry.start_s <= until_s][-1]
     return VoltageReport(
         live_s=live,
         lowest_v=rest_v if math.isinf(low) else low,

@@ -1,4 +1,4 @@
-"""What the laser sensor looks at: the tactor's centre, or the membrane by itself; its zero, its drift, and a knock."""
+"""Laser view: what the sensor measures (tactor or membrane), its zero, drift and shifts."""
 
 import math
 import threading
@@ -15,14 +15,14 @@ from sim_hardware.plant.plant import Plant
 Array = NDArray[np.float64]
 
 MEMBRANE_SWING_HZ, MEMBRANE_SWING_DECAY_S = 4.0, 0.4
-"""How a membrane swings when it is let go: its air and its rubber soon stop it."""
+"""Swing of a released membrane: frequency and decay time, by air and rubber."""
 
 TACTOR_TARGET, REFERENCE_TARGET, MEMBRANE_TARGET = "tactor", "place-reference", "hang-membrane"
 
 
 @dataclass(frozen=True, slots=True)
 class _ViewChange:
-    """From `start_s` on the sensor sees `target`, plus `offset_m`; a membrane hangs `sag_m` below the reference."""
+    """From `start_s` on the sensor measures `target`, plus `offset_m`; a membrane hangs `sag_m` below the reference."""
 
     start_s: float
     target: str
@@ -31,7 +31,7 @@ class _ViewChange:
 
 
 class LaserView:
-    """What the sensor sees in metres, as a function of time."""
+    """The displacement that the sensor measures in metres, as a function of time."""
 
     def __init__(self, parameters: SimulationParameters, plant: Plant) -> None:
         self._parameters, self._plant = parameters, plant
@@ -39,7 +39,7 @@ class LaserView:
         self._lock = threading.Lock()
 
     def displacement(self, t: Array) -> Array:
-        """Metres that the sensor tells at bench times `t` (n,), ascending, and its delay; without noise and range."""
+        """Return the sensor's metres at bench times `t` (n,), ascending, with its delay; without noise and range."""
         delayed = t - self._parameters.sensor.delay_s
         with self._lock:
             views = list(self._views)
@@ -52,10 +52,10 @@ class LaserView:
         return out
 
     def apply_action(self, t: float, action: str, values: Mapping[str, float]) -> None:
-        """Carry out one of `situation.SENSOR` at bench time `t`; any other action makes the sensor look at the tactor again.
+        """Apply one of `setup_state.SENSOR_ACTIONS` at bench time `t`; any other action makes the tactor the target again.
 
         Raises:
-            ValueError: an elongation makes no sense.
+            ValueError: an invalid elongation.
         """
         now = self._views[-1]
         match action:
@@ -76,13 +76,13 @@ class LaserView:
             self._views.append(view)
 
     def _membrane_sag_m(self, values: Mapping[str, float]) -> float:
-        """How far below the reference the membrane's centre hangs."""
-        truth, membrane = self._parameters, self._parameters.membrane
-        elongation_m = values.get("elongation_m", 0.0) * (1 - truth.beyond.membrane_slip)
+        """Return how far below the reference the membrane's centre hangs."""
+        parameters, membrane = self._parameters, self._parameters.membrane
+        elongation_m = values.get("elongation_m", 0.0) * (1 - parameters.beyond.membrane_slip)
         if not elongation_m >= 0:
             raise ValueError(f"{MEMBRANE_TARGET}: elongation_m must not be negative, not {elongation_m:g}")
-        deep_m = sag(membrane, delta=elongation_m / membrane.L_m).centre_m
-        return deep_m - values["reference_m"] - truth.hands.reference_m
+        sag_m = sag(membrane, delta=elongation_m / membrane.L_m).centre_m
+        return sag_m - values["reference_m"] - parameters.hands.reference_m
 
     def _target_displacement(self, view: _ViewChange, t: Array) -> Array:
         match view.target:

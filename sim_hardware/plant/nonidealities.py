@@ -1,6 +1,6 @@
-"""What real benches do and the model does not: creep, hysteresis, drift, a clamp that gives. All off by default.
+"""Nonidealities that the model lacks: creep, hysteresis, drift, a compliant clamp. All off by default.
 
-So that a measurement can be tested to notice it.
+They test whether a measurement detects them.
 """
 
 from dataclasses import dataclass
@@ -84,7 +84,7 @@ class CreepModel:
         return np.asarray(blocks + self._step_share * (crept[:-1, None] + np.diff(crept)[:, None] * rise))
 
     def advance(self, drive: float, gap_s: float) -> None:
-        """`drive` stood for `gap_s`."""
+        """Advance by `gap_s` of constant drive."""
         self._lag_states = drive + (self._lag_states - drive) * np.exp(-gap_s / CREEP_TIME_CONSTANTS_S)
 
 

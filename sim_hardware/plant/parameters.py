@@ -1,4 +1,4 @@
-"""The truth of a simulated bench: every number a real bench would hide, as values that come from its bench file."""
+"""Simulation parameters: ground truth of a simulated bench, read from its bench file."""
 
 import math
 import types
@@ -26,7 +26,7 @@ GENERATOR_MAKERS = {
 """How the names of the function generators begin that can be simulated, and who made them."""
 
 SOURCE_CHOICES = ("generator", "ao0", "ao1", "supply")
-"""Outputs that can stand at the near end of the cable to the amplifier."""
+"""Outputs that can drive the cable to the amplifier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class GeneratorParameters:
 
     Attributes:
         clock_ppm: how much faster its clock runs than the card's.
-        command_s: time one message takes it, real boxes need milliseconds.
+        command_s: processing time of a message; real instruments need milliseconds.
         relay_s: how long an attenuator relay leaves the output at 0 V.
         high_z_by_hand: whether a person has set High Z on the front panel of a box whose wire cannot (AFG1000).
     """
@@ -152,14 +152,14 @@ class CardParameters:
 
 @dataclass(frozen=True, slots=True)
 class OperatorTiming:
-    """The operator's hands.
+    """Timing and accuracy of the operator's actions.
 
     Attributes:
-        reach_s: from being asked for a weight until it touches the tactor.
+        reach_s: from the prompt for a weight until it touches the tactor.
         release_s: from the first touch until the whole weight lies there, and the same to lift it off.
         landing_m_per_s: how fast a weight comes down at the first touch.
         patience_s: after a weight was placed or lifted, so long until the operator presses the key.
-        reference_m: how much deeper than it says the reference for the membrane's sag lies.
+        reference_m: how much deeper than nominal the reference for the membrane's sag lies.
     """
 
     reach_s: float = 1.0
@@ -185,7 +185,7 @@ class SimulationParameters:
     Attributes:
         source: whose output the cable brings to the amplifier, one of `SOURCE_CHOICES`.
         skin: what the tactor presses against at the start; None is free.
-        membrane: the rubber that hands may put on it.
+        membrane: the membrane that the operator may put on it.
         modes: shapes in the Galerkin model of the plant.
         plant_rate_hz: the plant's fixed time grid.
         window_s: how much of the past the plant keeps.
@@ -224,7 +224,7 @@ class SimulationParameters:
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Self:
-        """The truth that `as_record` described; what is left out keeps its default.
+        """Return the parameters that `as_record` described; missing ones keep their defaults.
 
         Raises:
             ValueError: a key is unknown or a value does not fit.

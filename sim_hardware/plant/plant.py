@@ -1,8 +1,8 @@
-"""The one plant behind all simulated instruments: amplifier and tactor on a fixed time grid, simulated when asked for.
+"""Plant of the simulated bench: amplifier and tactor on a fixed time grid, simulated on demand.
 
 Input volts pass the amplifier's static map, its high-voltage switch and its slew limit. They and the weights on the
-tactor drive its modes (sim_hardware.plant.stepper). What stands on the bench changes while it runs: the motion goes on from
-where it was, with the modes of what is there now.
+tactor drive its modes (sim_hardware.plant.stepper). When the setup changes during a run, the motion continues from its
+present state with the modes of the new setup.
 """
 
 import math
@@ -30,7 +30,7 @@ CURRENT_LIMIT_SLEW_FRACTION = 1e-3
 """Share of its slew rate that the amplifier keeps at its current limit."""
 
 RINGING_TOLERANCE_M = 1e-15
-"""What still rings by less than this stands still."""
+"""Ringing below this counts as no motion."""
 
 TOUCHDOWN_S = 2e-3
 """How long a weight's first touch lasts."""
@@ -38,7 +38,7 @@ TOUCHDOWN_S = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class SetupChange:
-    """From `start_s` on the situation is `now`; until `end_s` a hand lets the weights' force go over to `final_force_n`.
+    """From `start_s` on the setup is `state`; until `end_s` the weights' force changes to `final_force_n`.
 
     `impulse_ns` is what a weight brings along when it touches down.
     """
@@ -61,7 +61,7 @@ class SetupChange:
 class Plant:
     """Displacement of the tactor's centre for everything that reached the amplifier's input, and for what lies on it.
 
-    It remembers the last `window_s`; a gap longer than the tactor's own memory that nobody looked at is not simulated.
+    It remembers the last `window_s`; a gap longer than the tactor's own memory that was not observed is not simulated.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Plant:
     ) -> float:
         """Change the situation `after_s` from now, or when the change before is over; bench time when it is complete.
 
-        `transition_s` is the time a hand takes to put weights down or lift them off; they land at `landing_m_per_s`.
+        `transition_s` is the time in which weights are put down or lifted off; they land at `landing_m_per_s`.
         """
         # The plant's lock first, then the history's: the order in which a reader takes them.
         with self._lock, self._history.at_instant(clock) as now_s:
@@ -118,7 +118,7 @@ class Plant:
             placed_kg = sum(now.weights_kg) - sum(last.state.weights_kg)
             if placed_kg >= 0:
                 self._append(SetupChange(start_s, end_s, now, last.final_force_n, after_n, placed_kg * landing_m_per_s))
-            else:  # a weight in the hand moves with the tactor until it is lifted off
+            else:  # a held weight moves with the tactor until it is lifted off
                 self._append(
                     SetupChange(
                         start_s, end_s, replace(now, weights_kg=last.state.weights_kg), last.final_force_n, after_n
@@ -129,7 +129,7 @@ class Plant:
 
     @property
     def setup_state(self) -> SetupState:
-        """What stands on the bench once every change that was begun is complete."""
+        """The setup after all scheduled changes are complete."""
         return self._changes[-1].state
 
     def max_force_n(self, t: Array) -> Array:
@@ -189,7 +189,7 @@ class Plant:
                     self._stepper, self._state, self._previous_bending_v, self._previous_force_n
                 )
                 self._stepper = stepper
-            # A bounded stretch at a time keeps memory flat when much is asked for at once.
+            # Bounded blocks limit memory when a long span is requested.
             stop = min((last // BLOCK + 1) * BLOCK, self._next_step + min(1024 * BLOCK, self._ring.size))
             if number + 1 < len(self._starts):
                 stop = min(stop, round(self._starts[number + 1] * self._rate))
@@ -212,7 +212,7 @@ class Plant:
             self._next_step = stop
 
     def _constant_displacement(self, change: SetupChange, stepper: Stepper, stop: int) -> float | None:
-        """Where the tactor stands until a grid step, if nothing moves it and nothing rings; else None.
+        """Return the constant displacement until a grid step, if nothing drives it and nothing rings; else None.
 
         Half of a bench's time nothing happens, and a held level is as quick as nothing then.
         """
@@ -224,17 +224,17 @@ class Plant:
         left = self._state - stepper.steady_state(self._previous_bending_v, self._previous_force_n)
         if np.abs(left).max(initial=0.0) * np.abs(stepper.O).max() > RINGING_TOLERANCE_M:
             return None
-        standing = self._history.constant_between(first_s, (stop - 1) / self._rate)
-        if standing is None:
+        constant = self._history.constant_between(first_s, (stop - 1) / self._rate)
+        if constant is None:
             return None
-        volts, hv = standing
+        volts, hv = constant
         wanted = float(self._amplifier.map.specimen_v(volts)) if hv and not change.state.shorted else 0.0
         if wanted != self._previous_specimen_v or change.state.side * wanted != self._previous_bending_v:
             return None
         return stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
 
     def _skip_unobserved(self, first: int) -> None:
-        """Leave out what nobody looked at, as far as the tactor has forgotten it when somebody does."""
+        """Skip an unobserved span as far as it has decayed before the next observation."""
         stepper = self._stepper_for(self._changes[self._change_index(first)].state)
         if stepper.slowest_decay <= 0:
             return

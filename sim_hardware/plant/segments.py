@@ -1,7 +1,7 @@
-"""What a generator's output does between two changes: each segment knows its volts at any time, exactly.
+"""Output segments: the exact volts of a generator's output between two changes.
 
 Times are absolute bench seconds. A segment carries its own origin, so that a burst keeps its phase when only its
-amplitude is changed, and a finite burst comes to its idle level without anybody telling it.
+amplitude changes, and a finite burst returns to its idle level by itself.
 """
 
 import math
@@ -18,7 +18,7 @@ _EDGE_S = 5e-6
 
 
 class Segment(Protocol):
-    """One stretch of output; it never changes, and is told apart from others by its hash."""
+    """The output during one interval; immutable, and identified by its hash."""
 
     @property
     def constant_from_s(self) -> float:
@@ -58,7 +58,7 @@ class ConstantSegment(_ConstantOutput):
 
 @dataclass(frozen=True, slots=True)
 class OpenOutputSegment(_ConstantOutput):
-    """The output relay is open or the box is dead: the amplifier's input is pulled to `open_circuit_v`."""
+    """The output relay is open or the power is off: the amplifier's input is pulled to `open_circuit_v`."""
 
     open_circuit_v: float = 0.0
 
@@ -147,7 +147,7 @@ class PeriodicSegment:
 class ChirpSegment:
     """A sine swept linearly from `start_hz` to `stop_hz` in `duration_s`; then it stays at the start frequency.
 
-    This is what a box does that was told to sweep once for each trigger: the sweep ends, the sine does not.
+    An instrument that sweeps once for each trigger does this: the sweep ends, the sine does not.
     """
 
     origin_s: float
@@ -183,7 +183,7 @@ class ChirpSegment:
 
 @dataclass(frozen=True, slots=True)
 class RelayGlitchSegment:
-    """The output relay switches: `during_v` until `until_s`, and only then what was asked for."""
+    """The output relay switches: `during_v` until `until_s`, and only then the new output."""
 
     until_s: float
     during_v: float

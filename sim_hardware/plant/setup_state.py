@@ -1,4 +1,4 @@
-"""How things stand on a simulated bench while it runs: what a person has put on, taken off, turned or clamped."""
+"""Setup state of a simulated bench: weights, sides, clamping and membrane, changed by the operator."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "remove-membrane": (),
     "tidy-up": (),
 }
-"""What hands can do to the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
+"""Actions on the specimen, and the numbers each needs. Weights lie loose; a mass is fixed in the cylinder.
 
 Nobody asks for `tidy-up`: whoever begins another run brings the specimen back to how it stood when the bench was opened.
 
@@ -32,14 +32,14 @@ SENSOR_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "place-reference": ("reference_m",),
     "hang-membrane": ("reference_m",),
 }
-"""What hands can do to the sensor and under it. Nobody asks for a bump; it happens."""
+"""Actions on the sensor and under it. A bump is an accident, not an answer to a prompt."""
 
 OPERATOR_ACTIONS = {**SPECIMEN_ACTIONS, **SENSOR_ACTIONS}
 
 
 @dataclass(frozen=True, slots=True)
 class SetupState:
-    """What stands on the bench.
+    """The setup of the bench.
 
     Attributes:
         fixed_kg: mass in the cylinder.
@@ -63,7 +63,7 @@ class SetupState:
 
 
 def initial_state(parameters: SimulationParameters) -> SetupState:
-    """What stands on the bench before anybody has touched it."""
+    """Return the setup before any action."""
     return SetupState(parameters.tactor.m_add, parameters.skin)
 
 

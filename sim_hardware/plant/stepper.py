@@ -1,8 +1,6 @@
-"""The tactor's modes on a fixed time grid, stepped exactly for a voltage and a load that are linear between grid points.
+"""Modal time stepper of the tactor, exact for inputs linear between grid points; amplifier slew limit.
 
 Whole blocks of the grid are computed at once: w = T_V V + T_F F + O z, with one small recursion from block to block.
-
-The slew limit of a simulated amplifier.
 """
 
 import math
@@ -72,19 +70,19 @@ class Stepper:
         return cls(R_V, R_F, np.vstack((powers.real, -powers.imag)), advance, s, b_V, b_F, X, inverse, slowest)
 
     def steady_state(self, volts: float, newtons: float) -> Complex:
-        """The state after `volts` and `newtons` stood for ever."""
+        """Return the steady state under constant `volts` and `newtons`."""
         slow = self.advance.size
         return (-(self.b_V * volts + self.b_F * newtons) / self.poles)[:slow]
 
     def steady_displacement(self, volts: float, newtons: float) -> float:
-        """The displacement under what stood for ever."""
+        """Return the steady displacement."""
         w, _ = self.run(
             np.full(BLOCK, volts), volts, np.full(BLOCK, newtons), newtons, self.steady_state(volts, newtons)
         )
         return float(w[-1])
 
     def converted_state(self, previous: "Stepper", state: Complex, volts: float, newtons: float) -> Complex:
-        """The state of this stepper with the coordinates and velocities that another one's state stands for."""
+        """Return the state of this stepper with the coordinates and velocities of another one's state."""
         slow = previous.advance.size
         z = -(previous.b_V * volts + previous.b_F * newtons) / previous.poles
         z[:slow] = state
@@ -165,7 +163,7 @@ def limit_slew(target: Array, start_v: float, step_v: float) -> Array:
             at += math.copysign(step_v, wanted[i] - at)
             out[i] = at
             i += 1
-        # Caught up: sample i is admissible; go on to the next one that is not.
+        # Caught up: sample i is admissible; continue at the next one that is not.
         later = int(np.searchsorted(jumps, i, side="right"))
         if later >= jumps.size:
             return out

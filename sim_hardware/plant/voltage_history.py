@@ -1,8 +1,8 @@
-"""The time-stamped history of what reached the amplifier's input, and whether its high voltage was on.
+"""Voltage history: time-stamped segments at the amplifier's input, and its high-voltage switch.
 
-Append only. A reader who asks for the past gets the past: the setting of this moment is never used for a sample that
-was taken before it. Commands and samples come from different threads, so a change is stamped under the same lock
-that readers take, and never earlier than what has already been read.
+Append only: the present setting is never used for a sample that was taken before it. Commands and samples come from
+different threads, so a change is stamped under the same lock that readers take, and never earlier than what has already
+been read.
 """
 
 import math
@@ -35,7 +35,7 @@ class VoltageHistory:
     """Every change of the amplifier's input and of its high-voltage switch, in order.
 
     Args:
-        pulled_v: where the input stands before anything is connected.
+        open_circuit_v: volts at the input before anything is connected.
     """
 
     def __init__(self, open_circuit_v: float = 0.0) -> None:

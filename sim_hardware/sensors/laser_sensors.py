@@ -1,8 +1,7 @@
-"""Laser sensors that answer on a serial line: Keyence LK-G in text, Micro-Epsilon optoNCDT in words of three bytes.
+"""Simulated serial laser sensors: Keyence LK-G (text), Micro-Epsilon optoNCDT (three-byte words).
 
-`see` is what the laser sees: metres from its zero, or None where there is no target in its range.
-
-A simulated serial instrument on a pseudo-terminal: the driver opens a true port, by its name. Not on Windows.
+`read_displacement` returns metres from the sensor's zero, or None if there is no target in its range. The sensors run on a
+pseudo-terminal: the driver opens a real port by its name. Not on Windows.
 """
 
 import os
@@ -19,10 +18,10 @@ class SerialInstrument(Protocol):
     """What a serial wire needs of an instrument."""
 
     def receive(self, data: bytes) -> bytes:
-        """What it sends back at once."""
+        """Return the immediate reply."""
 
     def unsolicited_output(self) -> bytes:
-        """What it sends by itself, a few times in a hundredth of a second."""
+        """Return what it sends by itself; called every POLL_S."""
 
 
 class SimulatedKeyenceLkg:
@@ -32,7 +31,7 @@ class SimulatedKeyenceLkg:
         self._read_displacement = read_displacement
         self._partial_line = b""
         self.in_setting_mode = False
-        """Whether somebody has left its setting screen open: it then refuses to measure."""
+        """Whether its setting screen is open: it then rejects measurements."""
 
     def receive(self, data: bytes) -> bytes:
         *lines, self._partial_line = (self._partial_line + data).split(b"\r")
@@ -68,20 +67,20 @@ class SimulatedOptoNcdt:
         return self._measurement_word() * 2 if self.streaming else b""
 
     def _respond(self, command: str) -> bytes:
-        told = ""
+        reply = ""
         match command.upper().split():
             case ["OUTPUT", "RS422"]:
                 self.streaming = True
             case ["OUTPUT", "NONE" | "ANALOG"]:
                 self.streaming = False
             case ["GETINFO"]:
-                told = (
+                reply = (
                     f"Name: ILD1420-{self._range_m * 1e3:.0f}\r\nSerial: {self._serial}\r\n"
                     f"Measuring range: {self._range_m * 1e3:.2f}mm\r\n"
                 )
             case _:
-                told = "E01 Unknown command\r\n"
-        return f"{command}\r\n{told}->".encode()
+                reply = "E01 Unknown command\r\n"
+        return f"{command}\r\n{reply}->".encode()
 
     def _measurement_word(self) -> bytes:
         """Its zero is the middle of its range; beyond it, the code for 'no target'."""
@@ -95,7 +94,7 @@ class SensorPtyServer(PtyServer):
     """Serves one instrument until closed.
 
     Attributes:
-        silent: set it to make the instrument neither obey nor answer.
+        unresponsive: set it to make the instrument neither act nor reply.
     """
 
     def __init__(self, model: SerialInstrument) -> None:

@@ -1,7 +1,7 @@
-"""`python -m sim_hardware.service`: the simulated bench in a process of its own, so that no window shares its GIL.
+"""Simulated bench in a process with its own GIL: `python -m sim_hardware.service`.
 
-It reads one JSON line (the truth) from standard input, answers with one line that names its ports, and then one line
-for each control verb. It lives as long as its standard input: a parent that dies takes it along, whatever killed it.
+It reads one JSON line (the simulation parameters) from standard input, answers with one line that names its ports, and then
+with one line for each call of its controls. It ends with its standard input, and so with its parent, however that ends.
 """
 
 import contextlib
@@ -19,21 +19,21 @@ LINGER_S, POLL_S = 3.0, 0.01
 
 
 def main() -> int:
-    """Serve until standard input closes; the exit code is 2 if the configuration was refused."""
-    # A Ctrl-C at the terminal is for the parent: it brings the bench to rest first, and needs us for that.
+    """Serve until standard input closes; return 2 if the configuration was rejected."""
+    # A Ctrl-C at the terminal is for the parent: it brings the bench to rest first, which needs this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever a library prints must not get between the answers
+    os.dup2(2, 1)  # output of libraries must not mix with the replies
     with answers, contextlib.suppress(BrokenPipeError):
         try:
-            truth = SimulationParameters.from_record(json.loads(sys.stdin.readline())["truth"])
+            parameters = SimulationParameters.from_record(json.loads(sys.stdin.readline())["truth"])
         except (ValueError, KeyError, TypeError) as error:
             _write_response(answers, error=f"the simulated bench was given a wrong configuration: {error}")
             return 2
-        # Imported late: a refused configuration need not wait for the servers' libraries.
+        # Imported late: a rejected configuration need not wait for the servers' libraries.
         from sim_hardware.service.served_bench import ServedBench
 
-        with ServedBench(SimulatedBench(truth)) as served:
+        with ServedBench(SimulatedBench(parameters)) as served:
             _write_response(answers, result={"scpi_port": served.scpi.port, "card_port": served.card.port})
             for line in sys.stdin:
                 try:
@@ -43,7 +43,7 @@ def main() -> int:
                     _write_response(answers, error=str(error))
                 else:
                     _write_response(answers, result=result)
-            # Whoever still holds the generator's wire may have to bring it to rest: a watchdog outlives its program.
+            # A watchdog outlives its program: while it holds the generator's link it may have to bring it to rest.
             for _ in range(round(LINGER_S / POLL_S)):
                 if not served.scpi.connections:
                     break

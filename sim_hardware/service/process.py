@@ -1,4 +1,4 @@
-"""The parent's side of a simulated bench in a process of its own."""
+"""Client of a simulated bench that runs in a process of its own."""
 
 import contextlib
 import json
@@ -22,15 +22,15 @@ from sim_hardware.wires.port import HOST
 
 
 class BenchProcess(Closeable):
-    """A simulated bench that serves SCPI and NI's gRPC from another process; use it with `with`, or close it.
+    """A simulated bench (sim_hardware.operator.BenchControls) that serves SCPI and NI's gRPC in a process of its own.
 
     Args:
-        truth: what the bench is made of.
-        speed: bench seconds per wall second; default is the truth's.
-        patience_s: how long starting or any answer may take.
+        parameters: of the simulated bench.
+        speed: bench seconds per wall second; default is that of `parameters`.
+        timeout_s: longest wait for the start or any reply.
 
     Raises:
-        BenchError: the process did not start; the sentence carries its own last words.
+        BenchError: the process did not start, or an action was rejected; the message has the reason.
     """
 
     def __init__(
@@ -52,9 +52,9 @@ class BenchProcess(Closeable):
             env={
                 **os.environ,
                 "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH")))),
-                "OPENBLAS_NUM_THREADS": "1",  # its matrices are small; a second thread only gets in the way
+                "OPENBLAS_NUM_THREADS": "1",  # its matrices are small; a second thread would slow it down
             },
-            start_new_session=True,  # a Ctrl-C at the terminal is ours to handle
+            start_new_session=True,  # a Ctrl-C at the terminal is handled by the parent
         )
         self._answers: queue.Queue[str | None] = queue.Queue()
         self._reader = threading.Thread(target=self._listen, name="simulated bench answers", daemon=True)
@@ -79,56 +79,47 @@ class BenchProcess(Closeable):
 
     @property
     def pid(self) -> int:
-        """Process id of the bench."""
+        """Process id of the child."""
         return self._child.pid
 
     def control(self, verb: str, **arguments: Any) -> Any:
-        """Carry out a verb of `sim_hardware.service.served_bench.ServedBench.control`.
+        """Call a method of `BenchControls` in the process.
 
         Raises:
-            BenchError: the bench refused it, or has died.
+            BenchError: it was rejected, or the process has died.
         """
         return self._exchange({"verb": verb, **arguments})
 
     def enable_hv(self) -> None:
-        """The operator turns high voltage on."""
         self.control("enable_hv")
 
     def disable_hv(self) -> None:
-        """The operator turns high voltage off."""
         self.control("disable_hv")
 
     def perform_action(self, action: str, values: Mapping[str, float]) -> float:
-        """Do something by hand; bench time when it is done. Raises BenchError where it makes no sense."""
         return float(self.control("perform_action", action=action, values=dict(values)))
 
     def now(self) -> float:
-        """Bench time."""
         return float(self.control("now"))
 
     def inject(self, fault: str) -> None:
-        """Break something. Raises BenchError for an unknown name."""
         self.control("inject", fault=fault)
 
     def clear(self, fault: str | None = None) -> None:
-        """Repair one fault, or all."""
         self.control("clear", fault=fault)
 
     def active_faults(self) -> tuple[str, ...]:
-        """Names of the faults that are present."""
         return tuple(self.control("active_faults"))
 
     def report(self, tolerance_v: float = 0.02) -> VoltageReport:
-        """What the amplifier's input really saw until now."""
         return VoltageReport(**self.control("report", tolerance_v=tolerance_v))
 
     def laser_reading_m(self) -> float | None:
-        """Return the displacement that the laser sensor displays now; None out of its range."""
         reading: float | None = self.control("laser_reading_m")
         return reading
 
     def close(self) -> None:
-        """End the process; nothing is left of it afterwards."""
+        """End the process and wait for it."""
         terminate(self._child)
         self._reader.join()
         if self._child.stdout is not None:

@@ -1,4 +1,4 @@
-"""A simulated bench on its real wires, and the words by which another process breaks, mends and asks it."""
+"""Server of a simulated bench: SCPI and gRPC on loopback, and its controls by name."""
 
 from dataclasses import asdict
 from typing import Any
@@ -17,7 +17,7 @@ VERBS = tuple(name for name in vars(BenchControls) if not name.startswith("_"))
 
 
 class ServedBench(Closeable):
-    """The generator on a SCPI socket and the card behind NI's gRPC service, both on loopback, until closed."""
+    """Serves the generator on a SCPI socket and the card behind NI's gRPC service, on loopback, until closed."""
 
     def __init__(self, bench: SimulatedBench) -> None:
         self.bench = bench

@@ -1,6 +1,6 @@
-"""What DC supplies of three makers answer: Keysight E36300 and E3631A, Rigol DP800, Siglent SPD3303X.
+"""Simulated DC supplies: Keysight E36300 and E3631A, Rigol DP800, Siglent SPD3303X.
 
-Limits, error codes and the spelling of answers follow the guides named in `drivers.supplies.dc_supply`.
+Limits, error codes and the format of replies follow the guides named in `drivers.supplies.dialects`.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,7 +64,7 @@ class SimulatedScpiSupply:
 
 
 class SiglentSpdEngine(ScpiEngine):
-    """An SPD takes one command a message and writes its errors without quotes (MEM: confirm on the box)."""
+    """An SPD takes one command a message and writes its errors without quotes (MEM: confirm on the instrument)."""
 
     def execute(self, message: str) -> ScpiResponse | None:
         if ";" in message:
@@ -78,7 +78,7 @@ class SiglentSpdEngine(ScpiEngine):
 
 
 def make_supply_engine(product: str, supply: SimulatedSupply, serial: str) -> ScpiEngine:
-    """The supply of that product's maker. Raises ValueError for one that nobody simulates."""
+    """Return the engine of a supply by its product name. Raises ValueError if it is not simulated."""
     for start, maker, table in (
         ("E3631A", "HEWLETT-PACKARD", _e3631a),
         ("E36", "Keysight Technologies", _e36300),
@@ -154,7 +154,7 @@ def _spd(m: SimulatedScpiSupply) -> Sequence[ScpiCommand]:
             "CH[1]:CURRent", lambda a: m.set_current_limit(single_argument(a)), lambda _: f"{s.current_limit_a:.3f}"
         ),
         ScpiCommand("MEASure:VOLTage", None, lambda _: f"{s.measured_v():.3f}"),
-        ScpiCommand("OUTPut", lambda a: m.set_output(a[1]), None),  # it cannot be asked
+        ScpiCommand("OUTPut", lambda a: m.set_output(a[1]), None),  # it has no query
         ScpiCommand("SYSTem:STATus", None, lambda _: f"{0x10 * s.output_on:#x}"),
     )
 

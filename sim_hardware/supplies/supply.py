@@ -1,4 +1,4 @@
-"""The output of a programmable DC supply, whatever dialect it speaks: quick to rise, slow to fall, off is not 2.5 V."""
+"""Simulated output of a DC supply: rises quickly, falls slowly; off is not 2.5 V."""
 
 import math
 from collections.abc import Callable
@@ -40,8 +40,9 @@ class SimulatedSupply:
     """One output.
 
     Args:
-        emit: takes what makes the next segment and puts it where the output goes.
-        now: bench time.
+        emit: receives the factory of the next segment and outputs it.
+        now: returns bench time.
+        parameters: level when off, fall time, over-voltage protection.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class SimulatedSupply:
         self.update_output()
 
     def update_output(self) -> None:
-        """Go to where the settings say, from where the output is now."""
+        """Move the output from its present level to the one of the settings."""
 
         def make(t: float) -> Segment:
             start = float(self._segment.volts(np.array([t]))[0])
@@ -74,7 +75,7 @@ class SimulatedSupply:
         self._emit(make)
 
     def measured_v(self) -> float:
-        """What its own voltmeter says."""
+        """Return the reading of its own voltmeter."""
         return round(float(self._segment.volts(np.array([self._now()]))[0]), 4)
 
     def reset(self) -> None:

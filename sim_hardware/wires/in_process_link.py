@@ -1,4 +1,4 @@
-"""The generator's wire without a wire: same messages, same faults, on the bench's own clock."""
+"""In-process link to a simulated SCPI instrument: same messages and faults, on the bench clock."""
 
 from drivers.clock import Clock
 from drivers.errors import LinkError
@@ -6,7 +6,7 @@ from sim_hardware.wires.port import MessagePort
 
 
 class InProcessLink:
-    """A link to an SCPI instrument in this process. Answers queue up, so a late one poisons the next query.
+    """A link to an SCPI instrument in this process. Replies queue up, so a late one is read by the next query.
 
     Args:
         command_s: bench time each message takes.
@@ -30,7 +30,7 @@ class InProcessLink:
         self._open = True
 
     def write(self, message: str) -> None:
-        """Send one message. Raises LinkError if nobody is connected."""
+        """Send one message. Raises LinkError if not connected."""
         self._check_connected()
         self._clock.sleep(self._command_s)
         reply = self._port.handle(message)
@@ -54,13 +54,13 @@ class InProcessLink:
         self._pending.clear()
 
     def reopen(self) -> None:
-        """Close and open again. Raises LinkError if nobody takes the call."""
+        """Close and open again. Raises LinkError if the instrument is unreachable."""
         self._pending.clear()
         self._open = True
         self._check_connected()
 
     def close(self) -> None:
-        """Let go of the instrument; its output stays as it is."""
+        """Close the link; the output stays as it is."""
         self._open = False
         self._pending.clear()
 

@@ -1,4 +1,4 @@
-"""Where messages enter an SCPI instrument, with everything that can go wrong between it and the driver."""
+"""Message port of a simulated SCPI instrument, with the faults of its link."""
 
 import threading
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ LATE_RESPONSE_S = 4.0
 
 @dataclass(frozen=True, slots=True)
 class WireResponse:
-    """What the wire carries back.
+    """Reply on the wire.
 
     Attributes:
         text: the answer without its end of line.
@@ -40,7 +40,7 @@ class WireResponse:
 
 
 class MessagePort:
-    """One instrument as its wires see it."""
+    """Runs the messages of one instrument and applies link faults to its replies."""
 
     def __init__(self, engine: ScpiEngine, faults: FaultState) -> None:
         self._engine = engine
@@ -49,7 +49,7 @@ class MessagePort:
 
     @property
     def connected(self) -> bool:
-        """Whether a connection stands or would be accepted."""
+        """Whether the instrument is reachable."""
         return not (self._faults.is_active("scpi-dropped") or self._faults.is_active("generator-power-off"))
 
     def handle(self, message: str) -> WireResponse | None:

@@ -1,4 +1,4 @@
-"""A pseudo-terminal as a serial line, with a thread that serves its far end. Not on Windows."""
+"""Pseudo-terminal as a serial line, with a thread that serves its far end. Not on Windows."""
 
 import os
 import threading
@@ -28,7 +28,7 @@ class PtyServer(Closeable):
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and pull the plug: whoever reads the port gets an error."""
+        """End the thread and close the line: a reader of the port gets an error."""
         if not self._closing.is_set():
             self._closing.set()
             self._thread.join()
@@ -42,4 +42,4 @@ class PtyServer(Closeable):
         try:
             os.write(self._master, data)
         except BlockingIOError:
-            return  # nobody reads: what a serial line has not carried is lost
+            return  # no reader: bytes that a serial line has not carried are lost

@@ -1,14 +1,11 @@
-"""A small SCPI engine: headers in short and long form, compound messages, units, and an error queue.
+"""SCPI engine: headers in short and long form, compound messages, units, binary blocks, error queue.
 
 An instrument declares its commands as patterns (`[SOURce[1]:]VOLTage[:LEVel]`); the engine finds the command for a
-header, keeps the path from one command of a message to the next (IEEE 488.2, SCPI-99 Vol. 1 ch. 6), and joins answers.
+header, keeps the path from one command of a message to the next (IEEE 488.2, SCPI-99 Vol. 1 ch. 6), and joins replies.
 
-Values in SCPI messages: numbers with units, booleans, choices, and the errors a bad one makes (SCPI-99, IEEE 488.2).
-
-Binary blocks in SCPI messages: their bytes may look like an end of line, a comma or a quote, and are none.
-
-A block is `#`, a digit, that many digits of length, and as many bytes (IEEE 488.2, 7.7.6). Siglent boxes write the length
-as a parameter (`LENGTH,4096B`) and the bytes bare after `WAVEDATA,`. Messages are bytes, or the same as Latin-1 text.
+The bytes of a binary block may look like an end of line, a comma or a quote. A block is `#`, a digit, that many digits of
+length, and as many bytes (IEEE 488.2, 7.7.6). Siglent instruments write the length as a parameter (`LENGTH,4096B`) and the
+bytes bare after `WAVEDATA,`. Messages are bytes, or the same as Latin-1 text.
 """
 
 import math
@@ -96,7 +93,7 @@ def short_form(name: str) -> str:
 
 
 def match_keyword(text: str, *names: str) -> str:
-    """Return the short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is none."""
+    """Return the short form of the name that `text` is, names given in mixed case. Raises ScpiError if it is not one."""
     for name in names:
         if text.strip().upper() in (short_form(name), name.upper()):
             return short_form(name)
@@ -104,7 +101,7 @@ def match_keyword(text: str, *names: str) -> str:
 
 
 def format_real(value: float) -> str:
-    """A float as Trueform boxes write it; infinity is 9.9E+37."""
+    """A float as Trueform instruments write it; infinity is 9.9E+37."""
     return "+9.90000000000000E+37" if math.isinf(value) else f"{value:+.14E}"
 
 
@@ -124,7 +121,7 @@ def check_argument_count(arguments: Arguments, count: int) -> None:
 _BLOCK_HEADER = re.compile(r"(?<=[ ,])#([1-9])")
 _SIGLENT_BLOCK_HEADER = re.compile(r"LENGTH,(\d+)B,[^\n]*?WAVEDATA,")
 _PLACEHOLDER = "\x00"
-"""Stands in a message where a block was; no driver sends it."""
+"""Replaces a block in a message; no driver sends it."""
 
 
 def split_received(received: bytes) -> tuple[list[str], bytes]:
@@ -173,12 +170,12 @@ def _next_block(text: str, start: int, end: int) -> tuple[int, int, int] | None:
 
 
 ERROR_QUEUE_LENGTH = 20
-"""Errors a box keeps; the last place then says that more were lost."""
+"""Capacity of the error queue; its last entry reports an overflow."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScpiResponse:
-    """What a box sends back: the text, and how many seconds of bench time it takes to do so."""
+    """A reply: its text, and the bench seconds until it is sent."""
 
     text: str
     delay_s: float = 0.0
@@ -186,7 +183,7 @@ class ScpiResponse:
 
 @dataclass(frozen=True, slots=True)
 class ScpiCommand:
-    """A header pattern with what it does when set and what it answers when asked; either may be missing."""
+    """A header pattern with its setter and its query; either may be missing."""
 
     pattern: str
     set: Callable[[Arguments], None] | None = None

@@ -1,4 +1,4 @@
-"""An SCPI instrument on a TCP socket: lines in, lines out, on one thread, with the faults a wire can have."""
+"""TCP server of a simulated SCPI instrument: one thread, with the faults of a connection."""
 
 import heapq
 import itertools
@@ -13,7 +13,7 @@ from sim_hardware.wires.scpi_engine import split_received
 
 _MAX_LINE_LENGTH = 1 << 24
 _MIN_WAIT_S = 2e-4
-"""The selector cannot wait for less than a millisecond; what is much shorter is sent at once."""
+"""The selector cannot wait for less than a millisecond; replies due much sooner are sent immediately."""
 
 
 class ScpiTcpServer(Closeable):
@@ -53,12 +53,12 @@ class ScpiTcpServer(Closeable):
 
     @property
     def connections(self) -> int:
-        """How many hold a connection now."""
+        """Number of open connections."""
         return len(self._partial_lines)
 
     def update_from_faults(self) -> None:
-        """Look again at what is broken, and return when that is done; call it after a fault has come or gone."""
-        if self._closing or threading.current_thread() is self._thread:  # it looks itself when it has answered
+        """Apply the active faults and return when that is done; call it after a fault is injected or cleared."""
+        if self._closing or threading.current_thread() is self._thread:  # it applies them itself after its reply
             return
         with self._update_condition:
             self._updates_requested += 1
@@ -93,10 +93,10 @@ class ScpiTcpServer(Closeable):
                     self._accept()
                 elif isinstance(sock, socket.socket) and sock in self._partial_lines:
                     self._receive(sock)
-            asked = self._updates_requested  # only who asked before we look may be told that we have looked
+            requested = self._updates_requested  # later requests are served by the next pass
             self._update_listener()
             with self._update_condition:
-                self._updates_done = asked
+                self._updates_done = requested
                 self._update_condition.notify_all()
             while self._pending_responses and self._pending_responses[0][0] <= time.monotonic():
                 _, _, sock, data = heapq.heappop(self._pending_responses)

@@ -1,6 +1,6 @@
-"""An instrument behind HiSLIP (IVI-6.1, synchronized mode): two connections a session, messages with a header, device clear.
+"""HiSLIP server (IVI-6.1, synchronized mode) for a simulated instrument, with device clear.
 
-Enough of it for one client at a time: data, trigger, status, lock, message size and device clear. Not for a real network.
+Enough for one client at a time: data, trigger, status, lock, message size and device clear. Not for a real network.
 """
 
 import itertools
@@ -48,7 +48,7 @@ class _Session:
 
 
 class HislipServer(ThreadedServer):
-    """The first message of a connection says which of the two of its session it is."""
+    """Serves sessions of two connections each; the first message of a connection tells them apart."""
 
     def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._sessions: dict[int, _Session] = {}
@@ -86,7 +86,7 @@ class HislipServer(ThreadedServer):
                 session.clearing.clear()
                 _send(sock, Kind.CLEAR_ACKNOWLEDGE, control, 0)
             elif session.clearing.is_set():
-                continue  # sent before the clear: never heard
+                continue  # sent before the clear: ignored
             elif kind in (Kind.DATA, Kind.DATA_END, Kind.TRIGGER):
                 message += b"*TRG" if kind == Kind.TRIGGER else payload
                 if kind != Kind.DATA:

@@ -1,7 +1,7 @@
-"""The NI-DAQmx C library over the simulated card: the functions that `nidaqmx` calls where a card is plugged in locally.
+"""NI-DAQmx C library over the simulated card: the functions that `nidaqmx` calls for a local card.
 
-Each is a true C function pointer (made by ctypes) with NI's signature, so that the unmodified package marshals its
-arguments as it would for NI's own library; what happens then is what the gRPC service does.
+Each is a real C function pointer (made by ctypes) with NI's signature, so that the unmodified package marshals its
+arguments as for NI's own library.
 """
 
 import ctypes
@@ -48,8 +48,8 @@ class NiLibrary:
         self.device = device
         self._tasks = NiTaskTable(device)
         self._handles = itertools.count(1)
-        self._told = ""
-        self._kept: list[Any] = []  # ctypes does not keep what it points to
+        self._last_error = ""
+        self._kept: list[Any] = []  # keeps the objects that ctypes only points to
         table: dict[str, tuple[Callable[..., Any], tuple[Any, ...]]] = {
             "CreateTask": (self._create, (_TEXT, ctypes.POINTER(ctypes.c_void_p))),
             "ClearTask": (self._tasks.clear, (_TASK,)),
@@ -74,8 +74,8 @@ class NiLibrary:
                 lambda h, auto, _timeout, value, _: self._write_one(h, value, auto),
                 (_TASK, _UINT, _REAL, _REAL, _ANY),
             ),
-            "GetErrorString": (self._words, (_INT, _ANY, _UINT)),
-            "GetExtendedErrorInfo": (lambda into, size: self._words(0, into, size), (_ANY, _UINT)),
+            "GetErrorString": (self._write_error, (_INT, _ANY, _UINT)),
+            "GetExtendedErrorInfo": (lambda into, size: self._write_error(0, into, size), (_ANY, _UINT)),
             "SetBufferAttribute": (lambda h, _number, n: self._tasks[h].set_buffer(n), (_TASK, _INT, _UINT)),
             "SetWriteAttribute": (lambda h, k, v: self._tasks.output(h).set_property(k, v), (_TASK, _INT, _INT)),
             "GetChanAttribute": (
@@ -106,7 +106,7 @@ class NiLibrary:
             setattr(self, f"DAQmx{name}", self._function(call, arguments))
 
     def end_process(self) -> None:
-        """What NI does when the program that had tasks is gone: they stop, and their outputs stay where they were."""
+        """Stop all tasks, as NI does when the program ends; outputs keep their level."""
         self._tasks.stop_all()
 
     def _function(self, call: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
@@ -114,7 +114,7 @@ class NiLibrary:
             try:
                 return int(call(*values) or 0)
             except NiError as error:
-                self._told = str(error)
+                self._last_error = str(error)
                 return error.code
 
         pointer = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(run)
@@ -159,8 +159,8 @@ class NiLibrary:
     def _write_one(self, handle: int, value: float, auto: int) -> None:
         self._tasks.output(handle).write(np.array([value]), bool(auto))
 
-    def _words(self, _code: int, into: int, size: int) -> None:
-        _put_text(self._told, into, size)
+    def _write_error(self, _code: int, into: int, size: int) -> None:
+        _put_text(self._last_error, into, size)
 
 
 def _fill(values: Any, fill: int, into: int, size: int, read: Any, kind: Any) -> int:

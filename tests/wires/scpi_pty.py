@@ -1,4 +1,4 @@
-"""An SCPI instrument on a serial line: lines over a pseudo-terminal, with the faults a wire can have. Not on Windows."""
+"""SCPI instrument on a serial line: lines over a pseudo-terminal, with link faults. Not on Windows."""
 
 import heapq
 import itertools
@@ -12,7 +12,7 @@ from sim_hardware.wires.scpi_engine import split_received
 
 
 class ScpiPty(PtyServer):
-    """Serves a port until closed. A cable that is off is silence: a serial line does not notice it.
+    """Serves a port until closed. An unplugged cable means silence: a serial line does not detect it.
 
     Args:
         speed: bench seconds per wall second, for answers that take the instrument time.
@@ -37,11 +37,11 @@ class ScpiPty(PtyServer):
             if select.select([self._master], [], [], min(wait_s, POLL_S))[0]:
                 lines, begun = split_received(begun + os.read(self._master, 4096))
                 for line in lines:
-                    self._hear(line)
+                    self._handle(line)
             while self._due and self._due[0][0] <= time.monotonic():
                 self._send(heapq.heappop(self._due)[2])
 
-    def _hear(self, line: str) -> None:
+    def _handle(self, line: str) -> None:
         reply = self._instrument.handle(line)
         if reply is not None:
             due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)

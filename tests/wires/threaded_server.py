@@ -1,4 +1,4 @@
-"""A server on loopback with a thread for every connection, which is away while its instrument is."""
+"""Loopback server with a thread per connection; it is down while its instrument is unreachable."""
 
 import contextlib
 import socket
@@ -31,7 +31,7 @@ class ThreadedServer(Closeable):
         self._listen()
 
     def poke(self) -> None:
-        """Look again at what is broken; call it after a fault has come or gone."""
+        """Apply the active faults; call it after a fault is injected or cleared."""
         if not self._instrument.connected:
             self._drop_all()
         elif self._listener is None:
@@ -47,7 +47,7 @@ class ThreadedServer(Closeable):
     def _serve(self, sock: socket.socket) -> None: ...
 
     def _wake(self) -> None:
-        """Let no thread wait any longer: the connections are about to be closed."""
+        """Wake waiting threads: the connections are about to be closed."""
 
     def _listen(self) -> None:
         self._listener = socket.create_server((HOST, self.port))

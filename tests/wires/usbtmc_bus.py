@@ -1,7 +1,7 @@
-"""An instrument behind USB-TMC (USB Test and Measurement Class 1.0), as a backend of PyUSB in place of libusb.
+"""USB-TMC instrument (USB Test and Measurement Class 1.0) as a PyUSB backend in place of libusb.
 
-Everything above the transfers of the USB host controller is real: PyUSB, pyvisa-py's USB-TMC and what is above them. A
-message that arrives while an answer waits discards the answer, as IEEE 488.2 (6.3.2.3) has it.
+Everything above the transfers of the USB host controller is real: PyUSB, pyvisa-py's USB-TMC and the layers above. A message
+that arrives while a reply is pending discards the reply, as IEEE 488.2 (6.3.2.3) requires.
 """
 
 import array
@@ -36,7 +36,7 @@ END = 1
 """Attribute of the last transfer of a message."""
 
 BUSY_S = 1e-4
-"""How often the host asks a device that has nothing to say."""
+"""Polling interval of a device without data."""
 
 
 class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
@@ -72,7 +72,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         libusb1.get_backend, classes = self._before
         pyvisa_py.sessions.Session._session_classes.update(classes)
 
-    # -- what the device says of itself (USB 2.0, 9.6) -------------------------------------------------------------------
+    # -- descriptors of the device (USB 2.0, 9.6) -------------------------------------------------------------------
 
     def enumerate_devices(self) -> list[str]:
         return ["device"] if self._instrument.connected else []
@@ -128,7 +128,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
     def ctrl_transfer(  # the names and the order are PyUSB's
         self, dev_handle: str, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
     ) -> int:
-        self._must_be_there()
+        self._check_connected()
         if bRequest == 6:  # a descriptor: only texts are asked for this way
             text = struct.pack("<H", 0x0409) if wValue & 0xFF == 0 else SERIAL.encode("utf-16-le")
             answer = struct.pack("BB", len(text) + 2, 3) + text
@@ -141,7 +141,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         return len(answer)
 
     def bulk_write(self, dev_handle: str, ep: int, intf: int, data: Any, timeout: int) -> int:
-        self._must_be_there()
+        self._check_connected()
         kind, tag, _, size, attributes = HEADER.unpack_from(data.tobytes())
         if kind == REQUEST:
             self._asked = tag, size
@@ -158,7 +158,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
     def bulk_read(self, dev_handle: str, ep: int, intf: int, buff: Any, timeout: int) -> int:
         given_up_s = time.monotonic() + timeout / 1000
         while self._asked is None or self._answer is None or self._answer[0] > time.monotonic():
-            self._must_be_there()
+            self._check_connected()
             if time.monotonic() > given_up_s:
                 raise USBTimeoutError("Operation timed out", errno=errno.ETIMEDOUT)
             time.sleep(BUSY_S)
@@ -170,6 +170,6 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         buff[: len(packed)] = array.array("B", packed)
         return len(packed)
 
-    def _must_be_there(self) -> None:
+    def _check_connected(self) -> None:
         if not self._instrument.connected:
             raise USBError("No such device (it may have been disconnected)", errno=errno.ENODEV)

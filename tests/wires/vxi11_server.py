@@ -1,6 +1,6 @@
-"""An instrument behind VXI-11 (VXIbus TCP/IP instrument protocol, 1995): calls of ONC RPC (RFC 5531) over TCP, device clear.
+"""VXI-11 server (VXIbus TCP/IP instrument protocol, 1995) over ONC RPC (RFC 5531), with device clear.
 
-Only the core channel, and without a port mapper: whoever asks names the port (`TCPIP::host,port::INSTR`).
+Only the core channel, and without a port mapper: the resource names the port (`TCPIP::host,port::INSTR`).
 """
 
 import socket
@@ -44,7 +44,7 @@ class Failure(IntEnum):
 
 
 class Vxi11Server(ThreadedServer):
-    """One connection is one link: its answers wait until they are read."""
+    """Serves one link per connection: replies wait until they are read."""
 
     def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._away = threading.Event()
@@ -76,7 +76,7 @@ class Vxi11Server(ThreadedServer):
 
 
 class _Link:
-    """What one client has written, and what it has not read yet."""
+    """Input and pending replies of one client."""
 
     def __init__(self, instrument: MessagePort, speed: float, command_s: float, away: threading.Event) -> None:
         self._instrument, self._speed, self._command_s, self._away = instrument, speed, command_s, away
@@ -140,6 +140,6 @@ def _record(sock: socket.socket) -> bytes:
 
 
 def _opaque(data: bytes, at: int) -> tuple[bytes, int]:
-    """Bytes of a length that stands before them, and where what follows begins."""
+    """Return length-prefixed bytes and the offset after them."""
     (size,) = struct.unpack_from("!I", data, at)
     return data[at + 4 : at + 4 + size], at + 4 + size + -size % 4
