@@ -1,1 +1,1 @@
-"""The contract suites that every source and digitizer passes, for the authors of drivers as well: see `__main__`."""
+"""Contract tests for drivers of sources and digitizers; `__main__` runs them on any driver."""

@@ -1,8 +1,8 @@
-"""Run a contract suite on a driver: `python -m sim_hardware.testing --source module:factory` (or `--digitizer`).
+"""Contract test command: `python -m sim_hardware.testing --source module:factory` (or `--digitizer`).
 
-The factory takes nothing and is a context manager. For a source it yields (source, bench, clock), for a digitizer
-(digitizer, bench), the instrument being wired to that `sim_hardware.bench.SimulatedBench`. What else is given goes to
-pytest. docs/how-to-write-a-driver.md has an example.
+The factory is a context manager without arguments. For a source it yields (source, bench, clock), for a digitizer
+(digitizer, bench), the instrument being connected to that `sim_hardware.bench.SimulatedBench`. Further arguments are
+passed to pytest. docs/how-to-write-a-driver.md has an example.
 """
 
 import argparse
@@ -23,20 +23,20 @@ SUITE_FOLDER = Path(__file__).parent
 
 
 class FactoryPlugin:
-    """A pytest plug-in that gives the suite what the author's factory makes."""
+    """A pytest plug-in whose fixture yields the author's device under test."""
 
     def __init__(self, factory: Callable[[], AbstractContextManager[Any]]) -> None:
         self._factory = factory
 
     @pytest.fixture
-    def made(self) -> Iterator[Any]:
-        with self._factory() as made:
-            deprecated.adapt_driver(type(made[0]), Source if len(made) == 3 else Digitizer)
-            yield made
+    def device_under_test(self) -> Iterator[Any]:
+        with self._factory() as device_under_test:
+            deprecated.adapt_driver(type(device_under_test[0]), Source if len(device_under_test) == 3 else Digitizer)
+            yield device_under_test
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the suite; the exit code is pytest's (0: the driver passes), 2 where it was asked wrongly."""
+    """Run the suite; return pytest's exit code (0: the driver passes), or 2 for wrong arguments."""
     parser = argparse.ArgumentParser("python -m sim_hardware.testing", description="Run a contract suite on a driver.")
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("--source", metavar="MODULE:FACTORY", help="yields (source, bench, clock)")
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not callable(factory):
         parser.error(f"'{named}' is no function; give it as module:function")
     suite = SUITE_FOLDER / ("source_contract.py" if asked.source else "digitizer_contract.py")
-    # No configuration of whatever folder this happens in: the contract is the same everywhere.
+    # No pytest configuration of the current folder: the contract is the same everywhere.
     options = ["-c", os.devnull, "--rootdir", str(SUITE_FOLDER), "--import-mode=importlib", "-p", "no:cacheprovider"]
     return int(pytest.main([*options, str(suite), *rest], plugins=[FactoryPlugin(factory)]))
 

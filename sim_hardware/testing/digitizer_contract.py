@@ -1,7 +1,7 @@
-"""What every digitizer must do, seen from the blocks it yields and the bench whose volts it samples.
+"""Digitizer contract tests: checks the blocks of any digitizer driver against the simulated bench.
 
-These are tests: they need a fixture `made` that yields a digitizer of two channels (drive and displacement) and the bench
-it is wired to. `python -m sim_hardware.testing --digitizer module:factory` runs them on any driver.
+They need a fixture `device_under_test` that yields a digitizer of two channels (drive and displacement) and the bench it is
+connected to. `python -m sim_hardware.testing --digitizer module:factory` runs them on any driver.
 """
 
 from collections import deque
@@ -17,8 +17,8 @@ from sim_hardware.bench import SimulatedBench
 DigitizerUnderTest = tuple[Digitizer, SimulatedBench]
 
 
-def test_blocks_are_gapless_integers_of_both_channels(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_blocks_are_gapless_int16_of_both_channels(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     with card.stream(5000.0, 250) as stream:
         blocks = [stream.read() for _ in range(8)]
     assert stream.rate_hz == pytest.approx(5000.0, rel=1e-6)
@@ -29,8 +29,8 @@ def test_blocks_are_gapless_integers_of_both_channels(made: DigitizerUnderTest) 
     assert all(b.start == a.stop for a, b in pairwise(blocks))
 
 
-def test_a_block_stays_as_it_was_when_the_next_one_comes(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_block_is_not_overwritten_by_the_next_one(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     with card.stream(5000.0, 100) as stream:
         first = stream.read()
         kept = first.raw.copy()
@@ -38,9 +38,9 @@ def test_a_block_stays_as_it_was_when_the_next_one_comes(made: DigitizerUnderTes
     assert np.array_equal(first.raw, kept)
 
 
-def test_the_scale_gives_the_volts_that_were_there(made: DigitizerUnderTest) -> None:
-    """Nothing drives the amplifier: its input is pulled to 0 V, the laser shows its zero."""
-    card, bench = made
+def test_scale_converts_counts_to_true_volts(device_under_test: DigitizerUnderTest) -> None:
+    """The amplifier is not driven: its input is pulled to 0 V, the laser is at its zero."""
+    card, bench = device_under_test
     with card.stream(5000.0, 1000) as stream:
         block = stream.read()
         volts = [scale.to_volts(raw) for scale, raw in zip(stream.scales, block.raw, strict=True)]
@@ -49,46 +49,46 @@ def test_the_scale_gives_the_volts_that_were_there(made: DigitizerUnderTest) -> 
     assert volts[0].std() == pytest.approx(bench.parameters.card.noise_v, rel=0.2)
 
 
-def test_when_each_channel_is_converted_is_known(made: DigitizerUnderTest) -> None:
-    """A card with one converter takes the channels of a scan one after the other; that is a phase, if nobody tells."""
-    card, bench = made
+def test_scale_reports_conversion_skew_of_each_channel(device_under_test: DigitizerUnderTest) -> None:
+    """A card with one converter converts the channels of a scan in turn; unreported, that is a phase error."""
+    card, bench = device_under_test
     for rate_hz in (5000.0, 200e3):
         with card.stream(rate_hz, 1000) as stream:
             fits_s = min(bench.parameters.card.convert_s, 0.5 / stream.rate_hz)
             assert [scale.skew_s for scale in stream.scales] == pytest.approx([0.0, fits_s])
 
 
-def test_time_of_the_first_scan_is_known(made: DigitizerUnderTest) -> None:
-    card, bench = made
+def test_stream_reports_time_of_first_scan(device_under_test: DigitizerUnderTest) -> None:
+    card, bench = device_under_test
     before = bench.clock.now()
     with card.stream(5000.0, 100) as stream:
         assert before <= stream.start_time_s <= bench.clock.now()
 
 
-def test_it_can_be_started_again(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_stream_can_be_restarted(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     for _ in range(3):
         with card.stream(2000.0, 50) as stream:
             assert stream.read().start == 0
 
 
-def test_two_streams_at_once_are_refused(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_second_simultaneous_stream_is_rejected(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     with card.stream(2000.0, 50) as stream:
         stream.read()
         with pytest.raises(AcquisitionError, match=r"in use|already"), card.stream(2000.0, 50) as second:
             second.read()
 
 
-def test_a_rate_beyond_the_card_is_refused_with_a_remedy(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_excessive_rate_is_rejected_with_a_remedy(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     with pytest.raises(AcquisitionError, match=r"lower the (sample )?rate"), card.stream(400_000.0, 1000) as stream:
         stream.read()
 
 
 @pytest.mark.parametrize("fault", ["card-unplugged", "card-overrun"])
-def test_lost_scans_and_a_lost_card_are_sentences_and_not_data(fault: str, made: DigitizerUnderTest) -> None:
-    card, bench = made
+def test_lost_scans_and_lost_card_raise_acquisition_error(fault: str, device_under_test: DigitizerUnderTest) -> None:
+    card, bench = device_under_test
     with card.stream(5000.0, 250) as stream:
         stream.read()
         bench.inject(fault)
@@ -99,8 +99,8 @@ def test_lost_scans_and_a_lost_card_are_sentences_and_not_data(fault: str, made:
         assert stream.read().start == 0
 
 
-def test_a_closed_stream_gives_nothing(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_closed_stream_raises_on_read(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     with card.stream(5000.0, 250) as stream:
         stream.read()
     with pytest.raises(BenchError, match=r"closed|stopped"):

@@ -1,9 +1,9 @@
-"""What every source and every run owe the specimen, read from the volts that left the simulated source."""
+"""Safe-voltage assertion on the volts that left the simulated source."""
 
 from sim_hardware.plant.history_report import VoltageReport
 
 STEP_V = 0.05
-"""Largest jump the guard's limits allow; what is measured on the plant's grid may exceed it by rounding only."""
+"""Largest step of the default drive limits; measured on the plant's grid it may be exceeded by rounding only."""
 
 
 def assert_safe_voltage(report: VoltageReport) -> None:
@@ -13,4 +13,4 @@ def assert_safe_voltage(report: VoltageReport) -> None:
     assert report.largest_jump_v <= STEP_V + 1e-6, report
     assert report.steepest_v_per_s <= 10_000, report
     assert report.switched_at_rest, report
-    assert report.ends_at_rest or report.live_s == 0, report  # a bench that never went live owes nothing
+    assert report.ends_at_rest or report.live_s == 0, report  # not required of a bench that never went live

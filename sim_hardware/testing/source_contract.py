@@ -1,7 +1,7 @@
-"""What every source must do. The judge is the volts that reached the simulated amplifier, not what the driver says.
+"""Source contract tests: checks any source driver by the volts at the simulated amplifier's input.
 
-These are tests: they need a fixture `made` that yields a source, the bench at whose amplifier its output arrives, and the
-clock both live in. `python -m sim_hardware.testing --source module:factory` runs them on any driver.
+They need a fixture `device_under_test` that yields a source, the bench at whose amplifier its output arrives, and their
+clock. `python -m sim_hardware.testing --source module:factory` runs them on any driver.
 """
 
 import re
@@ -19,16 +19,16 @@ from sim_hardware.testing.safe_volts import assert_safe_voltage
 SourceUnderTest = tuple[Source, SimulatedBench, Clock]
 
 
-def energised(made: SourceUnderTest) -> SourceUnderTest:
-    """Prepared with high voltage off, then switched on at rest."""
-    source, bench, _ = made
+def energised(device_under_test: SourceUnderTest) -> SourceUnderTest:
+    """Initialize with high voltage off, then switch it on at rest."""
+    source, bench, _ = device_under_test
     source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()
-    return made
+    return device_under_test
 
 
-def test_a_fresh_box_is_not_at_rest_and_is_brought_there(made: SourceUnderTest) -> None:
-    source, bench, _ = made
+def test_initialize_at_rest_from_power_up_state(device_under_test: SourceUnderTest) -> None:
+    source, bench, _ = device_under_test
     assert not source.is_at_rest(2.5, 0.0, 5.0)
     source.initialize_at_rest(2.5, 0.0, 5.0)
     assert source.is_at_rest(2.5, 0.0, 5.0)
@@ -36,14 +36,14 @@ def test_a_fresh_box_is_not_at_rest_and_is_brought_there(made: SourceUnderTest) 
     assert bench.report().end_v == pytest.approx(2.5, abs=1e-3)
 
 
-def test_preparing_twice_is_harmless_even_live(made: SourceUnderTest) -> None:
-    source, bench, _ = energised(made)
+def test_rest_check_is_harmless_with_high_voltage_on(device_under_test: SourceUnderTest) -> None:
+    source, bench, _ = energised(device_under_test)
     assert source.is_at_rest(2.5, 0.0, 5.0)
     assert_safe_voltage(bench.report())
 
 
-def test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_sine_starts_and_ends_at_rest_by_itself(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     begin = clock.now()
     source.start_drive(Sine(50.0, 2.5, 2.5, 20))
     clock.sleep(20 / 50.0 + 0.2)
@@ -56,7 +56,7 @@ def test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself(made: S
 
 
 def largest_deviation_v(bench: SimulatedBench, drive: Drive, begin_s: float, end_s: float) -> float:
-    """How far the volts at the amplifier were from the drive at most, wherever between these times it began."""
+    """Return the largest deviation of the amplifier's input from the drive, whenever it started between these times."""
     leaves_v, grid = 0.02, np.arange(begin_s, end_s, 1e-4)
     own = np.arange(0.0, drive.duration_s, 1e-4)
     left = grid[np.argmax(np.abs(bench.history.volts(grid) - drive.end_levels_v[0]) > leaves_v)]
@@ -75,10 +75,8 @@ def largest_deviation_v(bench: SimulatedBench, drive: Drive, begin_s: float, end
     ],
     ids=["sweep", "periodic sweep", "steps", "steps to one side"],
 )
-def test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves(
-    drive: Drive, made: SourceUnderTest
-) -> None:
-    source, bench, clock = energised(made)
+def test_sweep_and_steps_follow_the_drive_and_end_at_rest(drive: Drive, device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     begin_s = clock.now()
     source.start_drive(drive)
     clock.sleep(drive.duration_s + 0.2)
@@ -89,8 +87,8 @@ def test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves(
     assert report.lowest_v == pytest.approx(drive.low_v, abs=0.02)
 
 
-def test_small_and_large_drives_follow_each_other_without_a_jump(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_small_and_large_drives_in_sequence_cause_no_jump(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     for drive in (Sine(80.0, 0.05, 2.5, 8), Steps((2.5, 2.7, 2.5), 0.05, 0.05), Sine(80.0, 2.5, 2.5, 8)):
         source.start_drive(drive)
         clock.sleep(drive.duration_s + 0.05)
@@ -99,16 +97,16 @@ def test_small_and_large_drives_follow_each_other_without_a_jump(made: SourceUnd
     assert source.is_at_rest(2.5, 0.0, 5.0)
 
 
-def test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_unsupported_drive_is_rejected_and_output_stays_at_rest(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     with pytest.raises(InstrumentError, match=r"(limit|at most|holds \d+|the card).*[Nn]othing was sent"):
         source.start_drive(LinearSweep(20.0, 520.0, 1000.0, 2.5, 2.5))
     clock.sleep(0.1)
     assert bench.report().outside_rest_s == 0
 
 
-def test_a_sine_is_stopped_gently_from_any_phase(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_stop_ramps_a_sine_down_from_any_phase(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     for k in range(4):
         source.start_drive(Sine(40.0, 2.5, 2.5, 60))
         clock.sleep(0.1 + 0.0063 * k)
@@ -118,8 +116,8 @@ def test_a_sine_is_stopped_gently_from_any_phase(made: SourceUnderTest) -> None:
     assert_safe_voltage(bench.report())
 
 
-def test_levels_are_reached_in_small_steps_and_left_the_same_way(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_levels_are_reached_and_left_in_small_steps(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     for level in (5.0, 0.0, 2.5):
         source.ramp_to(level, 0.2)
         assert source.idle_level_v() == pytest.approx(level, abs=1e-3)
@@ -131,8 +129,8 @@ def test_levels_are_reached_in_small_steps_and_left_the_same_way(made: SourceUnd
     assert report.lowest_v == pytest.approx(0.0, abs=0.006)
 
 
-def test_a_ramp_is_played(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_ramp_is_played(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     source.start_drive(Ramp(2.5, 3.0, 0.1))
     clock.sleep(0.2)
     assert bench.report().end_v == pytest.approx(3.0, abs=1e-3)
@@ -141,8 +139,8 @@ def test_a_ramp_is_played(made: SourceUnderTest) -> None:
     assert_safe_voltage(bench.report())
 
 
-def test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_drive_from_another_level_is_rejected_and_output_stays_at_rest(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     with pytest.raises(InstrumentError, match="nothing was sent"):
         source.start_drive(Sine(50.0, 1.0, 3.0, 5))
     clock.sleep(0.1)
@@ -150,8 +148,8 @@ def test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves(made: Source
 
 
 @pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-garbled", "scpi-half", "scpi-dropped"])
-def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str, made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_failed_link_raises_link_error_and_reconnects(fault: str, device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     bench.inject(fault)
     with pytest.raises(LinkError, match=rf"{re.escape(source.identity.model)}: |which "):
         source.idle_level_v()
@@ -162,8 +160,8 @@ def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str, made: So
     assert_safe_voltage(bench.report())
 
 
-def test_letting_go_leaves_the_output_at_rest(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_close_leaves_the_output_at_rest(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     source.close()
     clock.sleep(0.2)
     report = bench.report()

@@ -14,16 +14,16 @@ from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.digitizer_contract import (  # noqa: F401 - pytest collects them here, with this module's cards
     DigitizerUnderTest,
-    test_a_block_stays_as_it_was_when_the_next_one_comes,
-    test_a_closed_stream_gives_nothing,
-    test_a_rate_beyond_the_card_is_refused_with_a_remedy,
-    test_blocks_are_gapless_integers_of_both_channels,
-    test_it_can_be_started_again,
-    test_lost_scans_and_a_lost_card_are_sentences_and_not_data,
-    test_the_scale_gives_the_volts_that_were_there,
-    test_time_of_the_first_scan_is_known,
-    test_two_streams_at_once_are_refused,
-    test_when_each_channel_is_converted_is_known,
+    test_block_is_not_overwritten_by_the_next_one,
+    test_blocks_are_gapless_int16_of_both_channels,
+    test_closed_stream_raises_on_read,
+    test_excessive_rate_is_rejected_with_a_remedy,
+    test_lost_scans_and_lost_card_raise_acquisition_error,
+    test_scale_converts_counts_to_true_volts,
+    test_scale_reports_conversion_skew_of_each_channel,
+    test_second_simultaneous_stream_is_rejected,
+    test_stream_can_be_restarted,
+    test_stream_reports_time_of_first_scan,
 )
 from tests.helpers.simulated_bench import installed, simulated
 from tests.wires.ni_library import NiLibrary
@@ -54,13 +54,13 @@ def ni_local_library() -> Iterator[DigitizerUnderTest]:
 
 
 @pytest.fixture(params=[without_a_wire, ni_over_grpc, ni_local_library], ids=lambda make: make.__name__)
-def made(request: pytest.FixtureRequest) -> Iterator[DigitizerUnderTest]:
-    with request.param() as made:
-        yield made
+def device_under_test(request: pytest.FixtureRequest) -> Iterator[DigitizerUnderTest]:
+    with request.param() as device_under_test:
+        yield device_under_test
 
 
-def test_it_says_who_it_is(made: DigitizerUnderTest) -> None:
-    card, _ = made
+def test_it_says_who_it_is(device_under_test: DigitizerUnderTest) -> None:
+    card, _ = device_under_test
     assert card.identity.model == "USB-6341"
     assert card.identity.serial
 

@@ -16,17 +16,17 @@ from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
     SourceUnderTest,
     energised,
-    test_a_drive_that_begins_elsewhere_is_refused_and_nothing_moves,
-    test_a_drive_that_cannot_be_made_is_a_sentence_and_nothing_moves,
-    test_a_fresh_box_is_not_at_rest_and_is_brought_there,
-    test_a_ramp_is_played,
-    test_a_sine_is_stopped_gently_from_any_phase,
-    test_a_sine_starts_at_rest_with_known_phase_and_ends_there_by_itself,
-    test_a_sweep_and_steps_are_played_at_once_and_end_at_rest_by_themselves,
-    test_letting_go_leaves_the_output_at_rest,
-    test_levels_are_reached_in_small_steps_and_left_the_same_way,
-    test_preparing_twice_is_harmless_even_live,
-    test_small_and_large_drives_follow_each_other_without_a_jump,
+    test_close_leaves_the_output_at_rest,
+    test_drive_from_another_level_is_rejected_and_output_stays_at_rest,
+    test_initialize_at_rest_from_power_up_state,
+    test_levels_are_reached_and_left_in_small_steps,
+    test_ramp_is_played,
+    test_rest_check_is_harmless_with_high_voltage_on,
+    test_sine_starts_and_ends_at_rest_by_itself,
+    test_small_and_large_drives_in_sequence_cause_no_jump,
+    test_stop_ramps_a_sine_down_from_any_phase,
+    test_sweep_and_steps_follow_the_drive_and_end_at_rest,
+    test_unsupported_drive_is_rejected_and_output_stays_at_rest,
 )
 from tests.helpers.simulated_bench import assert_safe_voltage, installed, simulated
 from tests.wires.ni_library import NiLibrary
@@ -56,13 +56,13 @@ def card_output_by_local_library() -> Iterator[SourceUnderTest]:
 
 
 @pytest.fixture(params=[card_output_over_grpc, card_output_by_local_library], ids=lambda make: make.__name__)
-def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
-    with request.param() as made:
-        yield made
+def device_under_test(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
+    with request.param() as device_under_test:
+        yield device_under_test
 
 
-def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_a_card_whose_cable_is_off_is_a_sentence_and_comes_back(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     bench.inject("card-unplugged")
     with pytest.raises(InstrumentError, match=r"DAQ card Dev1 \(USB-6341\) output ao0: .* check its USB cable"):
         source.start_drive(Sine(50.0, 1.0, 2.5, 5))

@@ -17,9 +17,9 @@ from sim_hardware.service.served_bench import ServedBench
 from sim_hardware.testing.source_contract import (  # noqa: F401 - pytest collects them here again, with this module's sources
     SourceUnderTest,
     energised,
-    test_a_fresh_box_is_not_at_rest_and_is_brought_there,
-    test_letting_go_leaves_the_output_at_rest,
-    test_preparing_twice_is_harmless_even_live,
+    test_close_leaves_the_output_at_rest,
+    test_initialize_at_rest_from_power_up_state,
+    test_rest_check_is_harmless_with_high_voltage_on,
 )
 from tests.helpers.generators import impatient_while_broken
 from tests.helpers.simulated_bench import assert_safe_voltage, simulated
@@ -56,13 +56,13 @@ MAKES = [
 
 
 @pytest.fixture(params=MAKES)
-def made(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
-    with request.param() as made:
-        yield made
+def device_under_test(request: pytest.FixtureRequest) -> Iterator[SourceUnderTest]:
+    with request.param() as device_under_test:
+        yield device_under_test
 
 
-def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     assert isinstance(source, DcSupply)
     source.ramp_to(3.5, 0.2)
     before = clock.now()
@@ -80,11 +80,11 @@ def test_levels_are_reached_in_small_steps_and_the_fall_is_waited_for(made: Sour
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_is_ever_sent_that_takes_the_output_off(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[str] = []
-    with direct(model) as made:
-        _, bench, _ = made
+    with direct(model) as device_under_test:
+        _, bench, _ = device_under_test
         handle = bench.message_port.handle
         monkeypatch.setattr(bench.message_port, "handle", lambda message: (sent.append(message), handle(message))[1])
-        source, _, _ = energised(made)
+        source, _, _ = energised(device_under_test)
         source.start_drive(Hold(2.5, 0.1))
         source.ramp_to(3.0, 0.1)
         source.stop()
@@ -96,8 +96,8 @@ def test_nothing_is_ever_sent_that_takes_the_output_off(model: str, monkeypatch:
 
 
 @pytest.mark.parametrize("drive", [Sine(5.0, 1.0, 2.5, 5), LinearSweep(1.0, 3.0, 1.0, 1.0, 2.5)])
-def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, made: SourceUnderTest) -> None:
-    source, bench, clock = energised(made)
+def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, device_under_test: SourceUnderTest) -> None:
+    source, bench, clock = energised(device_under_test)
     with pytest.raises(
         InstrumentError, match=r"can hold and step, but not play a .*falls in up to 2 s.*Nothing was sent"
     ):
@@ -107,8 +107,8 @@ def test_a_sine_is_refused_in_a_sentence_and_nothing_moves(drive, made: SourceUn
 
 
 def test_steps_go_on_while_the_run_does() -> None:
-    with on_a_socket("E36312A") as made:
-        source, bench, clock = energised(made)
+    with on_a_socket("E36312A") as device_under_test:
+        source, bench, clock = energised(device_under_test)
         source.start_drive(Steps((2.5, 3.5, 2.0, 2.5), 1.5, 0.5))
         assert not source.is_at_rest(2.5, 0.0, 5.0)
         with pytest.raises(InstrumentError, match="still plays"):
@@ -128,8 +128,8 @@ def test_steps_go_on_while_the_run_does() -> None:
 
 
 def test_steps_that_are_stopped_stay_where_they_are() -> None:
-    with on_a_socket("E36312A") as made:
-        source, bench, clock = energised(made)
+    with on_a_socket("E36312A") as device_under_test:
+        source, bench, clock = energised(device_under_test)
         source.start_drive(Steps((2.5, 3.5, 2.5), 4.0, 0.5))
         clock.sleep(6.5)
         source.stop()
@@ -160,8 +160,8 @@ def test_protection_that_has_tripped_is_said(model: str) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_fall_slower_than_promised_is_a_sentence_with_a_remedy(model: str) -> None:
-    with direct(model, fall_tau_s=2.0) as made:
-        source, _, _ = energised(made)
+    with direct(model, fall_tau_s=2.0) as device_under_test:
+        source, _, _ = energised(device_under_test)
         source.ramp_to(4.5, 0.2)
         with pytest.raises(InstrumentError, match=r"measures .* V after 2.* put 1 kohm across its output"):
             source.ramp_to(2.5, 0.1)
@@ -169,8 +169,8 @@ def test_a_fall_slower_than_promised_is_a_sentence_with_a_remedy(model: str) -> 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
-    with direct(model) as made:
-        source, bench, clock = energised(made)
+    with direct(model) as device_under_test:
+        source, bench, clock = energised(device_under_test)
         bench.supply.output_on = False  # somebody's finger on the front panel
         bench.supply.update_output()
         clock.sleep(1.0)
@@ -180,10 +180,10 @@ def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["scpi-silent", "scpi-late", "scpi-garbled", "scpi-half", "scpi-dropped"])
-def test_a_failed_wire_is_a_sentence_and_can_be_opened_anew(fault: str) -> None:
+def test_failed_link_raises_link_error_and_reconnects(fault: str) -> None:
     for make in (direct, on_a_socket):
-        with make("E36312A") as made:
-            source, bench, clock = energised(made)
+        with make("E36312A") as device_under_test:
+            source, bench, clock = energised(device_under_test)
             bench.inject(fault)
             with pytest.raises(LinkError, match=r"DC supply E36312A: |which is no"):
                 source.is_at_rest(2.5, 0.0, 5.0)
@@ -202,8 +202,8 @@ def test_another_instrument_is_refused() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_restart_finds_a_held_level_and_brings_it_to_rest_in_small_steps(model: str) -> None:
-    with direct(model) as made:
-        source, bench, clock = energised(made)
+    with direct(model) as device_under_test:
+        source, bench, clock = energised(device_under_test)
         source.ramp_to(1.0, 0.3)
         second = DcSupply(bench.link(), clock)
         assert not second.is_at_rest(2.5, 0.0, 5.0)
