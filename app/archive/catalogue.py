@@ -1,7 +1,7 @@
-"""An index of a folder's run files: thousands listed at once, thrown away and rebuilt at will, for the files hold it all.
+"""SQLite index (catalogue) of the run files in a folder; a cache that is rebuilt from the files.
 
-It lies in the user's cache, never beside the runs: a folder of runs may be read-only or on a network drive, where SQLite
-must not be. What a person adds (tags, a note) stands in a small file beside the run, see `app.archive.notes`.
+The index is in the user's cache directory, not beside the runs: a folder of runs may be read-only, or on a network drive
+where SQLite locking is unreliable. Tags and notes are in a small file beside each run, see `app.archive.notes`.
 """
 
 import hashlib
@@ -21,20 +21,20 @@ SCHEMA = 4
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
 
 FILES_PER_COMMIT = 100
-"""Files read between two commits; others see them then."""
+"""Files read between two commits; other connections see the entries after a commit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanResult:
-    """What a look at the folder brought."""
+    """Result of a scan: how many entries changed, and what could not be read."""
 
     added: int = 0
     changed: int = 0
     removed: int = 0
     skipped: tuple[str, ...] = ()
-    """A sentence for each folder that could not be read. Files that cannot be are in the list, and say so."""
+    """A message for each folder that could not be read. Unreadable files are entries with the state `damaged`."""
     complete: bool = True
-    """False where it was stopped before the end."""
+    """False if the scan was cancelled."""
 
     @property
     def has_changes(self) -> bool:
@@ -42,7 +42,7 @@ class ScanResult:
 
 
 class _FileStamp(NamedTuple):
-    """What tells that a file has changed."""
+    """Times and size by which a changed file is detected."""
 
     modified_ns: int
     size: int
@@ -51,14 +51,14 @@ class _FileStamp(NamedTuple):
 
 @dataclass
 class _FolderListing:
-    """What lies in a folder and below."""
+    """Run files and notes in a folder and below."""
 
     runs: dict[str, os.stat_result] = field(default_factory=dict)
     notes: dict[str, int] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
 
     def notes_path_of(self, run: str) -> str:
-        """Where the notes of a run are: beside it, or where it lay before somebody moved the run alone."""
+        """Return the notes of a run: beside it, or at its former place if the run file was moved alone."""
         beside = run.removesuffix(".h5") + NOTES_SUFFIX
         if beside in self.notes:
             return beside
@@ -81,7 +81,7 @@ class Catalogue:
         self.index = index or index_path(folder)
 
     def entries(self) -> list[RunSummary]:
-        """Every run known, newest first."""
+        """Return every indexed run, newest first."""
         with self._connection() as db:
             rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
             return list(map(RunSummary._make, rows))
@@ -92,10 +92,12 @@ class Catalogue:
         cancelled: Callable[[], bool] = lambda: False,
         exclude: Collection[Path] = (),
     ) -> ScanResult:
-        """Look what was added, changed, moved or deleted, and read that.
+        """Update the index: read files that were added, changed or moved, remove those that were deleted.
 
-        `told` hears how many of how many files are read, `stopped` is asked between them. Files in `leave` are being
-        written by this very program: they are listed, but not opened.
+        Args:
+            progress: called with the number of files read and the number to read.
+            cancelled: checked between files.
+            exclude: files that this program is writing; they are listed but not opened.
         """
         left = {str(path.resolve()) for path in exclude}
         walk = _list_folder(self.folder)
@@ -114,7 +116,7 @@ class Catalogue:
                 # A file that says `running` does not change when its writer dies.
                 if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
-            # Newest first: names begin with the time, and that is what a person looks for.
+            # Newest first, as users look for recent runs: file names begin with the start time.
             for path, notes, seen in sorted(due, key=lambda item: item[0].rpartition("/")[2], reverse=True):
                 if cancelled():
                     return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete=False)
@@ -132,7 +134,7 @@ class Catalogue:
         return ScanResult(added, changed, len(gone), tuple(walk.skipped))
 
     def upsert(self, entries: Sequence[RunSummary]) -> None:
-        """Enter entries as they are; the next scan corrects what the files do not bear out."""
+        """Insert or replace entries unchecked; the next scan corrects those that do not match the files."""
         with self._connection() as db:
             for entry in entries:
                 _upsert(db, entry)
@@ -172,7 +174,7 @@ class Catalogue:
             except sqlite3.OperationalError:
                 db.close()
                 raise
-            except sqlite3.DatabaseError:  # no database, or a damaged one: the files will tell again
+            except sqlite3.DatabaseError:  # not a database, or damaged: it is rebuilt from the files
                 pass
             db.close()
             for suffix in ("", "-wal", "-shm"):
@@ -181,7 +183,7 @@ class Catalogue:
 
     @staticmethod
     def _ensure_schema(db: sqlite3.Connection) -> bool:
-        """Whether the index is of today's schema; an empty one is made so."""
+        """Return whether the index has the current schema; create the table in an empty one."""
         (version,) = db.execute("PRAGMA user_version").fetchone()
         if version == SCHEMA:
             return True
@@ -195,7 +197,7 @@ class Catalogue:
 
 
 def index_path(folder: Path) -> Path:
-    """Where the index of a folder is kept: in the user's cache, or with temporary files where there can be none."""
+    """Return the index path of a folder: in the user's cache, or the temporary directory if that is not writable."""
     from platformdirs import user_cache_path
 
     name = f"runs-{hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]}.sqlite"
@@ -212,7 +214,7 @@ def _upsert(db: sqlite3.Connection, entry: RunSummary) -> None:
 
 
 def _list_folder(folder: Path) -> _FolderListing:
-    """Run files and notes in a folder and below, by their path within it; hidden folders are left out."""
+    """List run files and notes in a folder and below by relative path; hidden folders are skipped."""
     walk = _FolderListing()
     pending = [""]
     while pending:
@@ -230,7 +232,7 @@ def _list_folder(folder: Path) -> _FolderListing:
                     elif item.name.endswith(NOTES_SUFFIX):
                         walk.notes[path] = item.stat().st_mtime_ns
         except FileNotFoundError:
-            if inside:  # deleted while we looked; the folder itself may not be there yet
+            if inside:  # deleted during the walk; the root folder itself may not exist yet
                 continue
         except OSError as error:
             walk.skipped.append(f"{folder / inside} cannot be read: {error.strerror or error}")

@@ -1,4 +1,4 @@
-"""What a run file holds, in words and as plain values."""
+"""Description of a run file as text for a terminal and as a plain record for JSON."""
 
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from protocols.runfile.reader import Run
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """Everything but the raw samples and events, in SI units."""
+    """Return everything but raw samples and events, in SI units."""
     return {
         "path": str(run.path),
         "protocol": run.protocol,
@@ -39,7 +39,7 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def run_text(run: Run) -> str:
-    """A page about a run, for a terminal."""
+    """Return a page about a run for a terminal."""
     points = run.points()
     length = format_duration(run.trace.duration_s) if run.trace.rate_hz else "0 s"
     lines = [
@@ -83,12 +83,12 @@ def run_text(run: Run) -> str:
             if column.ndim == 1 and name not in ("entry", "quality") and not name.endswith("_errors")
         ]
         for row, quality in enumerate(points["quality"]):
-            told = [
+            values = [
                 f"{name.replace('_', ' ')} {format_quantity(points[name][row], _standard_error(points, name, row), units[name])}"
                 for name in shown
                 if np.isfinite(points[name][row])
             ]
-            lines.append(f"{row + 1}: {', '.join(told)}; {Quality(int(quality)).description}")
+            lines.append(f"{row + 1}: {', '.join(values)}; {Quality(int(quality)).description}")
     for curve in run.curves():
         x = curve.columns[curve.x]
         title = f"{curve.name} {curve.label}".strip()
@@ -102,13 +102,13 @@ def run_text(run: Run) -> str:
 
 
 class InjectedFault(NamedTuple):
-    """A fault of the simulated bench that somebody set while a run went on; seconds after the run's beginning."""
+    """A fault of the simulated bench that was switched on during a run; seconds since its start."""
 
     fault: str
     words: str
     from_s: float
     until_s: float | None
-    """None where it was still broken when the run ended."""
+    """None if the fault was still active when the run ended."""
 
     @property
     def description(self) -> str:
@@ -117,7 +117,7 @@ class InjectedFault(NamedTuple):
 
 
 def injected_faults(run: Run) -> list[InjectedFault]:
-    """What was broken on purpose during a run, in its order."""
+    """Return the faults injected during a run, in order."""
     found: list[InjectedFault] = []
     for event in () if run.imported else run.events():
         if event.kind != InjectedFaultChanged.kind:
@@ -132,7 +132,7 @@ def injected_faults(run: Run) -> list[InjectedFault]:
 
 
 def _fault_lines(run: Run) -> list[str]:
-    """A line for each fault; those of the run this one goes on with are about the points that it carries over."""
+    """Return a line for each fault, those of the resumed run included: its points are carried over."""
     lines = [broken.description for broken in injected_faults(run)]
     if (earlier := run.resumed_from) is not None and earlier.exists():
         with Run(earlier) as before:
@@ -141,19 +141,19 @@ def _fault_lines(run: Run) -> list[str]:
 
 
 def _import_text(run: Run) -> str:
-    """Which columns of which file an imported run was made of; empty for a measured one."""
-    if not (told := run.imported):
+    """Return source files and columns of an imported run; empty for a measured one."""
+    if not (source := run.imported):
         return ""
-    columns = ", ".join(f"{name} = '{of['column']}' [{of['unit']}]" for name, of in told["columns"].items())
+    columns = ", ".join(f"{name} = '{of['column']}' [{of['unit']}]" for name, of in source["columns"].items())
     when = (
         f"measured {run.start_time[:10]}"
-        if told["measured"]
-        else f"imported {run.start_time[:10]}, measured nobody tells when"
+        if source["measured"]
+        else f"imported {run.start_time[:10]}, measurement date not recorded"
     )
-    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in told["cautions"])])
+    return "\n".join([f"{when}; no raw samples; {columns}", *(f"caution: {words}" for words in source["cautions"])])
 
 
 def _standard_error(points: dict[str, Any], name: str, row: int) -> float:
-    """The standard error that stands beside a column, 0 where there is none."""
+    """Return the standard error of a column's value, 0 if there is none."""
     column = points.get(f"{name}_errors")
     return float(column[row]) if column is not None else 0.0

@@ -1,6 +1,6 @@
-"""A run as files that any program opens: CSV for a spreadsheet, JSON, or MAT for MATLAB. Units in every header, SI.
+"""Export of a run as CSV, JSON or MAT files, in SI units with units in every header.
 
-Whatever comes from a simulated bench bears SIMULATED in the names of its files.
+File names of simulated runs contain SIMULATED.
 """
 
 import csv
@@ -22,9 +22,9 @@ Part = Literal["about", "points", "estimates", "events", "raw"]
 PARTS: tuple[Part, ...] = ("about", "points", "estimates", "events", "raw")
 
 ROWS_PER_CHUNK = 20_000
-"""Rows converted at once; the interpreter is free for others between two."""
+"""Rows converted at once; other threads run between two chunks."""
 MAX_SCANS_IN_ONE_FILE = 20_000_000
-"""Scans of raw data that JSON and MAT, which are written whole, may hold."""
+"""Limit of raw scans in JSON and MAT files, which are held in memory whole."""
 
 LEADING_COLUMNS = (
     "frequency",
@@ -35,13 +35,13 @@ LEADING_COLUMNS = (
     "phase",
     "phase_errors",
 )
-"""Columns of points that stand first in a sheet; the file knows no order."""
+"""Columns of points that come first in a table; the run file has no column order."""
 
 RAW_COLUMNS = (("time", "s"), ("drive", "V"), ("displacement", "m"))
 
 
 class ExportError(Exception):
-    """A run cannot be exported. The sentence says why and what would do."""
+    """A run cannot be exported; the message gives reason and remedy."""
 
 
 def export_run(
@@ -52,10 +52,10 @@ def export_run(
     progress: Callable[[float], None] = lambda _share: None,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[Path]:
-    """Write `parts` of a run into `folder`, which is made; the files written. Files of the same names are replaced.
+    """Write `parts` of a run into `folder` and return the files written. Files of the same names are replaced.
 
-    CSV gives a file a part; JSON and MAT one file. `told` hears how much is done, 0 to 1; where `stopped` says so, what was
-    written of an unfinished file is taken away.
+    CSV makes one file for each part, JSON and MAT one file. `progress` receives the completed share, 0 to 1. If `cancelled`
+    returns True, the unfinished file is removed.
 
     Raises:
         ExportError: a file cannot be written, or the run is too long for the format.
@@ -86,7 +86,7 @@ def export_run(
 
 
 def _write_complete(path: Path, write: Callable[[Path], bool]) -> bool:
-    """Write under a working name, so that a file that bears its name is whole."""
+    """Write under a temporary name and rename: a file with its final name is complete."""
     working = path.with_name(path.name + ".part")
     try:
         done = write(working)
@@ -190,7 +190,7 @@ def _write_mat(
 
 
 def _raw_rows(run: Run) -> Iterator[tuple[Any, ...]]:
-    """How much is done after it, then time, drive and displacement of the next scans."""
+    """Yield completed share, time, drive and displacement of each chunk of scans."""
     trace, samples = run.trace, run.trace.sample_count
     for start in range(0, samples, ROWS_PER_CHUNK):
         stop = min(start + ROWS_PER_CHUNK, samples)
@@ -198,7 +198,7 @@ def _raw_rows(run: Run) -> Iterator[tuple[Any, ...]]:
 
 
 def _table_rows(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
-    """Header and rows of everything but the raw data."""
+    """Return header and rows of a part other than the raw data."""
     match part:
         case "points":
             points, units = run.points(), run.units()
@@ -224,7 +224,7 @@ def _table_rows(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
             )
             return ["name", "value", "standard error", "unit", "source"], rows
         case "events":
-            told = (
+            events = (
                 [
                     _format_number(e["time"]),
                     e["row"],
@@ -233,13 +233,13 @@ def _table_rows(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
                 ]
                 for e in _event_records(run)
             )
-            return ["time [s]", "row", "kind", "fields"], told
+            return ["time [s]", "row", "kind", "fields"], events
         case _:
             return ["name", "value"], ([name, value] for name, value in _about_rows(run))
 
 
 def _about_rows(run: Run) -> Iterator[tuple[str, Any]]:
-    """What the run was; parameters one by one."""
+    """Yield names and values of the run's metadata, parameters one by one."""
     yield "file", run.path.name
     for name in ("protocol", "specimen", "state", "reason", "start_time"):
         yield name, str(getattr(run, name))
@@ -258,5 +258,5 @@ def _event_records(run: Run) -> Iterator[Mapping[str, Any]]:
 
 
 def _format_number(value: float) -> str:
-    """Every digit; nothing where there is no number."""
+    """Return a number with every digit; empty text for NaN and infinity."""
     return repr(float(value)) if np.isfinite(value) else ""

@@ -1,7 +1,7 @@
-"""What a person adds to a run: tags and a note, in a small JSON file beside it.
+"""Tags and notes of a run, in a small JSON file beside it.
 
-Beside and not inside: a run file is closed when it ends, and of all that was tried on HDF5 files the adding of attributes
-is what damaged some when the program was killed in the middle (docs/decisions/0030-archive.md).
+Not inside the run file: adding attributes to a finished HDF5 file damaged it when the program was killed meanwhile
+(docs/decisions/0030-archive.md).
 """
 
 import json
@@ -15,7 +15,7 @@ NOTES_SUFFIX = ".notes.json"
 
 
 class NotesError(Exception):
-    """Notes cannot be read or written. The sentence says which, why and what to do."""
+    """Notes cannot be read or written; the message gives file, reason and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +27,17 @@ class Notes:
 
 
 def notes_path(run: Path) -> Path:
-    """Where the notes of a run stand."""
+    """Return the path of a run's notes."""
     return run.with_suffix(NOTES_SUFFIX)
 
 
 def read_tags(text: str) -> tuple[str, ...]:
-    """`good, second try` as tags, each once, in order."""
+    """Parse `good, second try` into tags, each once, in order."""
     return tuple(dict.fromkeys(" ".join(tag.split()) for tag in text.split(",") if tag.strip()))
 
 
 def read_notes(path: Path) -> Notes:
-    """The notes in a file; none where there is no file.
+    """Read the notes in a file; empty notes if there is no file.
 
     Raises:
         NotesError: the file is there and cannot be understood.
@@ -54,7 +54,7 @@ def read_notes(path: Path) -> Notes:
 
 
 def write_notes(run: Path, notes: Notes) -> None:
-    """Keep the notes of a run; no notes at all take the file away. What stood there is replaced whole or not at all.
+    """Write the notes of a run, atomically; empty notes remove the file.
 
     Raises:
         NotesError: the file cannot be written, or the one that is there cannot be understood and would be lost.

@@ -1,4 +1,4 @@
-"""A run as it was: its response, its model, its traces and what happened, read from its file. No Qt."""
+"""Loading of a finished run for display: points, curves, estimates, log messages and traces."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
@@ -35,12 +35,12 @@ class TraceWindow:
     drive_v: Array
     displacement_um: Array
     raw: bool = False
-    """Every sample, none left out."""
+    """True if every sample is included, False for minimum and maximum pairs."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedRun:
-    """Everything the page shows of one run."""
+    """Everything that a page shows of one run."""
 
     path: Path
     title: str
@@ -60,19 +60,19 @@ class LoadedRun:
 
     @property
     def max_hz(self) -> float:
-        """How far the response reaches."""
+        """Highest frequency of the points."""
         return max((float(p.frequency) for p in self.points if hasattr(p, "frequency")), default=250.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredResponse:
-    """The points of a run, to lie over the curves; all (P,), SI."""
+    """Frequency response points of a run, to be overlaid on model curves; arrays are (P,), SI."""
 
     path: Path
     label: str
     simulated: bool
     peak_to_peak_v: float
-    """Of the drive, as recorded."""
+    """Drive amplitude as recorded."""
     frequency_hz: Array
     peak_to_peak: Array
     peak_to_peak_errors: Array
@@ -92,7 +92,7 @@ def load_run(path: Path) -> LoadedRun:
     """Read a run.
 
     Raises:
-        RunError: it cannot be read; the sentence says why.
+        RunReadError: it cannot be read.
     """
     with Run(path) as run, translate_read_errors(path):
         kind = PROTOCOLS.get(run.protocol)
@@ -121,7 +121,7 @@ def read_measured_response(path: Path) -> MeasuredResponse:
     """Return the points of a run that has a response over frequency.
 
     Raises:
-        RunError: it cannot be read, or has none.
+        RunReadError: it cannot be read, or has none.
     """
     with Run(path) as run, translate_read_errors(path):
         points = run.points()
@@ -164,10 +164,10 @@ def read_trace_window(trace: RunTrace, start: int = 0, stop: int | None = None) 
 
 
 def load_trace_window(path: Path, from_s: float, to_s: float) -> TraceWindow:
-    """The traces of a part of a run: every sample where they are few enough to be seen.
+    """Read the traces of a part of a run: every sample if there are few enough.
 
     Raises:
-        RunError: it cannot be read; the sentence says why.
+        RunReadError: it cannot be read.
     """
     with Run(path) as run, translate_read_errors(path):
         trace = run.trace
@@ -196,8 +196,8 @@ def _load_points(run: Run, kind: type[Protocol] | None) -> list[Any]:
 
 
 def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | None) -> LogLine | None:
-    """The event as the log told it, or none where it told nothing."""
-    kind: Any = EVENTS.get(event.kind)  # None for a type that only a newer version of this program knows
+    """Return the log line of an event, None if the event is not logged."""
+    kind: Any = EVENTS.get(event.kind)  # None for a type of a newer version of this program
     at = started + timedelta(seconds=event.time_s)
     try:
         if event.kind == PointMeasured.kind:
@@ -212,11 +212,11 @@ def _log_line(event: LoggedEvent, started: datetime, protocol: type[Protocol] | 
         if kind in (None, DriveStarted, RecordingFinished, BlockStored):
             return None
         said = describe_event(kind(**event.fields))
-    except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: its name at least
+    except (TypeError, KeyError, AttributeError, ValueError):  # an event of another version: log its name
         return LogLine(at, Severity.INFO, event.kind)
     return None if said is None else LogLine(at, *said)
 
 
 def has_response_columns(columns: Mapping[str, object]) -> bool:
-    """Whether points are amplitudes over frequency, which are drawn and told also where a column is missing."""
+    """Return whether points are amplitudes over frequency, which are shown even if other columns are missing."""
     return "frequency" in columns and "peak_to_peak" in columns

@@ -1,4 +1,4 @@
-"""One run in a list: what a person looks for it by, read from its file; and which of many are wanted."""
+"""Summary of a run file, the row of the catalogue; filters for lists of runs."""
 
 import json
 from collections.abc import Iterable
@@ -17,11 +17,11 @@ from protocols.resume import measured_points
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors
 
 STALE_AFTER_S = 600.0
-"""A file that says `running` and was not written for so long is told apart."""
+"""A file with status `running` that was not written for so long gets another reason."""
 
 
 class RunState(StrEnum):
-    """How a run stands. The first five are what the file says."""
+    """State of a run; the first five are stored in the file."""
 
     COMPLETED = "completed"
     STOPPED = "stopped"
@@ -29,29 +29,29 @@ class RunState(StrEnum):
     UNSAFE = "unsafe"
     RUNNING = "running"
     CRASHED = "crashed"
-    """It says running, and the program that wrote it is gone."""
+    """Status `running`, but the process that wrote it does not exist any more."""
     IMPORTED = "imported"
-    """Nothing was run: its points come from somebody's table."""
+    """Points come from an imported table."""
     NEWER = "newer version"
     DAMAGED = "damaged"
 
     @property
     def readable(self) -> bool:
-        """Whether the run can be opened."""
+        """Whether the file can be opened."""
         return self not in (RunState.NEWER, RunState.DAMAGED)
 
 
 class RunSummary(NamedTuple):
-    """One run as the list has it; a plain tuple, because there are ten thousand."""
+    """Summary of one run; a plain tuple, as a list may have ten thousand."""
 
     path: str
-    """Within the folder, with slashes."""
+    """Relative to the folder, with slashes."""
     state: str
     reason: str = ""
     protocol: str = ""
     specimen: str = ""
     start_time: str = ""
-    """ISO, UTC, so that text sorts as time does."""
+    """ISO, UTC: sorts as text."""
     simulated: int = 0
     points: int = 0
     entries: int = 0
@@ -69,7 +69,7 @@ class RunSummary(NamedTuple):
     size: int = 0
     notes_ns: int = 0
     words: str = ""
-    """Everything a search looks at, casefolded."""
+    """Text that is searched, casefolded."""
 
     @property
     def name(self) -> str:
@@ -77,7 +77,7 @@ class RunSummary(NamedTuple):
 
     @property
     def started_at(self) -> datetime | None:
-        """When it began, in local time."""
+        """Start time in local time; None if unknown."""
         try:
             return datetime.fromisoformat(self.start_time).astimezone()
         except ValueError:
@@ -112,7 +112,7 @@ class RunSummary(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RunFilter:
-    """Which runs are wanted; an empty text wants all. Every word of `words` must occur somewhere."""
+    """Selection of runs; empty fields select all. Every word of `search_text` must occur."""
 
     search_text: str = ""
     specimen: str = ""
@@ -122,7 +122,7 @@ class RunFilter:
     """ISO, UTC."""
 
     def apply(self, entries: Iterable[RunSummary]) -> list[RunSummary]:
-        """The wanted ones, in their order."""
+        """Return the selected entries in their order."""
         words = self.search_text.casefold().split()
         return [
             e
@@ -136,10 +136,10 @@ class RunFilter:
 
 
 def read_since(text: str, now: datetime | None = None) -> str:
-    """`2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` as ISO time in UTC.
+    """Parse `2026-11-01`, `2026-11`, `today`, `7 d`, `12 h` into ISO time in UTC.
 
     Raises:
-        ValueError: none of these.
+        ValueError: the text has none of these forms.
     """
     now = (now or datetime.now()).astimezone()
     text = text.strip().casefold()
@@ -158,9 +158,9 @@ def read_since(text: str, now: datetime | None = None) -> str:
 
 
 def read_run_summary(file: Path, path: str) -> RunSummary | None:
-    """The entry of a file, `path` within the folder; None where it is an HDF5 file of another kind.
+    """Read the summary of a file, `path` relative to the folder; None for an HDF5 file of another kind.
 
-    A file that cannot be read has an entry too, with the reason.
+    A file that cannot be read has a summary too, with the reason.
     """
     try:
         with Run(file) as run, translate_read_errors(file):
@@ -192,7 +192,7 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                 )
             )
     except NotARunError as error:
-        # A run that lost its end may not even say what it is; its name does.
+        # A truncated run may lack its format attribute; its name still identifies it.
         entry = summary_from_file_name(path, RunState.DAMAGED, f"{error}; or it is damaged: copy it again")
         return entry if entry.start_time else None
     except NewerFormatError as error:
@@ -211,7 +211,7 @@ def _failed_checks(run: Run) -> list[str]:
 
 
 def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummary:
-    """An entry from the file's name alone: `20261121T091502Z_T7_sine-dwell.h5`."""
+    """Make a summary from the file name alone: `20261121T091502Z_T7_sine-dwell.h5`."""
     stamp, _, rest = PurePosixPath(path).stem.partition("_")
     specimen, _, protocol = rest.rpartition("_")
     try:
@@ -222,7 +222,7 @@ def summary_from_file_name(path: str, state: RunState, reason: str) -> RunSummar
 
 
 def with_notes(summary: RunSummary, notes: Notes) -> RunSummary:
-    """The entry with what a person added."""
+    """Return the summary with the user's tags and note."""
     return _with_search_text(summary._replace(tags=", ".join(notes.tags), note=notes.note))
 
 

@@ -1,4 +1,4 @@
-"""What is done with several run files at once: noted, exported, taken in, read for comparison. No Qt, no terminal."""
+"""Batch operations on run files: annotate, export, copy, import tables, read for comparison."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -13,14 +13,14 @@ from app.config.tables import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError
 
 COPY_CHUNK_BYTES = 1 << 20
-"""Bytes that are copied between two looks at whether to go on."""
+"""Bytes copied between two checks for cancellation."""
 
 
 def annotate_runs(runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
-    """Tags and a note for runs; with several, the tags are added to each and notes stay.
+    """Write tags and a note of one run; for several runs, add the tags to each and keep the notes.
 
     Args:
-        runs: path of each, its tags and its note as they are.
+        runs: path, current tags and current note of each.
         tags: separated by commas.
         note: for a single run.
     """
@@ -39,19 +39,19 @@ def export_runs(
     cancelled: Callable[[], bool],
     progress: ProgressCallback = ignore_progress,
 ) -> int:
-    """Write runs as files for other programs; how many files."""
+    """Export runs and return the number of files written."""
     count = 0
-    for path, told in zip(paths, split_progress_by_files(progress, paths), strict=True):
+    for path, file_progress in zip(paths, split_progress_by_files(progress, paths), strict=True):
         if cancelled():
             break
         with Run(path) as run:
-            count += len(export_run(run, folder, kind, progress=told, cancelled=cancelled))
+            count += len(export_run(run, folder, kind, progress=file_progress, cancelled=cancelled))
     return count
 
 
 @dataclass(frozen=True, slots=True)
 class CopyResult:
-    """Names of the runs that were copied, and of those that were there already."""
+    """Names of the runs that were copied, and of those that existed already."""
 
     copied: tuple[str, ...]
     already_present: tuple[str, ...]
@@ -63,24 +63,24 @@ def copy_runs_into(
     cancelled: Callable[[], bool] = lambda: False,
     progress: ProgressCallback = ignore_progress,
 ) -> CopyResult:
-    """Copy run files into a folder; what is there already is never replaced. Where `stopped` says so, whole files stay.
+    """Copy run files into a folder without replacing files. After cancellation, complete copies are kept.
 
     Raises:
-        RunError: a file is none of a run, or cannot be copied.
+        RunReadError: a file is not a run, or cannot be copied.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunReadError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
     copied, there = list[str](), list[str]()
-    for path, told in zip(paths, split_progress_by_files(progress, paths), strict=True):
+    for path, file_progress in zip(paths, split_progress_by_files(progress, paths), strict=True):
         if (folder / path.name).exists():
             there.append(path.name)
             continue
-        with Run(path):  # nothing but runs
+        with Run(path):  # refuses files that are not runs
             pass
         try:
-            whole = _copy_file(path, folder / path.name, cancelled, told)
+            whole = _copy_file(path, folder / path.name, cancelled, file_progress)
         except OSError as error:
             raise RunReadError(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
@@ -92,7 +92,7 @@ def copy_runs_into(
 
 
 def _copy_file(path: Path, to: Path, cancelled: Callable[[], bool], progress: ProgressCallback) -> bool:
-    """Copy a file piece by piece; it has its name only when it is whole. False where it was stopped."""
+    """Copy a file in chunks under a temporary name, then rename; return False if cancelled."""
     working, size = to.with_name(f".{to.name}.part"), max(path.stat().st_size, 1)
     try:
         with path.open("rb") as source, working.open("wb") as copy:
@@ -115,11 +115,11 @@ def import_tables(
     amplifier: AmplifierTable,
     progress: ProgressCallback = ignore_progress,
 ) -> tuple[int, list[str]]:
-    """Tables as run files, as `tactor-bench import` makes them without more words; how many, and what looks odd.
+    """Import tables as run files with default options; return their number and warnings.
 
     Raises:
-        UsageError: a table cannot be taken so; the sentence says which, where, and what would do.
-        Stopped: `tell` wanted no more of it; nothing was written.
+        UsageError: a table cannot be imported; the message gives file, place and remedy.
+        Stopped: cancelled by `progress`; nothing was written.
     """
     from app.archive.importing.importer import (  # loads units and protocols, which no page needs at start-up
         ImportOptions,
@@ -132,7 +132,7 @@ def import_tables(
 
 
 def measured_responses(paths: Sequence[Path]) -> list[MeasuredResponse]:
-    """The responses of those runs that have one."""
+    """Read the frequency responses of those runs that have one."""
     runs = []
     for path in paths:
         try:

@@ -1,1 +1,1 @@
-"""Charts drawn with matplotlib."""
+"""Charts and pictures drawn with matplotlib: model curves, runs, panels with error bars."""

@@ -1,4 +1,4 @@
-"""Curves of the model as a picture: a figure, or its panels side by side, as the paper prints them."""
+"""Pictures of model curves: a figure of the paper, or its panels side by side (matplotlib)."""
 
 import re
 import textwrap
@@ -11,7 +11,7 @@ from model.response.perception import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 
 MAX_LABELS_INSIDE = 6
-"""Lines whose legend finds room inside the picture."""
+"""Lines up to which the legend is inside the axes."""
 
 TYPESET_UNITS = {"kg^-1/2": "kg$^{-1/2}$", "N/m^2": "N/m²"}
 CONVERTED_UNITS = ("m", "s", "kg")
@@ -26,7 +26,7 @@ LINE_STYLES: Sequence[dict[str, Any]] = (
     {"color": "tab:orange", "ls": "--"},
     {"color": "tab:cyan", "ls": "-."},
 )
-"""The paper's colours and dashes for Figs. 10 to 12, and three more."""
+"""The paper's colors and dashes for Figs. 10 to 12, and three more."""
 
 SYMBOL_SUBSTITUTIONS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]] = (
     (r"\b1e\+?(-?)0*(\d+)\b", lambda m: f"$10^{{{m[1]}{m[2]}}}$"),
@@ -43,7 +43,7 @@ SYMBOL_SUBSTITUTIONS: Sequence[tuple[str, str | Callable[[re.Match[str]], str]]]
 
 
 def draw_figure(panels: Sequence[PaperFigure], path: Path, log: bool = False) -> None:
-    """Draw a figure, or the panels of one, with what the captions say below.
+    """Draw a figure, or the panels of one, with the captions below.
 
     Raises:
         OSError, ValueError: the file cannot be written, or its suffix is unknown.
@@ -106,7 +106,7 @@ def _axis_label(text: str, unit: str) -> str:
 
 
 def _captions(panels: Sequence[PaperFigure]) -> tuple[list[str], str]:
-    """Titles of the panels and one caption: what all panels say once, then what each says alone."""
+    """Return the panel titles and one caption: sentences common to all panels first, then those of single panels."""
     if len(panels) == 1:
         return [""], typeset_symbols(panels[0].caption)
     said = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]
@@ -127,13 +127,13 @@ def _captions(panels: Sequence[PaperFigure]) -> tuple[list[str], str]:
 
 
 def _common_prefix(titles: Sequence[str]) -> str:
-    """What all titles begin with, up to a comma."""
+    """Return the common start of all titles, up to a comma."""
     start = titles[0].rpartition(", ")[0]
     return f"{start}, " if start and all(title.startswith(f"{start}, ") for title in titles) else ""
 
 
 def typeset_symbols(text: str) -> str:
-    """Plain symbols and powers of ten as they are printed."""
+    """Return text with symbols and powers of ten as matplotlib math text."""
     for pattern, symbol in SYMBOL_SUBSTITUTIONS:
         text = re.sub(pattern, symbol, text)
     return text

@@ -1,6 +1,6 @@
-"""A picture of a finished run: the response on the model's curve, the last recording, what was identified."""
+"""Picture of a run: points or curves with the model, estimates and the last recording (matplotlib)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ import numpy as np
 
 from app.common.formatting import format_quantity
 from app.common.units import display_unit
+from app.plotting.panels import draw_measured
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
 from model.response.perception import THRESHOLD_M
@@ -21,10 +22,10 @@ RESPONSE_COLUMNS = {"frequency", "peak_to_peak", "peak_to_peak_errors", "fundame
 
 
 def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
-    """Draw a run into a PNG, PDF or SVG file; SIMULATED is written across it where it is.
+    """Draw a run into a PNG, PDF or SVG file; pictures of simulated runs are marked SIMULATED.
 
     Raises:
-        RunError: the run file is damaged.
+        RunReadError: the run file is damaged.
         OSError: the picture cannot be written.
     """
     with translate_read_errors(run.path):
@@ -33,7 +34,7 @@ def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
 
 
 def run_figure(run: Run, tactor: Tactor) -> Any:
-    """The picture of a run as a matplotlib figure."""
+    """Return the picture of a run as a matplotlib figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -51,7 +52,7 @@ def run_figure(run: Run, tactor: Tactor) -> Any:
 
 
 def _panels(run: Run) -> list[tuple[Callable[[Any, Run, Tactor], None], float]]:
-    """What is drawn above the last recording, and how high."""
+    """Return what is drawn above the last recording, with its relative height."""
     points = run.points()
     if points.keys() >= RESPONSE_COLUMNS | {"elongation"}:
         return [(_draw_series, 3)]
@@ -78,7 +79,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
     axes.plot(curve_f, 1e6 * curve.peak_to_peak, "-", color="tab:blue", lw=1.2, label="model, max - min")
     axes.plot(curve_f, 2e6 * np.abs(curve.fundamental), "--", color="tab:blue", lw=1, label="model, 2 x fundamental")
     good = usable_mask(points["quality"])
-    series = (  # an imported table may have one of them only
+    series: Sequence[tuple[str, float, dict[str, Any], str]] = (  # an imported table may have one of them only
         ("peak_to_peak", 1e6, {"fmt": "o", "ms": 6, "mec": "tab:red", "ecolor": "tab:red"}, "measured, max - min"),
         (
             "fundamental",
@@ -88,11 +89,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
         ),
     )
     for name, scale, look, label in series:
-        for chosen, fill, words in ((good, "tab:red", ""), (~good, "none", ", flagged")):
-            shown = chosen & np.isfinite(points[name])
-            if shown.any():
-                at, height, error = f[shown], scale * points[name][shown], scale * points[f"{name}_errors"][shown]
-                axes.errorbar(at, height, error, mfc=fill, label=label + words, **look)
+        draw_measured(axes, f, scale * points[name], scale * points[f"{name}_errors"], good, label, **look)
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.text(
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
@@ -103,7 +100,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
 
 
 def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
-    """Dwells at several elongations, each in its colour on the model's curve for it."""
+    """Draw dwells at several elongations, each in one color with its model curve."""
     from model.parameters import Membrane
     from model.skin import skin
 
@@ -120,20 +117,27 @@ def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
         model = amplifier_response(tactor, curve_f, amplitude_v, amplifier.rest_v, amplifier, skin=pressed)
         axes.plot(curve_f, 1e6 * model.peak_to_peak, "--", color=colour, lw=0.9)
         words = "free" if free else f"{1e3 * elongation:.2f} mm"
-        for shown, face in ((of_part & good, colour), (of_part & ~good, "none")):
-            if shown.any():
-                f, moved = points["frequency"][shown], points["peak_to_peak"][shown]
-                axes.errorbar(
-                    f, 1e6 * moved, 1e6 * points["peak_to_peak_errors"][shown], fmt="o", ms=5, color=colour, mfc=face,
-                    label=words,
-                )  # fmt: skip
+        f, moved, errors = (points[name][of_part] for name in ("frequency", "peak_to_peak", "peak_to_peak_errors"))
+        draw_measured(
+            axes,
+            f,
+            1e6 * moved,
+            1e6 * errors,
+            good[of_part],
+            words,
+            face=colour,
+            flagged="",
+            fmt="o",
+            ms=5,
+            color=colour,
+        )
     axes.axhline(1e6 * THRESHOLD_M, color="tab:green", lw=1)
     axes.set(xlabel="frequency (Hz)", ylabel="max - min of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
     axes.legend(title="measured; dashed: model", fontsize=8, title_fontsize=9, ncols=2)
 
 
 def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
-    """The curves of the entries; a frequency response with the model's beneath it."""
+    """Draw the curves of the entries; frequency responses with the model's."""
     curves, points = run.curves(), run.points()
     amplifier, amplitude_v = run.amplifier_map, float(run.parameters.get("peak_to_peak_v", 2.0)) / 2
     for colour, curve in zip(_curve_colors(len(curves)), curves, strict=True):
@@ -167,17 +171,14 @@ def _draw_coherence(axes: Any, run: Run, _tactor: Tactor) -> None:
 
 
 def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
-    """The points of any protocol over the axes it names, in units people think in; hollow where no fit may use them."""
+    """Draw the points of any protocol over its axes in display units; points that no fit may use are hollow."""
     points, units, (x, y) = run.points(), run.units(), run.axes
     (over, over_unit), (factor, unit) = display_unit(units[x]), display_unit(units[y])
     good = usable_mask(points["quality"])
     errors = points.get(f"{y}_errors", np.zeros(len(good)))
-    for shown, face, words in ((good, "tab:red", "measured"), (~good, "none", "measured, flagged")):
-        if shown.any():
-            axes.errorbar(
-                over * points[x][shown], factor * points[y][shown], factor * errors[shown], fmt="o", color="tab:red",
-                mfc=face, label=words,
-            )  # fmt: skip
+    draw_measured(
+        axes, over * points[x], factor * points[y], factor * errors, good, "measured", fmt="o", color="tab:red"
+    )
     if (x, y) == ("mass", "frequency"):
         _draw_peaks(axes, points["mass"], tactor)
     axes.set(xlabel=_axis_label(x, over_unit), ylabel=_axis_label(y, unit))
@@ -185,7 +186,7 @@ def _draw_points(axes: Any, run: Run, tactor: Tactor) -> None:
 
 
 def _draw_peaks(axes: Any, masses: Any, tactor: Tactor) -> None:
-    """Where the model's response is largest, for every mass."""
+    """Draw the model's peak frequency against mass."""
     grid, f = np.linspace(min(masses), max(masses), 30), np.linspace(60.0, 600.0, 2161)
     peaks = [f[np.abs(frequency_response(replace(tactor, m_add=float(m)), f)).argmax()] for m in grid]
     axes.plot(1e3 * grid, peaks, "--", color="tab:blue", lw=1, label="model")

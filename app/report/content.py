@@ -7,9 +7,10 @@ from pathlib import Path
 
 from app.common.formatting import pluralize
 from app.common.version import version
+from app.plotting.panels import ReportPlot
 from app.report import provenance as origins
 from app.report import tables
-from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportPlot, ReportSection
+from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
 from app.report.figures_of_merit import FigureOfMerit
 from app.report.limits import Limits, judge_limits
 from app.report.plots import TITLE, paper_plots

@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from app.plotting.panels import ReportPlot
 
-Array = NDArray[np.float64]
 Tone = Literal["plain", "good", "bad", "small"]
 
 
@@ -29,63 +27,6 @@ class ReportTable:
     highlighted_rows: frozenset[int] = frozenset()
     monospace: bool = False
     """Letters of one width: hashes."""
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredPoints:
-    """Measured points; `half` is half of their 95 % intervals. Hollow where `good` is False."""
-
-    label: str
-    x: Array
-    y: Array
-    half_interval: Array
-    usable: NDArray[np.bool_]
-    marker: str = "o"
-    model_y: Array | None = None
-    """What the model says there; the strip below shows the difference."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlotLine:
-    """A curve, with its 95 % band where it has one."""
-
-    label: str
-    x: Array
-    y: Array
-    lower: Array | None = None
-    upper: Array | None = None
-    style: str = "-"
-
-
-@dataclass(frozen=True, slots=True)
-class PlotPanel:
-    """One pair of axes, in the units it is read in, and a strip of residuals below where dots know their model."""
-
-    title: str
-    x_label: str
-    y_label: str
-    lines: tuple[PlotLine, ...] = ()
-    points: tuple[MeasuredPoints, ...] = ()
-    reference_level: tuple[float, str] | None = None
-    """A horizontal line and what it means."""
-    from_zero: bool = True
-    unit: str = ""
-    """Of y and of the residuals."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportPlot:
-    """Panels side by side, `columns` in a row, with a legend and a caption; `inches` is the height of one row."""
-
-    title: str
-    panels: tuple[PlotPanel, ...]
-    caption: str = ""
-    columns: int = 1
-    row_height_in: float = 2.25
-
-    @property
-    def rows(self) -> int:
-        return -(-len(self.panels) // self.columns)
 
 
 Block = Paragraph | ReportTable | ReportPlot

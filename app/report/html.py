@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from app.common.atomic_write import write_atomic
-from app.report.charts import LEGEND_IN, draw_plot
-from app.report.document import Block, Paragraph, Report, ReportPlot, ReportTable
+from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
+from app.report.document import Block, Paragraph, Report, ReportTable
 
 FIGURE_WIDTH_IN = 7.0
 """Of a picture, inches."""

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.report.charts import LEGEND_IN, draw_plot
-from app.report.document import Block, Paragraph, Report, ReportPlot, ReportTable
+from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
+from app.report.document import Block, Paragraph, Report, ReportTable
 
 LINE_SPACING = 1.32
 """Line height over letter size."""

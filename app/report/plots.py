@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.document import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
+from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, SpecimenModel
 from model.identification.observations import (
     FrequencyResponseObservation,

@@ -7,7 +7,8 @@ from dataclasses import asdict
 from app.campaign.plan import PAPER_ITEMS
 from app.common.formatting import pluralize
 from app.common.units import display_unit
-from app.report.document import Block, LimitOutcome, Paragraph, ReportPlot, ReportTable, Tone
+from app.plotting.panels import ReportPlot
+from app.report.document import Block, LimitOutcome, Paragraph, ReportTable, Tone
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin
 from app.report.limits import Limits
 from app.report.plots import CurveAgreement, curve_agreements

@@ -1,8 +1,6 @@
-"""Which column of a table is which quantity, and in which unit.
+"""Column mapping of imported tables: quantities of each protocol, their names, units and usual ranges.
 
-Which tables can be imported: the quantities of each protocol, by which names they go, in which unit, and how large they are.
-
-Nothing is guessed that changes a number: an `amplitude` may be max - min or half of it, so it is asked for.
+Ambiguous columns that change a number are not guessed: an `amplitude` may be max - min or half of it, so the user is asked.
 """
 
 import re
@@ -20,11 +18,11 @@ TIME_SERIES = "raw"
 
 @dataclass(frozen=True, slots=True)
 class ColumnSpec:
-    """A quantity that a table may have.
+    """A quantity that a table may contain.
 
     Attributes:
         aliases: other names for it, lower case, letters and digits only.
-        usual_range: between which sizes it lies on such a bench; outside somebody is told.
+        usual_range: values outside give a warning.
     """
 
     name: str
@@ -47,7 +45,7 @@ class TableKind:
     """What was measured; a column `error` without more words belongs to the first of these that is there."""
 
     def column(self, name: str) -> ColumnSpec | None:
-        """The slot of a name."""
+        """Return the specification of a quantity by name."""
         return next((slot for slot in self.columns if slot.name == name), None)
 
 
@@ -129,7 +127,7 @@ def table_kinds() -> dict[str, TableKind]:
 
 
 def normalize_name(text: str) -> str:
-    """A name as names are compared: lower case, letters and digits."""
+    """Normalize a name for comparison: lower case, letters and digits."""
     return re.sub(r"[^a-z0-9]", "", text.casefold())
 
 
@@ -139,12 +137,12 @@ UNCERTAINTY_PATTERN = re.compile(
 
 
 class TableImportError(Exception):
-    """A table cannot be imported. The sentence says where, what is wrong, and what would do."""
+    """A table cannot be imported; the message gives place, fault and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnMapping:
-    """Which column of a sheet is which quantity, and which are none."""
+    """Columns of a table by quantity, and the columns without one."""
 
     kind: TableKind
     columns: Mapping[str, TableColumn]
@@ -152,10 +150,10 @@ class ColumnMapping:
 
 
 def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str]) -> ColumnMapping:
-    """The columns of a sheet by the quantities of a kind; `told` says it by the columns' heads.
+    """Return the columns of a table by the quantities of a kind; `columns` of the options name them by heading.
 
     Raises:
-        ImportingError: a quantity is unknown, missing, or there twice; or a name may mean several.
+        TableImportError: a quantity is unknown, missing, or there twice; or a name may mean several.
     """
     of: dict[str, TableColumn] = {}
     for name, head in named.items():
@@ -182,10 +180,10 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
 
 
 def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKind:
-    """The kind whose columns these are; `told` says some of them.
+    """Return the kind that has these columns; some may be given by the user.
 
     Raises:
-        ImportingError: none, or several.
+        TableImportError: none, or several.
     """
     found: list[tuple[int, TableKind]] = []
     for kind in table_kinds().values():
@@ -216,10 +214,10 @@ def detect_kind(table: ImportTable, named_columns: Mapping[str, str]) -> TableKi
 
 
 def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: Mapping[str, str]) -> float:
-    """By what a column's numbers become SI; `units` as told, by head, name or quantity.
+    """Return the factor that converts a column to SI; `units` given by the user, by heading, name or quantity.
 
     Raises:
-        ImportingError: no unit, an unknown one, or one of something else.
+        TableImportError: no unit, an unknown one, or one of something else.
     """
     unit = next((units[key] for key in (column.heading, column.name, spec.name) if key in units), column.unit)
     where = f"{table.path}, column '{column.heading}'"
@@ -238,7 +236,7 @@ def si_factor(table: ImportTable, spec: ColumnSpec, column: TableColumn, units: 
 
 
 def _find_spec(kind: TableKind, column: TableColumn, named: Iterable[str]) -> ColumnSpec | None:
-    """The quantity that a head names; an error by its quantity, or by being the only value's."""
+    """Return the quantity of a heading; an error column belongs to its quantity, or to the only value."""
     if normalize_name(column.name) in kind.ambiguous:
         return None
     name = normalize_name(column.name)
@@ -284,7 +282,7 @@ def _column_by_heading(table: ImportTable, heading: str, option: str) -> TableCo
 def _check_required(
     table: ImportTable, kind: TableKind, columns: Mapping[str, TableColumn], unused: Sequence[TableColumn]
 ) -> None:
-    """Refuse a table that lacks something, or has it under a name that may mean several."""
+    """Refuse a table with missing or ambiguous columns."""
     for cells in unused:
         meant = kind.ambiguous.get(normalize_name(cells.name), ())
         if meant and not any(name in columns for name in meant):

@@ -1,4 +1,4 @@
-"""Tables in text, CSV of any country: which marks part the cells, where the header ends, whether commas are decimal."""
+"""CSV reader: detects delimiter, header rows and decimal comma."""
 
 import csv
 import re
@@ -11,20 +11,20 @@ from app.common.inputs import truncate_text
 from app.common.progress import ProgressCallback, ignore_progress, iterate_with_progress, partial_progress
 
 COMMENT_MARKS = ("#", "%", "//")
-"""What a line of remarks begins with."""
+"""Starts of comment lines."""
 DELIMITERS = "\t;|,"
-"""What may stand between two cells, the surest first; else blanks."""
+"""Delimiters, the most reliable first; otherwise blanks."""
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 SCAN_SHARE, SPLIT_SHARE = 0.4, 0.9
-"""How far reading is when the lines are found, and when they are cells."""
+"""Progress when lines are split, and when cells are."""
 DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?")
 
 
 def read_text_table(path: Path, sha256: str, data: bytes, progress: ProgressCallback = ignore_progress) -> ImportTable:
-    """The table in a file's bytes.
+    """Read the table in a file's bytes.
 
     Raises:
-        SheetError: it is no text, or holds no table.
+        TableReadError: it is no text, or holds no table.
     """
     try:
         return _parse_table(path, sha256, _decode(path, data), progress)
@@ -54,12 +54,12 @@ def _parse_table(path: Path, sha256: str, text: str, progress: ProgressCallback)
         if (bare := line.lstrip(' "')) and not bare.isspace() and not bare.startswith(COMMENT_MARKS)
     ]
     mark: str | None = None
-    if lines and (told := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
-        mark, lines = told[1], lines[1:]
+    if lines and (declared := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
+        mark, lines = declared[1], lines[1:]
     if not lines:
         raise TableReadError(f"{path} holds remarks only; give a header line and values below it")
     mark = mark or _find_delimiter(path, lines)
-    # Without a quotation mark a line is parted where the mark stands: five times faster, and the same cells.
+    # Without quotation marks a plain split gives the same cells five times faster.
     cut = partial(_split_line, delimiter=mark) if len(mark) > 1 or '"' in text else partial(str.split, sep=mark)
     rows = [
         (at, tuple(map(str.strip, cut(line))))
@@ -90,14 +90,14 @@ def _parse_table(path: Path, sha256: str, text: str, progress: ProgressCallback)
 
 
 def _find_delimiter(path: Path, lines: Sequence[tuple[int, str]]) -> str:
-    """What stands between the cells: what the header has, else what lies between two words of it."""
+    """Return the delimiter."""
     (at, head), body = lines[0], lines[1:]
     for mark in DELIMITERS:
         if len(_split_line(head, mark)) > 1:
             return mark
     if not body:
         return ","
-    last = body[-1][1]  # what a value looks like, even below a title that somebody forgot to mark
+    last = body[-1][1]  # typical values, even below a title line that is not marked as a comment
     blanks = [
         mark for mark in (r"\s{2,}", r"\s+") if len(_split_line(head, mark)) == len(_split_line(last, r"\s+")) > 1
     ]
@@ -135,9 +135,9 @@ def _is_number(cell: str) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a line holds units and nothing else."""
-    told = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(told) and all(is_unit(cell) or cell in ("°", "%", "1") for cell in told)
+    """Return whether a line holds only units."""
+    texts = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
+    return bool(texts) and all(is_unit(cell) or cell in ("°", "%", "1") for cell in texts)
 
 
 def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -> bool:
@@ -155,7 +155,7 @@ def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -
 def _first_number(
     body: Sequence[tuple[int, Sequence[str]]], delimiter: str, form: re.Pattern[str]
 ) -> tuple[int, str] | None:
-    """Line and text of the first number with this mark."""
+    """Return line and text of the first number with this mark."""
     return next(
         ((at, cell) for at, cells in body for cell in cells if delimiter in cell and form.fullmatch(cell)), None
     )

@@ -94,8 +94,8 @@ def import_files(
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     try:
-        told = split_progress_by_files(partial_progress(tell, 0.0, READ_SHARE), options.files)
-        sheets = [read_table(path, tell_one) for path, tell_one in zip(options.files, told, strict=True)]
+        parts = split_progress_by_files(partial_progress(tell, 0.0, READ_SHARE), options.files)
+        sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
         wanted = [every[options.kind] if options.kind else _kind_of(sheet, every, options.columns) for sheet in sheets]
         taken = _taken(sheets, wanted, options, amplifier, partial_progress(tell, READ_SHARE, BUILT_SHARE))
         written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
@@ -122,8 +122,8 @@ def read_time(text: str) -> datetime:
 
 def _kind_of(sheet: ImportTable, every: Mapping[str, TableKind], columns: Mapping[str, str]) -> TableKind:
     """Return the kind that an exported table names, else the one that its columns suggest."""
-    told = str(sheet.metadata.get("protocol", ""))
-    return every[told] if told in every else detect_kind(sheet, columns)
+    name = str(sheet.metadata.get("protocol", ""))
+    return every[name] if name in every else detect_kind(sheet, columns)
 
 
 def _taken(
@@ -138,17 +138,17 @@ def _taken(
     sizes = [
         0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True)
     ]
-    *told, told_raw = split_progress(tell, [*sizes, raw])
-    for sheet, kind, tell_one in zip(sheets, wanted, told, strict=True):
+    *parts, raw_progress = split_progress(tell, [*sizes, raw])
+    for sheet, kind, file_progress in zip(sheets, wanted, parts, strict=True):
         asked = _import_options(sheet, kind, options, amplifier)
         matched = match_columns(sheet, kind, options.columns)
         if kind.name == TIME_SERIES:
             series.append((sheet, matched))
         else:
-            made.append((build_points(sheet, matched, asked, tell_one), asked))
+            made.append((build_points(sheet, matched, asked, file_progress), asked))
     if series:
         asked = _import_options(series[0][0], wanted[0], options, amplifier)
-        made.append((build_series_points(series, asked, told_raw), asked))
+        made.append((build_series_points(series, asked, raw_progress), asked))
     return made
 
 

@@ -1,4 +1,4 @@
-"""Tables in MAT files: vectors named as columns are, a structure of them, or what this program exported."""
+"""MAT file reader: named vectors, a structure of vectors, or an export of this program."""
 
 import pickle
 import subprocess
@@ -14,10 +14,10 @@ from app.common.inputs import truncate_text
 
 
 def read_mat_table(path: Path, sha256: str) -> ImportTable:
-    """The table of a MAT file.
+    """Read the table of a MAT file.
 
     Raises:
-        SheetError: it cannot be read, or holds no vectors.
+        TableReadError: it cannot be read, or holds no vectors.
     """
     _check_sizes(path)
     whole = _load_mat(path)
@@ -48,17 +48,17 @@ def read_mat_table(path: Path, sha256: str) -> ImportTable:
 
 
 MATRIX_TYPE, COMPRESSED_TYPE = 14, 15
-"""Kinds of an element that holds others, and of one that is packed and not padded to 8 bytes."""
+"""MAT element types: container, and compressed without padding to 8 bytes."""
 
 READER_SCRIPT = """import pickle, sys
 from scipy.io import loadmat
 sys.stdout.buffer.write(pickle.dumps(loadmat(sys.argv[1], simplify_cells=True)))"""
-"""Run by a Python of its own: scipy's reader does not survive every damaged file."""
+"""Run in a separate process: scipy's reader crashes on some damaged files."""
 READ_TIMEOUT_S = 120.0
 
 
 def _load_mat(path: Path) -> dict[str, Any]:
-    """What scipy reads from a file."""
+    """Read a MAT file with scipy in a separate process."""
     try:
         done = subprocess.run(  # noqa: S603 - this very Python, and our own text
             [sys.executable, "-c", READER_SCRIPT, str(path.resolve())],
@@ -77,7 +77,7 @@ def _load_mat(path: Path) -> dict[str, Any]:
 
 
 def _check_sizes(path: Path) -> None:
-    """Refuse a file with a part that claims to be longer than what holds it: scipy makes room for gigabytes before it looks."""
+    """Refuse elements longer than their container: scipy allocates the declared size before it reads."""
     data = path.read_bytes()
     order: Literal["little", "big"] = "big" if data[126:128] == b"MI" else "little"
     inside = [(128, len(data))]
@@ -102,7 +102,7 @@ def _is_vector(value: Any) -> bool:
 
 
 def _vector_columns(table: Mapping[str, Any], single_row: bool) -> Iterator[tuple[str, Sequence[float]]]:
-    """Columns by name, a matrix column by column; `single_row`: plain numbers are a table of one row."""
+    """Return columns by name, matrices split by column; with `single_row`, scalars form a table of one row."""
     single = single_row and any(np.ndim(value) == 0 and isinstance(value, int | float) for value in table.values())
     for name, value in table.items():
         if isinstance(value, dict | str) or np.asarray(value).dtype.kind not in "iufb":

@@ -1,6 +1,6 @@
-"""From somebody's table to a run file: values in SI with their errors, each said to be imported, and where they came from.
+"""Points of an imported table: values in SI with standard errors, stored as a run file with their source.
 
-A run made so has no raw samples, no instruments and no events, and pretends to none; what the table does not tell is NaN.
+An imported run has no raw samples, instruments or events; values that the table lacks are NaN.
 """
 
 import math
@@ -38,7 +38,7 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class ImportedRun:
-    """A table as points of a protocol, before anything is written."""
+    """Points of a protocol from a table, before anything is written."""
 
     protocol: type[Protocol]
     points: tuple[Any, ...]
@@ -53,17 +53,17 @@ class ImportedRun:
 
     @property
     def simulated(self) -> bool:
-        """Whether any point says so."""
+        """Whether any point has the flag."""
         return any(Quality(point.quality) & Quality.SIMULATED for point in self.points)
 
 
 def build_points(
     table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback = ignore_progress
 ) -> ImportedRun:
-    """The points of a table.
+    """Return the points of a table.
 
     Raises:
-        ImportingError, SheetError: a sentence that says which cell is wrong and what would do.
+        TableImportError, TableReadError: a sentence that says which cell is wrong and what would do.
     """
     values, cautions = table_values(table, mapping, options, progress)
     rows = len(next(iter(values.values())))
@@ -87,9 +87,9 @@ def build_points(
     flags = Quality.IMPORTED | (
         Quality.SIMULATED if options.simulated or "SIMULATED" in table.path.name else Quality.GOOD
     )
-    told = values.pop("quality", np.zeros(rows))
+    quality = values.pop("quality", np.zeros(rows))
     entries = values.pop(ENTRY_COLUMN, np.arange(rows, dtype=float))
-    points = tuple(_make_points(protocol.point_type, values, [int(q) | int(flags) for q in told]))
+    points = tuple(_make_points(protocol.point_type, values, [int(q) | int(flags) for q in quality]))
     return ImportedRun(
         protocol,
         points,
@@ -103,7 +103,7 @@ def build_points(
 
 
 def write_imported_run(run: ImportedRun, options: ImportSettings, folder: Path) -> Path:
-    """Write the run file; its path.
+    """Write the run file and return its path.
 
     Raises:
         StoreError: it cannot be written.
@@ -147,7 +147,7 @@ def _complete_dwell(
     parameters: dict[str, Any],
     warnings: list[str],
 ) -> type[Protocol]:
-    """Complete a dwell: its drive, and the membrane it stood on."""
+    """Add drive and membrane elongation to the points of a dwell."""
     rows = len(values["frequency"])
     rest_v = options.amplifier.rest_v
     if "drive_peak_to_peak" in values:

@@ -1,4 +1,4 @@
-"""A table from somebody's file, whatever kind of file it is."""
+"""Reader of a table file, CSV or MAT."""
 
 import hashlib
 from pathlib import Path
@@ -12,10 +12,10 @@ MAX_FILE_BYTES = 400_000_000
 
 
 def read_table(path: Path, progress: ProgressCallback = ignore_progress) -> ImportTable:
-    """The table of a file.
+    """Read the table of a file.
 
     Raises:
-        SheetError: there is no file, or no table in it.
+        TableReadError: there is no file, or no table in it.
     """
     try:
         if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:

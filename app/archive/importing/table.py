@@ -1,4 +1,4 @@
-"""A table from somebody's file: columns with a name and a unit, and every cell knows its place."""
+"""Table to import: columns with name and unit, and the file location of every cell."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -41,12 +41,12 @@ UNIT_SUFFIXES = {
 
 
 class TableReadError(Exception):
-    """A file gives no table. The sentence says which file, where, what stands there, and what would do."""
+    """A file contains no readable table; the message gives file, place, text and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """One column: its head as it stands in the file, the name and unit in it, and what stands below."""
+    """One column: heading as in the file, name and unit parsed from it, and cells."""
 
     heading: str
     name: str
@@ -56,7 +56,7 @@ class TableColumn:
 
 @dataclass(frozen=True, slots=True)
 class ImportTable:
-    """A table. `places` tell where each row stands; `about` what else the file says of itself."""
+    """A table with the location of each row, and metadata of the file."""
 
     path: Path
     sha256: str
@@ -66,10 +66,10 @@ class ImportTable:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def parse_number(self, column: TableColumn, row: int) -> float:
-        """The number in a cell, NaN where it says that there is none.
+        """Return the number in a cell, NaN for a cell marked as missing.
 
         Raises:
-            SheetError: it is neither.
+            TableReadError: it is neither.
         """
         cell = column.cells[row]
         if not isinstance(cell, str):
@@ -90,12 +90,12 @@ class ImportTable:
             ) from None
 
     def cell_location(self, row: int, column: TableColumn) -> str:
-        """File, line and column in words."""
+        """Return file, line and column as text."""
         return f"{self.path}, {self.row_locations[row]}, column '{column.heading}'"
 
 
 def split_heading(heading: str) -> tuple[str, str | None]:
-    """Name and unit of a head: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
+    """Parse name and unit of a heading: `frequency [Hz]`, `Load (g)`, `f / Hz`, `amplitude_um`."""
     heading = heading.strip()
     if found := HEADING_PATTERN.fullmatch(heading):
         unit = next(part for part in found.group("a", "b", "c", "d") if part is not None).strip()
@@ -108,5 +108,5 @@ def split_heading(heading: str) -> tuple[str, str | None]:
 
 
 def is_unit(text: str) -> bool:
-    """Whether these letters are a unit that may stand in a head."""
+    """Return whether the text is a unit that may be part of a heading."""
     return text.casefold() in UNIT_SUFFIXES

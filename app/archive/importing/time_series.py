@@ -1,4 +1,4 @@
-"""Time series under a sine, one file a frequency: each becomes a point of a sine dwell, and is kept as a curve of the run."""
+"""Import of time series under a sine drive, one file per frequency, as points and curves of a sine dwell."""
 
 import math
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 MIN_CYCLES = 3
 VALUES_SHARE = 0.4
-"""How far a series is when its numbers are there: what is left is finding its frequency and its sine."""
+"""Progress of a series when its numbers are parsed; the rest is the sine fit."""
 SAMPLING_TOLERANCE = 0.01
-"""By how much of a sample the times may be uneven."""
+"""Tolerated unevenness of the times, in sample intervals."""
 MAX_NOISE_RATIO = 0.1
-"""What a sine fit leaves of the drive, as a share of its amplitude, above which it is none."""
+"""Residual of the sine fit relative to the amplitude above which the drive is rejected."""
 
 
 def build_series_points(
@@ -35,14 +35,14 @@ def build_series_points(
     options: ImportSettings,
     progress: ProgressCallback = ignore_progress,
 ) -> ImportedRun:
-    """One run of several time series, a point each.
+    """Return one run of several time series, a point each.
 
     Raises:
-        ImportingError, SheetError: a sentence that says which file is wrong, where, and what would do.
+        TableImportError, TableReadError: a sentence that says which file is wrong, where, and what would do.
     """
     points, curves, cautions = [], [], list[str]()
-    told = split_progress(progress, [len(sheet.row_locations) for sheet, _ in series])
-    for entry, ((sheet, matched), tell_one) in enumerate(zip(series, told, strict=True)):
+    parts = split_progress(progress, [len(sheet.row_locations) for sheet, _ in series])
+    for entry, ((sheet, matched), tell_one) in enumerate(zip(series, parts, strict=True)):
         point, curve, said = _series_point(sheet, matched, options, tell_one)
         points.append(point)
         curves.append(replace(curve, entry=entry))
@@ -139,7 +139,7 @@ def _sample_rate(table: ImportTable, mapping: ColumnMapping, time: Array) -> flo
 
 
 def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
-    """The frequency of the drive, which must be one sine."""
+    """Return the frequency of the drive, which must be a single sine."""
     spectrum = np.abs(np.fft.rfft((drive - drive.mean()) * np.hanning(drive.size)))
     top = int(spectrum[1:].argmax()) + 1
     f = fit_frequency(drive, rate, top * rate / drive.size)
@@ -153,7 +153,7 @@ def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
 
 
 def _stated_drive(table: ImportTable, options: ImportSettings) -> tuple[float, float]:
-    """Frequency and amplitude of a drive that was not recorded."""
+    """Return frequency and amplitude of a drive that was not recorded."""
     f, volts = options.settings.get("frequencies_hz", ()), options.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:
         raise TableImportError(

@@ -1,4 +1,4 @@
-"""The values of an imported table in SI, each looked at: what is no number, no measured value, twice, or of an odd size."""
+"""Values of an imported table in SI, with checks for invalid, duplicate and implausible cells."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,19 +19,19 @@ from protocols.runfile.schema import ENTRY_COLUMN
 Array = NDArray[np.float64]
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
 SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
-"""What a cell of the column `side` may say beside 1 and -1."""
+"""Texts of the column `side`, besides 1 and -1."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImportSettings:
-    """What a person said beside the tables.
+    """What the user specified besides the tables.
 
     Attributes:
         units: quantity, name or head of a column -> its unit.
         uncertainties: quantity -> `2 um` or `1 %`, standard, for every value.
         settings: parameters of the protocol that are known.
         elongation_m: of the membrane, None where it is free or the table says it.
-        gain_error: relative standard uncertainty of the displacement sensor's gain, common to all values; 0: not told.
+        gain_error: relative standard uncertainty of the displacement sensor's gain, common to all values; 0: unknown.
         delay_s: how late the sensor's output follows, taken out of phases of a time series.
         measured_at: when it was measured.
     """
@@ -62,7 +62,7 @@ class ColumnSource:
 def table_values(
     table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback = ignore_progress
 ) -> tuple[dict[str, Array], list[str]]:
-    """Every quantity in SI, and what looks odd."""
+    """Every quantity in SI, and warnings."""
     lengths = {cells.heading: len(cells.cells) for cells in mapping.columns.values()}
     if len(set(lengths.values())) > 1:
         each = ", ".join(f"'{head}' {length}" for head, length in lengths.items())
@@ -89,8 +89,8 @@ def table_values(
                 )
         if name.endswith("_errors"):
             for row in np.flatnonzero(column < 0).tolist():
-                told = f"{cells.cells[row]} is no uncertainty; it must not be negative"
-                raise TableImportError(f"{table.cell_location(row, cells)}: {told}")
+                fault = f"{cells.cells[row]} is no uncertainty; it must not be negative"
+                raise TableImportError(f"{table.cell_location(row, cells)}: {fault}")
         if slot.usual_range is not None and column.size:
             cautions += _plausibility_warnings(table, cells, name, slot.unit, column, slot.usual_range)
         values[name] = column
@@ -98,13 +98,13 @@ def table_values(
         column = values.get(name, np.ones(1))
         for row in np.flatnonzero(column < 0 if name == "mass" else column <= 0).tolist():
             cells = mapping.columns[name]
-            told = f"{cells.cells[row]} is no {name}; it must be positive. Take the line out, or mend it"
-            raise TableImportError(f"{table.cell_location(row, cells)}: {told}")
+            fault = f"{cells.cells[row]} is no {name}; it must be positive. Take the line out, or mend it"
+            raise TableImportError(f"{table.cell_location(row, cells)}: {fault}")
     return values, cautions
 
 
 def _parse_numbers(table: ImportTable, column: TableColumn, progress: ProgressCallback) -> Array:
-    """The numbers of a column, NaN where a cell says that there is none; many cells at once where all are plain numbers."""
+    """Return the numbers of a column, NaN for missing values; plain numbers are converted in bulk."""
     numbers = np.empty(len(column.cells))
     for start in range(0, numbers.size, ITEMS_PER_UPDATE):
         progress(start / numbers.size)
@@ -124,16 +124,16 @@ def _parse_plain_numbers(cells: Sequence[str | float], decimal_comma: bool) -> A
     texts = "\n".join(map(str, cells))
     if "_" in texts:  # Python would take it for a mark of thousands
         raise ValueError("not plain")
-    told = (texts.replace(",", ".") if decimal_comma else texts).split("\n")
-    if len(told) != len(cells):
+    numbers = (texts.replace(",", ".") if decimal_comma else texts).split("\n")
+    if len(numbers) != len(cells):
         raise ValueError("not plain")
-    return np.fromiter(map(float, told), float, len(cells))
+    return np.fromiter(map(float, numbers), float, len(cells))
 
 
 def _plausibility_warnings(
     table: ImportTable, cells: TableColumn, name: str, unit: str, column: Array, usual_range: tuple[float, float]
 ) -> Iterator[str]:
-    """A sentence where a column is of a size that nobody measures here: most likely its unit is wrong."""
+    """Return a warning if the values of a column are implausible: most likely its unit is wrong."""
     low, high = usual_range
     size = np.abs(column) if low > 0 else column
     at = np.flatnonzero(np.isfinite(size) & ((size > high) | ((size < low) & (size != 0))))
@@ -162,7 +162,7 @@ def _parse_side(table: ImportTable, cells: TableColumn, row: int, exported: bool
 
 
 def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], rows: int) -> list[str]:
-    """Refuse a line that stands there twice; tell of values that were measured more than once, or out of order."""
+    """Refuse duplicate lines; warn of repeated or unsorted values."""
     names = [name for name in values if not name.endswith("_errors") and values[name].ndim == 1]
     seen: dict[tuple[float, ...], int] = {}
     for row in range(rows):
@@ -198,7 +198,7 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
 
 
 def add_uncertainties(kind: TableKind, values: dict[str, Array], options: ImportSettings, warnings: list[str]) -> None:
-    """Errors as a person gave them, for values that have none of their own."""
+    """Return the user's standard errors for values without their own."""
     for name, text in options.uncertainties.items():
         slot = kind.column(name)
         if slot is None or name not in values:
@@ -227,7 +227,7 @@ def add_uncertainties(kind: TableKind, values: dict[str, Array], options: Import
 
 
 def column_sources(mapping: ColumnMapping, options: ImportSettings) -> Iterator[ColumnSource]:
-    """Which column each quantity was read from, and in which unit."""
+    """Return source column and unit of each quantity."""
     for name, cells in mapping.columns.items():
         slot = mapping.kind.column(name)
         assert slot is not None

@@ -15,8 +15,9 @@ from matplotlib.backends.backend_pdf import PdfPages
 
 from app.cli import report as command
 from app.cli.main import main
+from app.plotting.panels import ReportPlot
 from app.report.content import ReportError, build_report, page_marks
-from app.report.document import Paragraph, Report, ReportPlot, ReportTable
+from app.report.document import Paragraph, Report, ReportTable
 from app.report.figures_of_merit import perception_margin_of, step_latency_of
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel

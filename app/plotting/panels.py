@@ -1,23 +1,84 @@
-"""Drawing a plot into any rectangle of a matplotlib figure: the same for a page of the PDF and for a picture in the HTML.
+"""Figure panels of model lines, error bands and measured points with error bars, drawn with matplotlib.
 
-Colours of Okabe and Ito, which colour-blind readers tell apart; markers and hollow faces say the same in black and white.
+Colors of Okabe and Ito, which colour-blind readers can distinguish; markers and hollow faces carry the same information in
+black and white.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.report.document import MeasuredPoints, PlotPanel, ReportPlot
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredPoints:
+    """Measured points with half of their 95 % intervals; hollow where not usable."""
+
+    label: str
+    x: Array
+    y: Array
+    half_interval: Array
+    usable: NDArray[np.bool_]
+    marker: str = "o"
+    model_y: Array | None = None
+    """Model values at the points; the residual strip shows the difference."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlotLine:
+    """A curve with an optional 95 % band."""
+
+    label: str
+    x: Array
+    y: Array
+    lower: Array | None = None
+    upper: Array | None = None
+    style: str = "-"
+
+
+@dataclass(frozen=True, slots=True)
+class PlotPanel:
+    """One pair of axes in display units, with a residual strip where points have model values."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[PlotLine, ...] = ()
+    points: tuple[MeasuredPoints, ...] = ()
+    reference_level: tuple[float, str] | None = None
+    """A horizontal line and its label."""
+    from_zero: bool = True
+    unit: str = ""
+    """Unit of y and of the residuals."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPlot:
+    """Panels side by side, `columns` in a row, with a legend and a caption."""
+
+    title: str
+    panels: tuple[PlotPanel, ...]
+    caption: str = ""
+    columns: int = 1
+    row_height_in: float = 2.25
+
+    @property
+    def rows(self) -> int:
+        return -(-len(self.panels) // self.columns)
+
 
 MODEL_COLOR, LEVEL_COLOR = "#0072B2", "#555555"
 POINT_COLORS = ("#D55E00", "#000000", "#009E73", "#CC79A7", "#E69F00")
 SMALL_PT, NORMAL_PT = 7.0, 8.0
 LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN = 0.62, 0.10, 0.42, 0.22
-"""Inches around a pair of axes, for its numbers, labels and title."""
+"""Margins around a pair of axes for tick labels, axis labels and title."""
 LEGEND_IN = 0.2
-"""Above all panels."""
+"""Height of the legend above all panels."""
 STRIP_SHARE = 0.27
-"""Share of a panel's height that its residuals have."""
+"""Share of a panel's height that the residual strip takes."""
 
 Box = tuple[float, float, float, float]
 """Left, bottom, width, height in inches."""
@@ -26,7 +87,7 @@ Box = tuple[float, float, float, float]
 def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN) -> None:
     """Draw the panels of a plot into a box of the figure, row by row from the top.
 
-    One legend of that height (inches; 0: none) above says what all panels show.
+    One legend above the panels, `legend` inches high (0: none), covers all of them.
     """
     left, bottom, width, height = box
     w, h = width / plot.columns, (height - legend) / plot.rows
@@ -75,8 +136,8 @@ def _add_axes(figure: Any, box: Box) -> Any:
     axes.tick_params(labelsize=SMALL_PT, length=2.5)
     axes.grid(color="#dddddd", lw=0.5)
     axes.set_axisbelow(True)
-    axes.patch.set_visible(False)  # what is written across the page must be seen here too
-    axes.set_title("", y=1.0)  # a title that is told where to stand need not be looked for a place
+    axes.patch.set_visible(False)  # the SIMULATED mark across the page must be visible behind the axes
+    axes.set_title("", y=1.0)  # a fixed position avoids the automatic placement
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     return axes
@@ -88,10 +149,10 @@ def _draw_lines(axes: Any, panel: PlotPanel) -> None:
             axes.fill_between(line.x, line.lower, line.upper, color=MODEL_COLOR, alpha=0.3, lw=0)
         axes.plot(line.x, line.y, line.style, color=MODEL_COLOR, lw=1.1, label=line.label)
     for colour, dots in zip(POINT_COLORS * len(panel.points), panel.points, strict=False):
-        finite = np.isfinite(dots.y)
-        for at, face, words in ((finite & dots.usable, colour, ""), (finite & ~dots.usable, "white", ", flagged")):
-            if at.any():
-                _draw_error_bars(axes, dots, at, dots.y, colour, face, dots.label + words)
+        draw_measured(
+            axes, dots.x, dots.y, dots.half_interval, dots.usable, dots.label, face=colour, hollow="white",
+            **_error_bar_style(dots, colour),
+        )  # fmt: skip
     if panel.reference_level is not None:
         value, words = panel.reference_level
         axes.axhline(value, color=LEVEL_COLOR, lw=0.9, ls=(0, (6, 2)))
@@ -104,14 +165,30 @@ def _draw_lines(axes: Any, panel: PlotPanel) -> None:
     axes.margins(y=0.08)
 
 
-def _draw_error_bars(
-    axes: Any, points: MeasuredPoints, at: Any, y: Any, color: str, face: str, label: str | None
+def draw_measured(
+    axes: Any,
+    x: Array,
+    y: Array,
+    errors: Array,
+    usable: NDArray[np.bool_],
+    label: str | None,
+    face: Any = "tab:red",
+    hollow: str = "none",
+    flagged: str = ", flagged",
+    **style: Any,
 ) -> None:
-    half = np.where(np.isfinite(points.half_interval[at]), points.half_interval[at], 0.0)
-    axes.errorbar(
-        points.x[at], y[at], half, fmt=points.marker, ms=3.4, mew=0.8, mec=color, mfc=face, ecolor=color, elinewidth=0.8,
-        capsize=0, label=label, zorder=3,
-    )  # fmt: skip
+    """Draw measured points with error bars; those that no fit may use are hollow, and labelled so."""
+    finite = np.isfinite(y)
+    for shown, fill, suffix in ((finite & usable, face, ""), (finite & ~usable, hollow, flagged)):
+        if shown.any():
+            bars = np.where(np.isfinite(errors[shown]), errors[shown], 0.0)
+            axes.errorbar(x[shown], y[shown], bars, mfc=fill, label=label and label + suffix, **style)
+
+
+def _error_bar_style(points: MeasuredPoints, color: str) -> dict[str, Any]:
+    return {
+        "fmt": points.marker, "ms": 3.4, "mew": 0.8, "mec": color, "ecolor": color, "elinewidth": 0.8, "capsize": 0, "zorder": 3,
+    }  # fmt: skip
 
 
 def _draw_residuals(axes: Any, panel: PlotPanel) -> None:
@@ -121,9 +198,10 @@ def _draw_residuals(axes: Any, panel: PlotPanel) -> None:
             axes.fill_between(line.x, line.lower - line.y, line.upper - line.y, color=MODEL_COLOR, alpha=0.3, lw=0)
     for colour, dots in zip(POINT_COLORS * len(panel.points), panel.points, strict=False):
         if dots.model_y is not None:
-            at = np.isfinite(dots.y) & np.isfinite(dots.model_y) & dots.usable
-            if at.any():
-                _draw_error_bars(axes, dots, at, dots.y - dots.model_y, colour, colour, None)
+            gap = np.where(dots.usable, dots.y - dots.model_y, np.nan)
+            draw_measured(
+                axes, dots.x, gap, dots.half_interval, dots.usable, None, face=colour, **_error_bar_style(dots, colour)
+            )
     axes.set_ylabel("Δ", fontsize=NORMAL_PT)
     axes.margins(y=0.15)
     low, high = axes.get_ylim()
