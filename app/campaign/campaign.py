@@ -1,8 +1,8 @@
-"""A campaign: the measurements of one specimen in their order, how each stands, and what comes next. No Qt, no terminal.
+"""Measurement campaign of one specimen: ordered items, their status and the next one.
 
-How a measurement stands is computed from the run files whenever it is asked; a run that somebody made by hand counts like
-any other. Kept in one file beside the runs are only the plan and what each run was based on. So nothing can disagree with
-the files, and a program that was killed leaves nothing behind that has to be mended.
+The status of an item is computed from the run files on every request; runs made outside the campaign count too. The campaign
+file holds only the plan and what each run was based on, so it cannot contradict the run files, and a killed program leaves
+nothing to repair.
 """
 
 import json
@@ -52,15 +52,15 @@ class Campaign:
         self._based_on: dict[str, dict[str, Any]] = dict(record["based_on"])
         self._runs = CampaignRuns(path.parent)
         self._active_run: tuple[str, Path] | None = None
-        """Item ("" for a run that is none of ours) and file that this program is writing: no second hand may open it."""
+        """Item ("" for a run outside the campaign) and file that this program is writing and that must not be opened."""
         self._lock = threading.RLock()
 
     @classmethod
     def create(cls, folder: Path, specimen: str, simulated: bool, items: Sequence[CampaignItem] = PAPER_ITEMS) -> Self:
-        """Begin a campaign with those items whose protocol is known.
+        """Create a campaign with those items whose protocol is known.
 
         Raises:
-            CampaignError: the specimen has one there already, or the folder cannot be written.
+            CampaignError: the specimen has a campaign there already, or the folder is not writable.
         """
         path = campaign_path(folder, specimen)
         if path.exists():
@@ -74,7 +74,7 @@ class Campaign:
 
     @classmethod
     def open(cls, folder: Path, specimen: str) -> Self:
-        """The specimen's campaign.
+        """Open the specimen's campaign.
 
         Raises:
             CampaignError: there is none, or its file cannot be understood.
@@ -83,7 +83,7 @@ class Campaign:
 
     @classmethod
     def open_file(cls, path: Path, specimen: str = "") -> Self:
-        """The campaign of a file.
+        """Open the campaign of a file.
 
         Raises:
             CampaignError: there is none, or its file cannot be understood.
@@ -103,13 +103,13 @@ class Campaign:
 
     @property
     def items(self) -> tuple[CampaignItem, ...]:
-        """What it consists of, in order."""
+        """Items of the campaign, in order."""
         return self._plan.items
 
-    # -- how it stands -------------------------------------------------------------------------------------------------
+    # -- status --------------------------------------------------------------------------------------------------------
 
     def item_states(self) -> tuple[ItemState, ...]:
-        """Every item in order, as the run files have it now."""
+        """Return the state of every item in order, computed from the run files."""
         with self._lock:
             name, file = self._active_run or ("", None)
             made = self._runs.begun_since(self.created, exclude=file)
@@ -123,7 +123,7 @@ class Campaign:
             return evaluate_items(self.path.parent, self.items, titles, runs, self._based_on)
 
     def next_item(self, hands_free: bool = False) -> ItemState | None:
-        """The first item that can be done now; `hands_free` passes over those that ask a person to touch something."""
+        """Return the first item that can be measured now; `hands_free` skips items that need the operator."""
         for line in self.item_states():
             if line.next_action in (NextAction.RUN, NextAction.REPEAT, NextAction.RESUME) and not (
                 hands_free and self.needs_operator(line.item)
@@ -132,15 +132,15 @@ class Campaign:
         return None
 
     def item_state(self, name: str) -> ItemState:
-        """One item as it stands. Raises CampaignError for an unknown name."""
+        """Return the state of one item. Raises CampaignError for an unknown name."""
         self._plan.item(name)
         return next(line for line in self.item_states() if line.item.name == name)
 
     def protocol_for(self, item: CampaignItem) -> Protocol:
-        """The item's protocol with its settings, and with what is carried on from the items it rests on.
+        """Return the item's protocol with its settings and the estimates carried over from items it depends on.
 
         Raises:
-            CampaignError: the protocol is not known here any more, or refuses the settings.
+            CampaignError: the protocol is unknown, or refuses the settings.
         """
         carried = self.accepted_estimates(item)
         return self._make_protocol(
@@ -161,12 +161,12 @@ class Campaign:
             ) from None
 
     def needs_operator(self, item: CampaignItem) -> bool:
-        """Whether a person must do more than switch high voltage."""
+        """Return whether the operator must do more than switch high voltage."""
         plan = self._make_protocol(item, {}).plan(AmplifierMap().rest_v)
         return bool(item.prepare) or any(entry.setup is not None or entry.prompts for entry in plan)
 
     def accepted_estimates(self, item: CampaignItem) -> dict[str, EstimatedQuantity]:
-        """The accepted estimates of everything the item rests on, by name; of two the later item's counts."""
+        """Return the accepted estimates of all dependencies of an item by name; later items take precedence."""
         lines = {line.item.name: line for line in self.item_states()}
         wanted = self._plan.dependencies(item)
         found: dict[str, EstimatedQuantity] = {}
@@ -176,13 +176,13 @@ class Campaign:
         return found
 
     def valid_runs(self) -> list[Path]:
-        """The runs that count, in the order of their items."""
+        """Return the valid runs in the order of their items."""
         return [line.run for line in self.item_states() if line.status in HAS_VALID_RUN and line.run is not None]
 
-    # -- what a person changes -----------------------------------------------------------------------------------------
+    # -- changes -------------------------------------------------------------------------------------------------------
 
     def run_started(self, name: str, run: Path) -> None:
-        """A run of an item has been begun by this program: keep what it is based on."""
+        """Record the start of an item's run in this program, and what it is based on."""
         with self._lock:
             item, self._active_run = self._plan.item(name), (name, run)
             lines = {line.item.name: line for line in self.item_states()}
@@ -190,39 +190,39 @@ class Campaign:
             self._save()
 
     def ignore_active_run(self, run: Path) -> None:
-        """A run is being written here that is none of this campaign's items: its file is left alone."""
+        """Record that this program is writing a run outside the campaign, which must not be opened."""
         with self._lock:
             self._active_run = ("", run)
 
     def run_ended(self) -> None:
-        """The run that this program has begun is over, and its file closed."""
+        """Record the end of the run that this program has started."""
         with self._lock:
             self._active_run = None
 
     def skip(self, name: str, reason: str = "left out on purpose") -> None:
-        """Leave an item out; what needs it goes on without. An empty reason takes it in again."""
+        """Skip an item; items that need it no longer wait for it. An empty reason restores it."""
         self._change(name, skipped=reason)
 
     def repeat(self, name: str) -> None:
-        """Measure an item again: runs until now do not count."""
+        """Require a new run of an item: earlier runs do not count."""
         self._change(name, since=datetime.now(UTC).isoformat(timespec="milliseconds"), skipped="")
 
     def accept(self, name: str) -> None:
-        """A person has looked at what the run of an item found, and takes it."""
+        """Accept the estimates of an item's run."""
         line = self.item_state(name)
         if line.run is None or line.status not in HAS_VALID_RUN:
             raise CampaignError(f"{name} has no run that could be accepted: it is {line.status}")
         self._change(name, accepted=(*line.item.accepted, line.run.name))
 
     def reject(self, name: str) -> None:
-        """Do not accept the run of an item; the one before it counts, or the item is missing."""
+        """Reject the run of an item; the run before it counts, or the item is missing."""
         line = self.item_state(name)
         if line.run is None:
             raise CampaignError(f"{name} has no run that could be rejected")
         self._change(name, rejected=(*line.item.rejected, line.run.name))
 
     def move(self, name: str, before: str = "") -> None:
-        """Put an item before another one, or at the end. Raises CampaignError where it may not stand there."""
+        """Move an item before another one, or to the end. Raises CampaignError if it would precede a dependency."""
         with self._lock:
             self._plan.move(name, before)
             self._save()
@@ -236,19 +236,19 @@ class Campaign:
         return self._plan.can_redo
 
     def undo(self) -> bool:
-        """Take the last change of the plan back; whether there was one. Runs are never touched."""
+        """Undo the last change of the plan; return whether there was one. Runs are not changed."""
         with self._lock:
             return self._plan.undo() and self._save()
 
     def redo(self) -> bool:
-        """Make the change again that was taken back; whether there was one."""
+        """Redo the last undone change; return whether there was one."""
         with self._lock:
             return self._plan.redo() and self._save()
 
-    # -- inside --------------------------------------------------------------------------------------------------------
+    # -- private -------------------------------------------------------------------------------------------------------
 
     def _runs_of(self, item: CampaignItem, runs: Sequence[RunSummary]) -> list[RunSummary]:
-        """The runs of an item, oldest first."""
+        """Return the runs of an item, oldest first."""
         settings = json.loads(
             json.dumps(self._make_protocol(item, {}).model_dump(mode="json", include=set(item.settings)))
         )

@@ -1,6 +1,6 @@
-"""What a campaign consists of: measurements in an order, what each needs before it, and the paper's own as the default.
+"""Campaign plan: ordered items with their dependencies, the paper's campaign, and the campaign file.
 
-The file a campaign is kept in: one JSON file beside the runs, replaced whole, named for the specimen.
+The campaign file is JSON, beside the runs, named for the specimen, and replaced atomically.
 """
 
 import json
@@ -19,16 +19,16 @@ VERSION = 1
 
 
 class CampaignError(Exception):
-    """A campaign cannot be opened, changed or kept. The sentence says which, why and what to do."""
+    """A campaign cannot be opened, changed or saved; the message gives campaign, reason and remedy."""
 
 
 def campaign_path(folder: Path, specimen: str) -> Path:
-    """Where a specimen's campaign stands: beside its runs."""
+    """Return the path of a specimen's campaign file, beside its runs."""
     return folder / f"{safe_name(specimen)}{SUFFIX}"
 
 
 def list_campaigns(folder: Path) -> list[Path]:
-    """The campaigns of a folder, the one changed last first."""
+    """Return the campaign files of a folder, the last changed first."""
     try:
         found = [(path.stat().st_mtime_ns, path) for path in folder.glob(f"*{SUFFIX}")]
     except OSError:
@@ -37,11 +37,11 @@ def list_campaigns(folder: Path) -> list[Path]:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """What a campaign's file says.
+    """Read the record of a campaign file.
 
     Raises:
-        CampaignError: it is none, or of a newer version.
-        OSError, ValueError, KeyError, TypeError: it cannot be read or understood.
+        CampaignError: the file is not a campaign, or of a newer version.
+        OSError, ValueError, KeyError, TypeError: the file cannot be read or parsed.
     """
     record = json.loads(path.read_text("utf-8"))
     if record["kind"] != "campaign" or record["version"] > VERSION:
@@ -50,7 +50,7 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def write_record(path: Path, record: Mapping[str, Any]) -> None:
-    """Replace a campaign's file.
+    """Replace a campaign file.
 
     Raises:
         CampaignError: it cannot be written.
@@ -69,15 +69,15 @@ class CampaignItem:
     """One measurement of a campaign.
 
     Attributes:
-        name: what the campaign calls it.
-        protocol: which protocol it is a run of.
+        name: name within the campaign.
+        protocol: name of the protocol.
         settings: parameters that differ from the protocol's defaults; runs with others are not runs of it.
         needs: names of the items that must be done before.
-        prepare: what must be set up before it, and that the protocol itself does not ask for.
-        skipped: why it is left out; empty where it is not.
+        prepare: setup prompts that the protocol itself does not show.
+        skipped: why it is skipped; empty if it is not.
         since: earlier runs (ISO, UTC) do not count.
         rejected: names of run files that do not count.
-        accepted: names of run files whose results a person has looked at and taken.
+        accepted: names of run files whose results the operator has accepted.
     """
 
     name: str
@@ -91,12 +91,12 @@ class CampaignItem:
     accepted: tuple[str, ...] = ()
 
     def as_record(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
+        """Return plain values for JSON."""
         return {**asdict(self), "settings": dict(self.settings)}
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "CampaignItem":
-        """The item that `as_record` described. Raises TypeError or KeyError where it is none."""
+        """Restore an item from `as_record`. Raises TypeError or KeyError for other records."""
         lists = {name: tuple(record[name]) for name in ("needs", "rejected", "accepted") if name in record}
         prepare = tuple(Prompt(**{**asked, "choices": tuple(asked["choices"])}) for asked in record["prepare"])
         return cls(**{**record, **lists, "prepare": prepare})
@@ -121,13 +121,13 @@ PAPER_ITEMS: tuple[CampaignItem, ...] = (
 
 
 CARRIED_PARAMETERS: Mapping[str, str] = {"decay_s": "decay time"}
-"""Parameters that take their value from an accepted estimate of what the item rests on, unless its settings say another."""
+"""Parameters that default to an accepted estimate of a dependency, unless the item's settings give them."""
 
 
 def drop_unknown_protocols(
     items: Collection[CampaignItem], known_protocols: Collection[str]
 ) -> tuple[CampaignItem, ...]:
-    """Those items whose protocol is known; what needed one that is not needs what that one needed."""
+    """Return the items with a known protocol; dependencies on dropped items pass to the dependencies of those."""
     lost = {item.name: item.needs for item in items if item.protocol not in known_protocols}
 
     def needs(names: Collection[str]) -> tuple[str, ...]:
@@ -144,36 +144,36 @@ def drop_unknown_protocols(
 
 
 class CampaignPlan(UndoHistory[tuple[CampaignItem, ...]]):
-    """The items in their order, and every change of them, which can be taken back. Kept nowhere."""
+    """Ordered items with undo history, in memory only."""
 
     @property
     def items(self) -> tuple[CampaignItem, ...]:
         return self.current
 
     def item(self, name: str) -> CampaignItem:
-        """One item. Raises CampaignError where there is none of that name."""
+        """Return one item. Raises CampaignError for an unknown name."""
         for item in self.items:
             if item.name == name:
                 return item
         raise CampaignError(f"the campaign has no '{name}'; it has: {', '.join(item.name for item in self.items)}")
 
     def dependencies(self, item: CampaignItem) -> set[str]:
-        """Names of everything an item rests on."""
+        """Return the names of all direct and indirect dependencies of an item."""
         found: set[str] = set()
         for need in item.needs:
             found |= {need} | self.dependencies(self.item(need))
         return found
 
     def change(self, name: str, **values: Any) -> None:
-        """Give an item other values."""
+        """Replace fields of an item."""
         changed = replace(self.item(name), **values)
         self.push(tuple(changed if item.name == name else item for item in self.items))
 
     def move(self, name: str, before: str = "") -> None:
-        """Put an item before another one, or at the end.
+        """Move an item before another one, or to the end.
 
         Raises:
-            CampaignError: something would come before what it needs.
+            CampaignError: an item would precede its dependency.
         """
         moved, rest = self.item(name), [item for item in self.items if item.name != name]
         before = before and self.item(before).name

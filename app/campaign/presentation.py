@@ -1,9 +1,4 @@
-"""The next step of a campaign as a person is told it: what, why, what it will take, and what can be answered. No Qt.
-
-A campaign in words, alike in window and terminal.
-
-All that is told about one item of a campaign, in sections. No Qt, no terminal.
-"""
+"""Campaign texts for window and terminal: the next step, progress, and details of an item."""
 
 from __future__ import annotations
 
@@ -33,7 +28,7 @@ STATUS_MARKS = {
 }
 
 ACTION_LABELS = {NextAction.RUN: "Measure", NextAction.REPEAT: "Measure again", NextAction.RESUME: "Go on with"}
-"""What is done with an item that comes next."""
+"""Verb for the next action of an item."""
 
 
 def format_named_estimate(estimate: EstimatedQuantity) -> str:
@@ -42,7 +37,7 @@ def format_named_estimate(estimate: EstimatedQuantity) -> str:
 
 
 def next_action_reason(state: ItemState) -> str:
-    """Why this is what comes next."""
+    """Return why this item is next."""
     needs = " and ".join(state.item.needs)
     match state.next_action:
         case NextAction.RESUME:
@@ -57,12 +52,12 @@ def next_action_reason(state: ItemState) -> str:
 
 
 def first_clause(reason: str) -> str:
-    """The first clause of a reason: what happened, without what to do and without the library's own words."""
+    """Return the first clause of a reason: what happened, without remedy and library messages."""
     return re.split(r"; |\. | \((?=NI )", reason, maxsplit=1)[0].rstrip(".")
 
 
 def format_rehearsal(rehearsal: Rehearsal) -> str:
-    """What an item will ask of bench and people, in a line."""
+    """Return duration, prompts, voltages and file size of an item in one line."""
     prompts = {0: "no prompts", 1: "1 prompt"}.get(rehearsal.prompts, f"{rehearsal.prompts} prompts")
     volts = format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)
     return f"about {format_duration(rehearsal.duration_s)}, {prompts}, {volts} on the specimen, file about {format_bytes(rehearsal.file_bytes)}"
@@ -72,7 +67,7 @@ MAX_ESTIMATES = 6
 
 
 class CampaignAction(StrEnum):
-    """What a person may do about it; the first of a step is what is wanted."""
+    """Actions of the operator; the first of a step is the default."""
 
     RUN = "run"
     RUN_HANDS_FREE = "run without hands"
@@ -83,24 +78,24 @@ class CampaignAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """What stands large above the list."""
+    """The next step, shown above the list of items."""
 
     heading: str
     reason: str = ""
     detail: str = ""
     actions: tuple[CampaignAction, ...] = ()
     item_name: str = ""
-    """The item it is about."""
+    """Item of the step."""
 
 
 def next_step(summary: CampaignSummary, running: str = "", busy: bool = False, queue: bool = False) -> NextStep:
-    """What comes next.
+    """Return the next step.
 
     Args:
         summary: the campaign now.
-        running: the item whose run this campaign has begun and that goes on; empty for none.
-        busy: whether any run goes on.
-        queue: whether what needs no hands follows by itself.
+        running: item of this campaign that is being measured; empty for none.
+        busy: whether any run is in progress.
+        queue: whether hands-free items follow automatically.
     """
     if running or busy:
         return _running_step(summary, running, queue)
@@ -119,7 +114,7 @@ def format_progress(summary: CampaignSummary, running: str = "", run_left_s: flo
     if not summary.remaining:
         return words
     left_s = summary.remaining_s(running) + run_left_s
-    prompts = sum(told.prompts for told in summary.remaining)
+    prompts = sum(rehearsal.prompts for rehearsal in summary.remaining)
     return f"{words}, about {format_duration(left_s)} and {prompts} prompt{'s' * (prompts != 1)} left"
 
 
@@ -134,10 +129,12 @@ def _running_step(summary: CampaignSummary, running: str, queue: bool) -> NextSt
 
 
 def _acceptance_step(summary: CampaignSummary, item: ItemSummary) -> NextStep:
-    told = [format_named_estimate(estimate) for estimate in item.state.estimates]
-    more = f" … and {len(told) - MAX_ESTIMATES} more" if len(told) > MAX_ESTIMATES else ""
+    estimates = [format_named_estimate(estimate) for estimate in item.state.estimates]
+    more = f" … and {len(estimates) - MAX_ESTIMATES} more" if len(estimates) > MAX_ESTIMATES else ""
     found = (
-        ";  ".join(told[:MAX_ESTIMATES]) + more if told else "It tells no parameter; its points are in the run file."
+        ";  ".join(estimates[:MAX_ESTIMATES]) + more
+        if estimates
+        else "It tells no parameter; its points are in the run file."
     )
     rest = [other.name for other in summary.items if item.name in other.state.item.needs]
     why = f"What will rest on it: {_join_names(rest)}." if rest else "Nothing else rests on it."
@@ -180,21 +177,21 @@ def _idle_step(summary: CampaignSummary) -> NextStep:
 
 @dataclass(frozen=True, slots=True)
 class DetailSection:
-    """A heading and what stands below it."""
+    """A heading with lines of text."""
 
     heading: str
     lines: tuple[str, ...]
 
 
 def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> tuple[DetailSection, ...]:
-    """What is known of an item; sections with nothing to tell are left out."""
+    """Return the details of an item; empty sections are left out."""
     line, item = summary.state, summary.state.item
     counts = line.status in HAS_VALID_RUN
     state = [f"{summary.status_text}{': ' if line.reason else ''}{line.reason}"]
     if line.run is not None:
         state.append(line.run.name)
     settings = tuple(f"{name} = {_format_setting(value)}" for name, value in item.settings.items())
-    told = (
+    sections = (
         DetailSection("State", tuple(state)),
         DetailSection(
             "Found" if counts else "Found, but does not count", tuple(map(format_named_estimate, line.estimates))
@@ -208,7 +205,7 @@ def item_details(summary: ItemSummary, estimates: CampaignEstimates | None, spec
         DetailSection("Rests on", (", ".join(item.needs),) if item.needs else ()),
         DetailSection("Settings that differ from the protocol's", settings),
     )
-    return tuple(section for section in told if section.lines)
+    return tuple(section for section in sections if section.lines)
 
 
 def _estimate_lines(estimates: CampaignEstimates | None) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Carries a campaign out on a session, and goes through it before that. Who asks - a terminal, a window - is not known here."""
+"""Runs or rehearses a campaign on a session, independent of the front end."""
 
 import typing
 from collections.abc import Iterable
@@ -24,13 +24,13 @@ class RunStarter(typing.Protocol):
 
 
 class CampaignRunner:
-    """Begins the runs of a campaign; an observer of the session that makes them.
+    """Starts the runs of a campaign, and observes the session that makes them.
 
     ::
 
-        conductor = Conductor(campaign)
-        session = Session(connect, [conductor, ...], operator)
-        conductor.begin(session, campaign.next())
+        runner = CampaignRunner(campaign)
+        session = Session(connect, [runner, ...], operator)
+        runner.start(session, campaign.next_item())
     """
 
     def __init__(self, campaign: Campaign) -> None:
@@ -41,8 +41,8 @@ class CampaignRunner:
         """What an item's run consists of, or going on with the one that was broken off. Reads files.
 
         Raises:
-            CampaignError: the protocol is not known any more, or refuses its settings.
-            RunError: the run cannot be gone on with.
+            CampaignError: the protocol is unknown, or refuses its settings.
+            RunReadError: the run cannot be resumed.
         """
         item, specimen, folder = state.item, self.campaign.specimen, self.campaign.path.parent
         if state.next_action is NextAction.RESUME and state.run is not None:
@@ -57,7 +57,7 @@ class CampaignRunner:
         session.run(request)
 
     def start(self, session: RunStarter, state: ItemState) -> None:
-        """Ask the session for an item's run; returns at once. Raises what `order` raises."""
+        """Prepare and submit an item's run; raises what `prepare` raises."""
         self.submit(session, self.prepare(state))
 
     def __call__(self, event: SessionEvent) -> None:
@@ -75,7 +75,7 @@ def check_bench_kind(campaign: Campaign, simulated: bool) -> None:
     """Refuse a bench of the other kind.
 
     Raises:
-        CampaignError: a simulated run would stand for a real one, or the other way round.
+        CampaignError: simulated and real runs would be mixed.
     """
     if campaign.simulated != simulated:
         kind = "a simulated bench" if campaign.simulated else "a real bench"
@@ -83,10 +83,10 @@ def check_bench_kind(campaign: Campaign, simulated: bool) -> None:
 
 
 def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, resume: bool = False) -> ItemState:
-    """The item to begin with: the one that is named, or what comes next.
+    """Return the item to start with: the named one, or the next.
 
     Raises:
-        CampaignError: there is nothing to do, or not with this item.
+        CampaignError: nothing is left to measure, or this item cannot be measured now.
     """
     if name:
         line = campaign.item_state(name)
@@ -114,14 +114,14 @@ def first_item(campaign: Campaign, name: str = "", hands_free: bool = False, res
 
 
 def next_item_after(campaign: Campaign, previous: ItemState, hands_free: bool) -> ItemState | None:
-    """What to go on with once an item's run has ended well; None where the same would come again: it does not pass."""
+    """Return the item after a completed run; None if it is the same again, because its checks failed."""
     line = campaign.next_item(hands_free)
     return None if line is None or line.item.name == previous.item.name else line
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignRehearsal:
-    """What the items of a campaign will ask of the bench together, and one by one."""
+    """Rehearsals of the items of a campaign, with totals."""
 
     items: tuple[tuple[CampaignItem, Rehearsal], ...]
     duration_s: float
@@ -135,35 +135,35 @@ class CampaignRehearsal:
 def rehearse_campaign(
     campaign: Campaign, bench: Bench, tactor: Tactor | None = None, states: Iterable[ItemState] | None = None
 ) -> CampaignRehearsal:
-    """Go through what is left of a campaign, or through `lines`.
+    """Rehearse the remaining items of a campaign, or `states`.
 
     Raises:
-        DriveRefused, CannotRun: an item cannot be done on this bench; the sentence names it.
-        CampaignError: an item's protocol is not known, or refuses its settings.
+        BenchError: an item cannot be measured on this bench; the message names it.
+        CampaignError: an item's protocol is unknown, or refuses its settings.
     """
     left = (
         [line for line in campaign.item_states() if line.next_action is not NextAction.NONE]
         if states is None
         else states
     )
-    told: list[tuple[CampaignItem, Rehearsal]] = []
+    rehearsals: list[tuple[CampaignItem, Rehearsal]] = []
     for line in left:
         protocol = campaign.protocol_for(line.item)
         try:
             one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)
         except BenchError as error:
             raise type(error)(f"{line.item.name}: {error}") from None
-        # High voltage goes off and on once more around what hands prepare.
+        # High voltage is switched off and on once more around manual preparation.
         hands = protocol.high_voltage and any(prompt.hands_on for prompt in line.item.prepare)
-        told.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
-    file_bytes = sum(one.file_bytes for _, one in told)
+        rehearsals.append((line.item, replace(one, prompts=one.prompts + len(line.item.prepare) + 2 * hands)))
+    file_bytes = sum(one.file_bytes for _, one in rehearsals)
     check_disk_space(file_bytes, campaign.path.parent)
     return CampaignRehearsal(
-        items=tuple(told),
-        duration_s=sum(one.duration_s for _, one in told),
-        prompts=sum(one.prompts for _, one in told),
-        highest_specimen_v=max((one.highest_specimen_v for _, one in told), default=0.0),
-        lowest_specimen_v=min((one.lowest_specimen_v for _, one in told), default=0.0),
+        items=tuple(rehearsals),
+        duration_s=sum(one.duration_s for _, one in rehearsals),
+        prompts=sum(one.prompts for _, one in rehearsals),
+        highest_specimen_v=max((one.highest_specimen_v for _, one in rehearsals), default=0.0),
+        lowest_specimen_v=min((one.lowest_specimen_v for _, one in rehearsals), default=0.0),
         file_bytes=file_bytes,
-        cautions=tuple(dict.fromkeys(words for _, one in told for words in one.cautions)),
+        cautions=tuple(dict.fromkeys(words for _, one in rehearsals for words in one.cautions)),
     )

@@ -1,7 +1,4 @@
-"""How each measurement of a campaign stands: computed from its run files and from what each run was based on. Pure.
-
-What the run files of a specimen tell a campaign; each is read once, and again only when it has changed.
-"""
+"""Status of campaign items, computed from run summaries and from what each run was based on."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -52,34 +49,34 @@ class CampaignRuns:
 
 
 RELATIVE_TOLERANCE = 1e-9
-"""Estimates that differ by less, relatively, are the same."""
+"""Relative difference below which estimates are equal."""
 
 Basis = Mapping[str, Mapping[str, Any]]
-"""By name of an item that a run rested on: which run of it, and what came out of that."""
+"""Run and estimates that a run was based on, by item name."""
 
 
 class ItemStatus(StrEnum):
-    """How an item stands."""
+    """Status of an item."""
 
     DONE = "done"
     STALE = "stale"
-    """Done, but what it was based on has changed since."""
+    """Done, but its basis has changed since."""
     MISSING = "missing"
     WAITING = "waiting"
-    """Missing, and what it needs is not done."""
+    """Missing, and a dependency is not done."""
     UNFINISHED = "unfinished"
-    """Broken off with points that a resumed run keeps."""
+    """Interrupted with points that a resumed run keeps."""
     FAILED = "failed"
     RUNNING = "running"
     SKIPPED = "skipped"
 
 
 HAS_VALID_RUN = (ItemStatus.DONE, ItemStatus.STALE)
-"""There is a run that counts."""
+"""Statuses with a valid run."""
 
 
 class NextAction(StrEnum):
-    """What an item asks for."""
+    """Next action of an item."""
 
     NONE = ""
     RUN = "run"
@@ -90,7 +87,7 @@ class NextAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ItemState:
-    """One line of a campaign: how an item stands, why, and what comes next. All a window needs to draw it."""
+    """Status of one item with reason and next action."""
 
     item: CampaignItem
     title: str
@@ -98,15 +95,15 @@ class ItemState:
     reason: str
     next_action: NextAction
     run: Path | None = None
-    """The run that counts, or the one to go on with."""
+    """The valid run, or the one to resume."""
     started_at: str = ""
-    """When that run was begun, ISO, UTC."""
+    """Start time of that run, ISO, UTC."""
     estimates: tuple[EstimatedQuantity, ...] = ()
-    """Of the run that counts; what the items after it are based on."""
+    """Estimates of the valid run, on which later items are based."""
 
     @property
     def accepted(self) -> bool:
-        """Whether a person has looked at what the run that counts found, and taken it."""
+        """Whether the operator has accepted the estimates of the valid run."""
         return self.run is not None and self.run.name in self.item.accepted
 
 
@@ -117,14 +114,14 @@ def evaluate_items(
     runs: Mapping[str, Sequence[RunSummary]],
     based_on: Mapping[str, Basis],
 ) -> tuple[ItemState, ...]:
-    """Every item, in order.
+    """Return the state of every item, in order.
 
     Args:
         folder: of the runs.
-        items: of the campaign; each comes after what it needs.
+        items: of the campaign; each after its dependencies.
         titles: of the protocols, by their names.
         runs: of each item by its name, oldest first.
-        based_on: what each run was based on, by its file's name; nothing for a run that was made by hand.
+        based_on: basis of each run by file name; none for runs made outside the campaign.
     """
     found: dict[str, ItemState] = {}
     for item in items:
@@ -153,11 +150,11 @@ def _evaluate_item(
     if done := next((run for run in reversed(runs) if run.completed), None):
         why = _stale_reason(item, done, previous, based_on.get(done.name))
         later = f"; a later run is {last.state}" if last is not None and last is not done else ""
-        standing, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, done.reason)
+        status, reason = (ItemStatus.STALE, why) if why else (ItemStatus.DONE, done.reason)
         return ItemState(
             item,
             title,
-            standing,
+            status,
             reason + later,
             do if why else NextAction.NONE,
             folder / done.path,
@@ -178,21 +175,21 @@ def _evaluate_item(
         if last.failed_checks
         else format_outcome(last.state, "" if last.state == RunState.CRASHED else last.reason)
     )
-    standing = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
-    return ItemState(item, title, standing, reason, do, folder / last.path, last.start_time)
+    status = ItemStatus.MISSING if last.state in (RunState.STOPPED, RunState.CRASHED) else ItemStatus.FAILED
+    return ItemState(item, title, status, reason, do, folder / last.path, last.start_time)
 
 
 def _stale_reason(
     item: CampaignItem, completed: RunSummary, previous: Mapping[str, ItemState], basis: Basis | None
 ) -> str:
-    """Why a run does not hold any more, from what it was based on; empty where it does."""
+    """Return why a run is stale, from its basis; empty if it is not."""
     for need in item.needs:
         line = previous[need]
         if line.status is ItemStatus.SKIPPED:
             continue
         if line.status is not ItemStatus.DONE:
             return f"{need} is {line.status}"
-        if basis is None:  # made by hand: all that can be said is what came first
+        if basis is None:  # made outside the campaign: only the times can be compared
             if line.started_at > completed.start_time:
                 return f"{need} was measured after it"
         elif need in basis and (why := _describe_change(need, basis[need], basis_of(line))):
@@ -201,13 +198,13 @@ def _stale_reason(
 
 
 def basis_of(state: ItemState) -> dict[str, Any]:
-    """What an item after this one rests on: which run, and what came out of it."""
+    """Return the basis that this item gives to later ones: run and estimates."""
     estimates = {estimate.name: estimate.value for estimate in state.estimates if math.isfinite(estimate.value)}
     return {"run": state.run.name if state.run else "", "estimates": estimates}
 
 
 def _describe_change(need: str, old_basis: Mapping[str, Any], new_basis: Mapping[str, Any]) -> str:
-    """What has changed between two bases, in words; empty where nothing has."""
+    """Return the difference of two bases as text; empty if equal."""
     if old_basis["run"] != new_basis["run"]:
         return f"{need} was measured again"
     old, new = old_basis["estimates"], new_basis["estimates"]

@@ -1,7 +1,4 @@
-"""A campaign as it is shown: every item with what it found, needs and will ask, and what comes next. No Qt, no terminal.
-
-What the runs of a campaign say together about the specimen, by the paper's chain; and what is believed of it meanwhile.
-"""
+"""Campaign summary for display: items with status, estimates and rehearsal; parameters from all valid runs."""
 
 from __future__ import annotations
 
@@ -36,11 +33,11 @@ class ItemSummary:
 
     state: ItemState
     needs_operator: bool
-    """Whether a person must touch something for it."""
+    """Whether the operator must touch something."""
     accepted_estimates: tuple[EstimatedQuantity, ...] = ()
-    """Accepted by now of what it rests on."""
+    """Accepted estimates of its dependencies."""
     rehearsal: Rehearsal | None = None
-    """What it will ask of the bench; None where nothing is left to do, or there is no bench."""
+    """Rehearsal; None if nothing is left to do, or without a bench."""
 
     @property
     def name(self) -> str:
@@ -48,12 +45,12 @@ class ItemSummary:
 
     @property
     def awaits_acceptance(self) -> bool:
-        """Done, and nobody has accepted yet what it found."""
+        """Whether the item is done but its estimates are not accepted yet."""
         return self.state.status is ItemStatus.DONE and not self.state.accepted
 
     @property
     def status_text(self) -> str:
-        """How it stands, in words."""
+        """Status as text."""
         if self.state.status is ItemStatus.DONE:
             return "done, accepted" if self.state.accepted else "done, to be accepted"
         return str(self.state.status)
@@ -68,11 +65,11 @@ class CampaignSummary:
     simulated: bool
     items: tuple[ItemSummary, ...]
     next_item: ItemSummary | None
-    """What can be done now."""
+    """Next item that can be measured."""
     next_hands_free: ItemSummary | None
-    """What can be done now without hands."""
+    """Next item that can be measured without the operator."""
     refusal: str = ""
-    """Why the bench cannot do what is left; empty where it can, or where there is no bench."""
+    """Why the bench cannot measure the rest; empty if it can, or without a bench."""
     can_undo: bool = False
     can_redo: bool = False
 
@@ -81,7 +78,7 @@ class CampaignSummary:
 
     @property
     def awaiting_acceptance(self) -> ItemSummary | None:
-        """The first item whose result waits to be accepted."""
+        """First item whose result is to be accepted."""
         return next((row for row in self.items if row.awaits_acceptance), None)
 
     @property
@@ -90,16 +87,16 @@ class CampaignSummary:
 
     @property
     def total_count(self) -> int:
-        """How many items are not left out."""
+        """Number of items that are not skipped."""
         return sum(row.state.status is not ItemStatus.SKIPPED for row in self.items)
 
     @property
     def remaining(self) -> tuple[Rehearsal, ...]:
-        """What is still to be done, where the bench was asked."""
+        """Rehearsals of the remaining items."""
         return tuple(row.rehearsal for row in self.items if row.rehearsal is not None)
 
     def remaining_s(self, excluding: str = "") -> float:
-        """Bench time that is still needed, without one item."""
+        """Return the bench time still needed, without one item."""
         return sum(
             row.rehearsal.duration_s for row in self.items if row.rehearsal is not None and row.name != excluding
         )
@@ -107,27 +104,27 @@ class CampaignSummary:
 
 @dataclass(frozen=True, slots=True)
 class CampaignEstimates:
-    """What the runs of a campaign tell together about the specimen."""
+    """Parameters of the specimen from all valid runs of a campaign."""
 
     estimates: tuple[EstimatedQuantity, ...]
     tactor: Tactor
     problem: str = ""
-    """Why they tell nothing, or not more."""
+    """Why there are no estimates, or not more."""
 
 
 def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSummary:
-    """The campaign now. Reads run files.
+    """Summarize a campaign. Reads run files.
 
     Raises:
-        CampaignError: an item's protocol is not known, or refuses its settings.
+        CampaignError: an item's protocol is unknown, or refuses its settings.
     """
     lines = campaign.item_states()
-    told: Mapping[str, Rehearsal] = {}
+    rehearsals: Mapping[str, Rehearsal] = {}
     refusal = ""
     if bench is not None:
         try:
             left = [line for line in lines if line.next_action is not NextAction.NONE]
-            told = {item.name: one for item, one in rehearse_campaign(campaign, bench, states=left).items}
+            rehearsals = {item.name: one for item, one in rehearse_campaign(campaign, bench, states=left).items}
         except (BenchError, CampaignError) as error:
             refusal = str(error)
     rows = tuple(
@@ -135,7 +132,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
             line,
             campaign.needs_operator(line.item),
             tuple(campaign.accepted_estimates(line.item).values()),
-            told.get(line.item.name),
+            rehearsals.get(line.item.name),
         )
         for line in lines
     )
@@ -154,7 +151,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
 
 
 def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEstimates:
-    """What the runs that count tell together, by the paper's chain. Fits."""
+    """Fit the valid runs by the paper's chain."""
     found = identify_campaign_runs(campaign, amplifier)
     if isinstance(found, str):
         return CampaignEstimates((), Tactor(), found)
@@ -162,9 +159,9 @@ def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEs
 
 
 def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = None) -> IdentificationResult | str:
-    """The parameters that the runs of a campaign tell so far; a sentence where they tell none.
+    """Identify parameters from the valid runs; return a message if none can be identified.
 
-    The chain goes in the campaign's order: what a later run cannot tell does not take away what the earlier ones do.
+    The chain follows the order of the campaign: a later run that cannot be used does not invalidate earlier ones.
     """
     runs, why = campaign.valid_runs(), "no run of this campaign counts yet"
     for last in range(len(runs), 0, -1):
@@ -178,6 +175,6 @@ def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = 
 
 
 def identified_tactor(campaign: Campaign, amplifier: AmplifierMap | None = None) -> Tactor:
-    """The specimen as far as it is known: what was identified, and the paper's Table I for the rest."""
+    """Return the specimen with identified parameters, and the paper's Table I for the rest."""
     found = identify_campaign_runs(campaign, amplifier)
     return Tactor() if isinstance(found, str) else found.tactor

@@ -1,4 +1,4 @@
-"""What is believed of a specimen: its active calibration, the paper's values where it has none; and which of the two."""
+"""Model parameters of a specimen: its active calibration, or the paper's values if it has none."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -16,34 +16,34 @@ FileStamp = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class ActiveModel:
-    """A tactor and the membrane for its skin, how well they are known, and who says so."""
+    """Tactor and membrane parameters with their uncertainty and their source."""
 
     tactor: Tactor
     estimates: "EstimateSet | None"
-    """Those of the tactor's parameters that were identified; None where nothing has an error."""
+    """Identified parameters of the tactor; None if none has a standard error."""
     description: str
     problem: str = ""
-    """Why it is not what one expects: a calibration that cannot be read."""
+    """Why the calibration is not used: it cannot be read."""
     stamp: tuple[Path, FileStamp] | None = None
-    """File and version that was read; None where there is none."""
+    """File and version that was read; None without a file."""
     membrane: Membrane = field(default_factory=Membrane)
     membrane_estimates: "EstimateSet | None" = None
-    """Those of tactor and membrane; None where nothing has an error."""
+    """Identified parameters of tactor and membrane; None if none has a standard error."""
     damping_by_elongation: tuple[tuple[float, float], ...] = ()
-    """Elongation (m) and damping (kg/(m s)) where the skin's damping was identified for one elongation by itself."""
+    """Elongation (m) and skin damping (kg/(m s)) where it was identified for single elongations."""
 
 
 PAPER_MODEL = ActiveModel(Tactor(), None, "the paper's values")
 
 
 def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel = PAPER_MODEL) -> ActiveModel:
-    """What is believed of a specimen whose calibrations are kept in `folder`; `before` while its file is the same.
+    """Load the active model of a specimen from the calibrations in `folder`; `previous` if its file is unchanged.
 
-    It never raises: what cannot be read is told in `problem`, and the paper's values stand in.
+    Does not raise: if the file cannot be read, the paper's values are returned with `problem` set.
     """
     if folder is None or not specimen:
         return PAPER_MODEL
-    from app.identification import calibrations  # the model's numerics, for which no window waits
+    from app.identification import calibrations  # imported lazily: slow to load
     from app.identification.calibrations import CalibrationError
     from model.identification.parameters import parse_elongation
     from model.parameter_spec import ParameterError
@@ -68,19 +68,19 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
             )
         active = known.get()
         estimates = active.estimate_set()
-        told, both = _select_estimates(estimates, Tactor), _select_estimates(estimates, Tactor, Membrane)
+        of_tactor, both = _select_estimates(estimates, Tactor), _select_estimates(estimates, Tactor, Membrane)
         alone = ((parse_elongation(e.name), e.value) for e in active.estimates if e.name.startswith("c_s("))
         damping = tuple((at, value) for at, value in alone if at is not None)
         simulated = ", SIMULATED" if active.simulated else ""
         words = f"calibration {active.version} of {active.specimen}{simulated}"
-        trouble = "" if told else "nothing of it has an error"
-        return ActiveModel(active.tactor(), told, words, trouble, stamp, active.membrane(), both, damping)
+        trouble = "" if of_tactor else "nothing of it has an error"
+        return ActiveModel(active.tactor(), of_tactor, words, trouble, stamp, active.membrane(), both, damping)
     except (CalibrationError, ParameterError) as error:
         return ActiveModel(PAPER_MODEL.tactor, None, PAPER_MODEL.description, str(error), stamp)
 
 
 def _select_estimates(estimates: "EstimateSet", *kinds: type) -> "EstimateSet | None":
-    """The estimates of the fields of some parameters; None where there are none."""
+    """Return the estimates of the fields of some parameter classes; None if there are none."""
     from model.studies.uncertainty import EstimateSet
 
     known = {each.name for kind in kinds for each in fields(kind)}

@@ -1,6 +1,6 @@
-"""Calibrations of a specimen: accepted estimates, version by version, in one JSON file beside its runs; one is active.
+"""Calibration files: versions of accepted estimates of a specimen, in one JSON file beside its runs.
 
-Nothing is ever removed from the file: another version is accepted, or an older one made active again.
+One version is active. Versions are never removed: a new one is accepted, or an older one made active again.
 """
 
 import json
@@ -17,7 +17,7 @@ FORMAT = "tactor-bench-calibrations"
 
 
 class CalibrationError(Exception):
-    """The calibrations of a specimen cannot be read or written. The sentence says which file and why."""
+    """The calibrations of a specimen cannot be read or written; the message gives file and reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +28,10 @@ class Calibrations:
     active: int = 0
 
     def get(self, version: int | None = None) -> Calibration:
-        """One version; the active one by default.
+        """Return one version; the active one by default.
 
         Raises:
-            CalibrationError: there is none.
+            CalibrationError: the version does not exist.
         """
         wanted = self.active if version is None else version
         for calibration in self.versions:
@@ -43,12 +43,12 @@ class Calibrations:
 
 
 def calibrations_path(folder: Path, specimen: str) -> Path:
-    """Where the calibrations of a specimen are kept."""
+    """Return the path of a specimen's calibration file."""
     return folder / f"{safe_name(specimen)}.calibrations.json"
 
 
 def read_calibrations(folder: Path, specimen: str) -> Calibrations:
-    """All calibrations of a specimen; none where there is no file.
+    """Read all calibrations of a specimen; empty without a file.
 
     Raises:
         CalibrationError: the file cannot be read, or is damaged.
@@ -67,7 +67,7 @@ def read_calibrations(folder: Path, specimen: str) -> Calibrations:
 
 
 def write_calibrations(folder: Path, specimen: str, calibrations: Calibrations) -> Path:
-    """Write all calibrations; the file is replaced whole or not at all.
+    """Write all calibrations atomically.
 
     Raises:
         CalibrationError: it cannot be written.

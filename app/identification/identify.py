@@ -1,4 +1,4 @@
-"""Identification of one specimen from its run files, by the paper's chain or by the joint fit, as one kind of result."""
+"""Parameter identification of a specimen from run files, by joint fit or by the paper's chain."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ Method = Literal["chain", "joint"]
 
 @dataclass(frozen=True, slots=True)
 class RunMisfit:
-    """How well one run is explained."""
+    """Misfit of one run."""
 
     label: str
     points: int
@@ -38,7 +38,7 @@ class RunMisfit:
 
 @dataclass(frozen=True, slots=True)
 class IdentificationResult:
-    """What an identification found, whichever method found it."""
+    """Result of an identification by either method."""
 
     specimen: str
     method: Method
@@ -46,19 +46,19 @@ class IdentificationResult:
     estimates: tuple[EstimatedQuantity, ...]
     covariance: NDArray[np.float64]
     fixed: Mapping[str, float | None]
-    """Every parameter of the model that was not identified, with the value it was given."""
+    """Parameters of the model that were held, with their values."""
     verdict: str
     misfits: tuple[RunMisfit, ...] = ()
     validation: tuple[CurveValidation, ...] = ()
     unidentified: tuple[str, ...] = ()
-    """Combinations that these runs do not tell, in words."""
+    """Combinations of parameters that these runs do not determine, as text."""
     notes: tuple[str, ...] = ()
     duration_s: float = 0.0
     joint_fit: JointFit | None = field(default=None, repr=False)
     adequacy: Adequacy | None = None
-    """Of a joint fit: is the misfit noise, or is the model wrong."""
+    """Of a joint fit: whether the misfit is noise or a model error."""
     shapes: int = FitOptions.n
-    """Shape functions it was made with; what is drawn of it should have as many."""
+    """Number of shape functions of the fit; curves of it should use the same number."""
 
     @property
     def tactor(self) -> Tactor:
@@ -83,11 +83,11 @@ def identify(
     open_run: Callable[[Path], Run] = Run,
     track: Callable[[Sequence[Path]], Iterable[Path]] = iter,
 ) -> IdentificationResult:
-    """Identify the specimen of these runs; `opened` may correct them; `n` shapes, by default as `observing.shape_count_of_file` says.
+    """Identify the specimen of these runs; `open_run` may correct them; `n` shapes, default: `shape_count_of_file`.
 
     Raises:
-        ObservingError: the runs do not go together, or tell nothing.
-        ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
+        ObservationError: the runs do not belong together, or have no usable points.
+        PaperChainError, IdentificationError, ParameterError: the message says why identification is not possible.
     """
     paths = tuple(paths)
     specimen, campaign, left_out = read_observations(track(paths), open_run)
@@ -103,12 +103,12 @@ def identify_observations(
     exclusions: Sequence[str] = (),
     progress: Callable[..., None] | None = None,
 ) -> IdentificationResult:
-    """As `identify`, from observations that were read already; `left_out` are sentences that go into the notes.
+    """Identify from observations already read; `exclusions` are messages that are added to the notes.
 
-    Of the setting the chain takes what it begins from, the amplifier and the number of shapes: its steps are its own.
+    Of the options the chain uses start values, amplifier and number of shapes only.
 
     Raises:
-        ChainError, IdentificationError, ParameterError: a sentence why it cannot be identified so.
+        PaperChainError, IdentificationError, ParameterError: the message says why identification is not possible.
     """
     if method == "chain":
         chosen = PaperChainOptions(

@@ -1,8 +1,7 @@
-"""From run files to what an identification takes: each protocol's points as observations of one specimen.
+"""Observations for an identification: the points of run files, by protocol.
 
-Only points that no flag speaks against count as good; the others stay in the record. What all values of one instrument
-share - the sensor's gain - is one common error, named by the instrument's serial number, so that two runs with the same
-sensor share it and two with different sensors do not.
+Flagged points are kept but not usable. The gain error of a sensor is shared by all its values; it is named by the serial
+number, so that runs with the same sensor share it and runs with different sensors do not.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -32,25 +31,25 @@ from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError
 
 CARD_READBACK_MARGIN_V = 0.02
-"""How far the card may see a drive beyond the range it cannot leave."""
+"""How far a recorded drive may lie beyond the amplifier's range."""
 
 DEFAULT_SHAPE_COUNT = 20
-"""Shape functions for a real tactor. A simulated one has as many as its bench says, and no more."""
+"""Shape functions for a real tactor; for a simulated one, the number of the simulation."""
 
 Columns = dict[str, NDArray[np.float64]]
 
 
 class ObservationError(Exception):
-    """Runs cannot be identified together. The sentence says which and why."""
+    """Runs cannot be identified together; the message gives runs and reason."""
 
 
 def read_observations(
     paths: Iterable[Path], open_run: Callable[[Path], Run] = Run
 ) -> tuple[str, ObservationSet, list[str]]:
-    """The specimen, all its observations, and a sentence for each run that tells nothing; `opened` may correct a run.
+    """Return the specimen, its observations, and a message for each run without any; `open_run` may correct a run.
 
     Raises:
-        ObservingError: a file is no run, the runs are of several specimens, or none tells anything.
+        ObservationError: a file is not a run, the runs are of several specimens, or no point is usable.
     """
     specimens: dict[str, Path] = {}
     found: list[Observation] = []
@@ -81,7 +80,7 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
     """Return the amplifier's map as it was in these runs: it is copied into every run file.
 
     Raises:
-        RunReadError: a file is no run.
+        RunReadError: a file is not a run.
         ObservationError: the runs were made with different maps.
     """
     maps = []
@@ -96,20 +95,20 @@ def amplifier_of(paths: Iterable[Path]) -> AmplifierMap:
 
 
 def shape_count_of_file(path: Path) -> int:
-    """With how many shape functions a run is identified: those the simulated tactor has, or enough for a real one."""
+    """Return the number of shape functions for a run: that of the simulation, or enough for a real tactor."""
     with Run(path) as run:
         return shape_count_of_run(run)
 
 
 def shape_count_of_run(run: Run) -> int:
-    """The same of an open run."""
+    """Return the number of shape functions for an open run."""
     if not run.simulated:
         return DEFAULT_SHAPE_COUNT
     return int(run.configuration.get("simulation", {}).get("modes", FitOptions.n))
 
 
 def run_observations(run: Run) -> Iterator[Observation]:
-    """What one run tells; nothing where its protocol tells nothing about the model."""
+    """Yield the observations of a run; none for protocols that do not concern the model."""
     observe = OBSERVATION_READERS.get(run.protocol)
     if observe is not None:
         columns = run.points()
@@ -118,7 +117,7 @@ def run_observations(run: Run) -> Iterator[Observation]:
 
 
 def _gain_error(run: Run) -> tuple[SharedError, ...]:
-    """The gain of the displacement sensor: the same for all values taken with it."""
+    """Return the gain error of the displacement sensor, which all its values share."""
     sensor = run.sensor
     if not sensor.gain_relative_uncertainty > 0:
         return ()
@@ -140,7 +139,7 @@ def _response(
     good = sine if sine.any() else width  # an imported table may have one of them only
     amplitude_v, offset_v = columns["drive_amplitude"], columns["drive_offset"]
     map_ = run.amplifier_map
-    # The guard let no drive leave the amplifier's range; what the card saw beyond it is the card's error.
+    # No admitted drive leaves the amplifier's range; a recorded value beyond it is a measurement error of the card.
     room_v = np.minimum(offset_v - map_.low_v, map_.high_v - offset_v)
     amplitude_v = np.where(amplitude_v < room_v + CARD_READBACK_MARGIN_V, np.minimum(amplitude_v, room_v), amplitude_v)
     phase = columns["phase"]
@@ -172,7 +171,7 @@ def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator
 
 
 def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    """One response for each elongation; a free reference before and after is one each."""
+    """Yield one response for each elongation and each free reference."""
     for part in dict.fromkeys(columns["part"].tolist()):
         at = columns["part"] == part
         elongation = float(columns["elongation"][at][0])
@@ -214,7 +213,7 @@ def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Itera
 
 
 def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    """Each side by itself; a push is positive, whichever way the sensor counts it. An unknown side is the mean of both."""
+    """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
     sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
     for side, name in sides:
         at = np.isnan(columns["side"]) if np.isnan(side) else columns["side"] == side
@@ -222,7 +221,7 @@ def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
             continue
         deflection = columns["deflection"][at]
         down = np.sign(np.median(deflection[good[at]])) or 1.0
-        # The load's own error is small beside that of the deflection, and moves the point along the line.
+        # The load error is small compared with that of the deflection, and moves the point along the line.
         compliance = np.median(np.abs(deflection[good[at]]) / columns["load"][at][good[at]])
         errors = np.hypot(columns["deflection_errors"][at], compliance * np.nan_to_num(columns["load_errors"][at]))
         yield StaticLoadingObservation(
@@ -237,7 +236,7 @@ def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
 
 
 def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
-    """One sag, the mean of all: what the repeats share - the reference's depth, the geometry - does not average out."""
+    """Yield the mean sag: errors common to the repeats (reference depth, geometry) do not average out."""
     if not good.any():
         return
     given = cast(SagProtocol, protocol_of_run(run, run.path.name))

@@ -1,4 +1,4 @@
-"""Runs as a corrected calibration would have had them: their raw samples are reduced anew, their files stay as they are."""
+"""Recalibration of runs: raw samples are reduced again with corrected sensor and amplifier tables."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """The sensor and the amplifier as a bench file says now that they were; None where it says nothing of one."""
+    """Corrected sensor and amplifier of a bench file; None where the file has no such table."""
 
     path: Path
     sha256: str
@@ -32,26 +32,26 @@ class Correction:
 
     @classmethod
     def from_bench_file(cls, path: Path) -> Self:
-        """What a bench file says.
+        """Read the correction from a bench file.
 
         Raises:
-            ConfigError: it is none, or says nothing of either.
+            ConfigError: it is not a bench file, or has neither table.
         """
         config = load_bench(str(path))
-        told = config.model_fields_set
-        if not told & {"sensor", "amplifier"}:
+        given = config.model_fields_set
+        if not given & {"sensor", "amplifier"}:
             raise ConfigError(
                 f"{path} has neither [sensor] nor [amplifier]: there is nothing in it to correct a run with"
             )
-        sensor = config.sensor.laser_sensor if "sensor" in told else None
-        amplifier = config.amplifier if "amplifier" in told else None
+        sensor = config.sensor.laser_sensor if "sensor" in given else None
+        amplifier = config.amplifier if "amplifier" in given else None
         return cls(path, hashlib.sha256(path.read_bytes()).hexdigest(), sensor, amplifier)
 
     def open(self, path: Path) -> Run:
-        """A run with this correction; one that was imported has nothing to correct, and is as it was.
+        """Open a run with this correction; imported runs are opened uncorrected.
 
         Raises:
-            RunError: the run was made with another sensor or amplifier, or cannot be reduced anew.
+            RunReadError: the run was made with another sensor or amplifier, or cannot be reduced again.
         """
         run = RecalibratedRun(path, self)
         if run.imported:
@@ -63,9 +63,9 @@ class Correction:
                 ("amplifier", str(run.recorded_amplifier.get("serial", "")), self.amplifier and self.amplifier.serial),
             ):
                 if was and now is not None and was != now:
-                    told = f"serial number {now}" if now else "no serial number"
+                    serial = f"serial number {now}" if now else "no serial number"
                     raise RunReadError(
-                        f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {told}: give the "
+                        f"{path.name} was measured with the {role} of serial number {was}, and {self.path} has {serial}: give the "
                         "bench file of that instrument, or leave the run out"
                     )
         except RunReadError:
@@ -74,7 +74,7 @@ class Correction:
         return run
 
     def describe_changes(self, path: Path) -> str:
-        """What it changes in one run, in a sentence; empty where nothing."""
+        """Return what the correction changes in one run as text; empty without changes."""
         with Run(path) as run:
             if run.imported:
                 return f"{path.name} was imported and has no raw samples: it stays as it is"
@@ -89,7 +89,7 @@ class Correction:
         return f"{path.name} reduced anew from its raw samples: {', '.join(changed)}" if changed else ""
 
     def as_record(self) -> dict[str, Any]:
-        """What goes into a calibration that rests on it."""
+        """Return the record that is stored in a calibration based on this correction."""
         return {
             "bench": self.path.name,
             "sha256": self.sha256,
@@ -99,7 +99,7 @@ class Correction:
 
 
 class RecalibratedRun(Run):
-    """A run file read with another calibration: volts are the card's, metres and volts on the specimen the correction's."""
+    """Run file read with another calibration: card volts as recorded, metres and specimen volts as corrected."""
 
     def __init__(self, path: Path, correction: Correction) -> None:
         super().__init__(path)
@@ -125,7 +125,7 @@ class RecalibratedRun(Run):
         return super().configuration | ({"amplifier": now.model_dump()} if now else {})
 
     def points(self) -> dict[str, NDArray[np.float64]]:
-        """The points reduced anew, one an entry: the latest recordings of it count."""
+        """Return the points reduced again, one per entry, from its latest recordings."""
         return self._reduced_points
 
     @cached_property
@@ -149,7 +149,7 @@ class RecalibratedRun(Run):
         return table | {ENTRY_COLUMN: np.array([entry for entry, _ in made])}
 
     def _latest_recordings(self) -> dict[int, list[Recording]]:
-        """The recordings each point was made of: since its entry was last begun, in the file that last measured it."""
+        """Return the recordings of each point: since the last start of its entry, in the file that last measured it."""
         found: dict[int, list[Recording]] = {}
         if (earlier := self.resumed_from) is not None and earlier.exists():
             with RecalibratedRun(earlier, self._correction) as before:
@@ -162,7 +162,7 @@ class RecalibratedRun(Run):
                 entry = int(event.fields.get("entry", event.fields["index"]))
                 since = begun.get(entry, 0)
                 mine = [r for r in own if r.entry == entry and since <= r.rows[0] and r.rows[1] <= event.row]
-                found[entry] = mine or found.get(entry, [])  # a point that was carried over has none here
+                found[entry] = mine or found.get(entry, [])  # a point carried over has no recordings in this file
         return found
 
 
@@ -171,4 +171,4 @@ def _format_value(value: object) -> str:
 
 
 OpenRun = Callable[[Path], Run]
-"""How a run file is opened: as it is, or corrected."""
+"""Opens a run file, as recorded or corrected."""
