@@ -38,7 +38,7 @@ class CampaignRunner:
         self._active_item = ""
 
     def prepare(self, state: ItemState) -> RunRequest:
-        """What an item's run consists of, or going on with the one that was broken off. Reads files.
+        """Return the request for an item's run, new or resumed. Reads files.
 
         Raises:
             CampaignError: the protocol is unknown, or refuses its settings.
@@ -52,7 +52,7 @@ class CampaignRunner:
         return replace(request, specimen=specimen, prepare=item.prepare, item=item.name)
 
     def submit(self, session: RunStarter, request: RunRequest) -> None:
-        """Ask the session for a run; returns at once."""
+        """Submit a run to the session and return immediately."""
         self._active_item = request.item
         session.run(request)
 

@@ -1,1 +1,1 @@
-"""The report of a specimen: what stands in it is computed once (`report`), and set twice, as PDF and as HTML."""
+"""Report of a specimen: content computed once, written as PDF and HTML."""

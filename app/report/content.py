@@ -1,4 +1,4 @@
-"""What stands in the report of a specimen, computed once from its run files: nothing in it tells when it was made."""
+"""Content of the report of a specimen, computed from its run files; reproducible, without a date of its own."""
 
 import hashlib
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ from app.report.summary import SpecimenSummary, summarize_specimen
 
 
 class ReportError(Exception):
-    """There is nothing to report. The sentence says why and what to do."""
+    """There is nothing to report; the message gives reason and remedy."""
 
 
 def build_report(
     folder: Path, specimen: str, limits: Limits | None = None, progress: ReportProgress = lambda *_: None
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
-    """The report of a specimen from all its runs in a folder and below; with what its pictures need.
+    """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
 
     Raises:
-        ReportError: there is no run of it, or of the golden unit.
-        OSError: the folder cannot be looked into.
+        ReportError: there is no run of the specimen, or of the golden unit.
+        OSError: the folder cannot be read.
     """
     runs = _read_specimen_runs(folder, specimen, progress)
     known = summarize_specimen(specimen, runs, progress)
@@ -63,7 +63,7 @@ def build_report(
 
 
 def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:
-    """What every page has to say about where the numbers come from."""
+    """Return the marks of every page: SIMULATED, IMPORTED."""
     counting = [run for run in runs if run.observations and not run.exclusion_reason] or [
         r for r in runs if not r.problem
     ]

@@ -1,4 +1,4 @@
-"""What a report is made of before it is set: words, tables and plots as plain data."""
+"""Report document: paragraphs, tables and plots as plain data, before layout."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,7 +10,7 @@ Tone = Literal["plain", "good", "bad", "small"]
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """A paragraph."""
+    """A paragraph of text."""
 
     text: str
     tone: Tone = "plain"
@@ -18,7 +18,7 @@ class Paragraph:
 
 @dataclass(frozen=True, slots=True)
 class ReportTable:
-    """A table: a title, heads, rows of text; `bad` are rows that a reader must not miss."""
+    """A table of text with title and headings; highlighted rows are those that a reader must not miss."""
 
     title: str
     headings: tuple[str, ...]
@@ -26,7 +26,7 @@ class ReportTable:
     note: str = ""
     highlighted_rows: frozenset[int] = frozenset()
     monospace: bool = False
-    """Letters of one width: hashes."""
+    """Fixed-width font, for hashes."""
 
 
 Block = Paragraph | ReportTable | ReportPlot
@@ -34,7 +34,7 @@ Block = Paragraph | ReportTable | ReportPlot
 
 @dataclass(frozen=True, slots=True)
 class ReportSection:
-    """A part of the appendix."""
+    """A section of the appendix."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -42,7 +42,7 @@ class ReportSection:
 
 @dataclass(frozen=True, slots=True)
 class LimitOutcome:
-    """What somebody asked of the specimen, and whether it holds."""
+    """A limit with the value found and the verdict."""
 
     name: str
     asked: str
@@ -53,23 +53,23 @@ class LimitOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What stands in the report, before it is set."""
+    """A report before layout."""
 
     specimen: str
     subtitle: str
     page_marks: tuple[str, ...]
-    """What must be seen on every page: SIMULATED, IMPORTED."""
+    """Marks on every page: SIMULATED, IMPORTED."""
     first_page: tuple[Block, ...]
-    """The page to sign."""
+    """The page that is signed."""
     appendix: tuple[ReportSection, ...]
     limit_outcomes: tuple[LimitOutcome, ...] = ()
     fingerprint: str = ""
-    """Of the hashes of all its run files."""
+    """Hash of the hashes of all run files."""
     software_version: str = ""
     record: dict[str, object] = field(default_factory=dict)
-    """The same for machines, SI units."""
+    """The content for JSON, SI units."""
 
     @property
     def passed(self) -> bool:
-        """Whether everything that was asked of the specimen holds."""
+        """Whether all limits are met."""
         return all(outcome.verdict == "pass" for outcome in self.limit_outcomes)

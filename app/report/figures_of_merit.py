@@ -1,6 +1,6 @@
-"""What a specimen is worth, as numbers with errors: resonance and height as measured, margin over the threshold, latency.
+"""Figures of merit of a specimen with standard errors: resonance, amplitude, perception margin, latency.
 
-What a lab sets limits on. Each is known by a name; one that the runs do not tell is not there.
+Limits are set on them by name; those that the runs do not determine are missing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from model.studies.uncertainty import UncertaintyBand
 Array = NDArray[np.float64]
 
 FULL_DRIVE_TOLERANCE = 0.02
-"""How far, relative, a drive may be from the largest and still count as full."""
+"""Relative difference from the largest drive up to which a drive counts as full."""
 
 PARAMETER_MERITS = ("k2", "mu", "m_add", "c0", "E_m", "c_s_0", "c_s_delta")
 _SPECIMEN_MERITS = (
@@ -39,12 +39,12 @@ _SPECIMEN_MERITS = (
 FIGURES_OF_MERIT = {
     name: ParameterSpec(name, unit, Interval(gt=0), words, None) for name, unit, words in _SPECIMEN_MERITS
 } | {name: SPECIMEN_PARAMETERS[name] for name in PARAMETER_MERITS}
-"""Everything a limit can be set on: name, unit, meaning."""
+"""Quantities that limits can be set on: name, unit, description."""
 
 
 @dataclass(frozen=True, slots=True)
 class FigureOfMerit:
-    """A number of the specimen with its standard error, SI."""
+    """A quantity of the specimen with its standard error, SI."""
 
     name: str
     value: float
@@ -57,20 +57,20 @@ class FigureOfMerit:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionMargin:
-    """How far above the threshold of the skin the specimen is over the band of touch, at full drive."""
+    """Margin over the perception threshold in the band of touch, at full drive."""
 
     condition: str
     band: UncertaintyBand
     felt_bands: tuple[tuple[float, float], ...]
     edge_errors: tuple[tuple[float, float], ...]
-    """Standard errors of the ends of `usable`; 0 where it ends with the band that was looked at."""
+    """Standard errors of the band edges; 0 at the edges of the evaluated range."""
     margin: float
     margin_error: float
     frequency_hz: float
 
 
 def perception_margin_of(specimen: SpecimenModel, elongation_m: float | None) -> PerceptionMargin | None:
-    """By the model; None where it cannot be evaluated."""
+    """Compute the margin by the model; None if it cannot be evaluated."""
     band = specimen.response(specimen.full_amplitude_v, elongation_m)
     if band is None:
         return None
@@ -84,7 +84,7 @@ def perception_margin_of(specimen: SpecimenModel, elongation_m: float | None) ->
 
 
 def _edge_error(band: UncertaintyBand, at_hz: float) -> float:
-    """By how much the end of a usable band moves for one standard error of the curve."""
+    """Return the shift of a band edge for one standard error of the curve."""
     if at_hz in (LOW_HZ, HIGH_HZ):
         return 0.0
     slope = float(np.interp(at_hz, GRID_HZ, np.gradient(band.centre, GRID_HZ)))
@@ -93,7 +93,7 @@ def _edge_error(band: UncertaintyBand, at_hz: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class StepLatency:
-    """How soon the specimen is felt after a step to the highest voltage."""
+    """Latency from a step to the highest voltage until the motion is felt."""
 
     step_v: float
     latency: FigureOfMerit | None
@@ -103,12 +103,12 @@ class StepLatency:
 
 
 def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
-    """By the model; None where it cannot be evaluated."""
+    """Compute the latency by the model; None if it cannot be evaluated."""
     volts = float(specimen.amplifier.specimen_v(specimen.amplifier.high_v))
 
     def figures(tactor: Tactor, _: Membrane) -> Array:
-        told = step_latency(tactor, volts, THRESHOLD_M, n=specimen.n)
-        return np.array([np.nan if t is None else t for t in (told.to_threshold_s, told.rise_s, told.overshoot)], float)
+        step = step_latency(tactor, volts, THRESHOLD_M, n=specimen.n)
+        return np.array([np.nan if t is None else t for t in (step.to_threshold_s, step.rise_s, step.overshoot)], float)
 
     band = specimen.curve_with_band(figures)
     if band is None:
@@ -121,7 +121,7 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
 
 
 def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) -> list[FigureOfMerit]:
-    """Resonance and height as measured at full drive, free, in the newest dwell that has its highest point between two others."""
+    """Return resonance and amplitude at full drive, free, from the newest dwell with an interior maximum."""
     found: dict[str, FigureOfMerit] = {}
     for run in reversed(observations.of_type(FrequencyResponseObservation)):
         if run.elongation_m is not None or run.added_mass_kg is not None:
@@ -140,11 +140,11 @@ def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) ->
 def _parabola_vertex(
     run: FrequencyResponseObservation, y: Array, errors: Array, full_v: float
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Frequency and height of the single resonance through the three highest points, each with its standard error.
+    """Return frequency and height of a single resonance through the three highest points, with standard errors.
 
-    Of a single resonance 1 / y^2 is a parabola over f^2. The errors are those of the points, and how far the paper's parabola
-    of y over f is from it: what a curve through three points leaves open. The gain of the sensor, which all points share, moves
-    the height.
+    For a single resonance 1 / y^2 is a parabola over f^2. The errors combine those of the points, the difference from the
+    paper's parabola of y over f (the ambiguity of a curve through three points), and for the height the shared gain error of
+    the sensor.
     """
     drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
     at = np.flatnonzero(run.usable & (np.abs(drive / full_v - 1) < FULL_DRIVE_TOLERANCE))
@@ -174,7 +174,7 @@ def figures_of_merit(
     margin_on_membrane: PerceptionMargin | None,
     latency: StepLatency | None,
 ) -> Mapping[str, FigureOfMerit]:
-    """Everything a limit can be set on, as far as these runs tell it."""
+    """Return the figures of merit that these runs determine, by name."""
     found: list[FigureOfMerit | None] = []
     if specimen.identification is not None:
         found += [
@@ -200,7 +200,7 @@ def figures_of_merit(
 
 
 def half_interval(merit: FigureOfMerit) -> float:
-    """Half of the 95 % interval."""
+    """Return half of the 95 % interval."""
     return COVERAGE_FACTOR_95 * merit.standard_error
 
 

@@ -1,4 +1,4 @@
-"""The report as HTML: the same words, tables and figures in one file that needs nothing beside it."""
+"""HTML report: texts, tables and inline SVG figures in one self-contained file."""
 
 from collections.abc import Iterable
 from html import escape
@@ -12,7 +12,7 @@ from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
 from app.report.document import Block, Paragraph, Report, ReportTable
 
 FIGURE_WIDTH_IN = 7.0
-"""Of a picture, inches."""
+"""Width of a figure, inches."""
 
 STYLE = """
 body { font-family: sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #111; background: #fff; line-height: 1.4; }
@@ -32,7 +32,7 @@ svg { max-width: 100%; height: auto; }
 
 
 class HtmlReport:
-    """Collects the report; `close` writes it whole, or not at all where something went wrong before.
+    """Collects the report; on exit the file is written whole, or not at all after an exception.
 
     Raises:
         OSError: it cannot be written.
@@ -66,7 +66,7 @@ class HtmlReport:
             )
 
     def add_picture(self, name: str, figure: Any) -> None:
-        """A run's own picture, laid out."""
+        """Add the picture of a run, already laid out."""
         self._parts.append(f"<h3>{escape(name)}</h3>")
         self._parts.append(_inline_svg(figure, f"Run {name}"))
 

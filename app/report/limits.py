@@ -1,4 +1,4 @@
-"""The limits a lab sets on its specimens: a TOML file, validated whole, and what it says of one specimen."""
+"""Limits on figures of merit: TOML file, validation, and verdicts for a specimen."""
 
 import hashlib
 import tomllib
@@ -19,7 +19,7 @@ from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit, half_in
 from app.report.rounding import typeset_measurement, typeset_number, typeset_unit
 
 LIMITS_FILE_NAME = "limits.toml"
-"""The name of a file of limits beside the runs."""
+"""Name of the limits file beside the runs."""
 
 Rule = Literal["guarded", "simple"]
 
@@ -51,28 +51,28 @@ low = 4
 
 
 class LimitsError(Exception):
-    """A file of limits is wrong. The text lists every fault with line and remedy."""
+    """A limits file is invalid; the message lists every fault with line and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What is asked of one number, SI; None where nothing is."""
+    """Limits on one quantity, SI; None for no limit."""
 
     low: float | None = None
     high: float | None = None
     within_golden: float | None = None
-    """How far it may be from the golden unit's, relative."""
+    """Largest relative difference from the golden unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """A file of limits."""
+    """Limits of a file."""
 
     limits: Mapping[str, Limit]
     rule: Rule = "guarded"
     golden: str = ""
     source: str = ""
-    """The file's name and hash; not where it lay, for a report is the same wherever it is made."""
+    """File name and hash, without folder: the report does not depend on where it is made."""
 
 
 class _Limit(ConfigTable):
@@ -105,10 +105,10 @@ class _File(ConfigTable):
 
 
 def read_limits(path: Path) -> Limits:
-    """The limits in a file.
+    """Read a limits file.
 
     Raises:
-        LimitsError: it is missing or wrong; every fault is listed.
+        LimitsError: the file is missing or invalid; every fault is listed.
     """
     try:
         with path.open(encoding="utf-8") as file:
@@ -135,14 +135,14 @@ def read_limits(path: Path) -> Limits:
 
 
 def example_limits() -> str:
-    """A commented file of limits."""
+    """Return a commented example of a limits file."""
     return EXAMPLE_LIMITS.format(names=", ".join(FIGURES_OF_MERIT))
 
 
 def judge_limits(
     limits: Limits, merits: Mapping[str, FigureOfMerit], golden: Mapping[str, FigureOfMerit]
 ) -> tuple[LimitOutcome, ...]:
-    """Each limit with its verdict; what was not measured cannot pass."""
+    """Return each limit with its verdict; quantities that were not measured cannot pass."""
     return tuple(
         outcome
         for name, limit in limits.limits.items()

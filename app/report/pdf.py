@@ -1,6 +1,6 @@
-"""The report as PDF: A4 pages that are filled from the top, then one page for every run.
+"""PDF report: layout of text, tables and plots on A4 pages, and one page for every run (matplotlib).
 
-How wide text is, where its lines break, and how wide the columns of a table must be; in inches.
+All lengths are in inches.
 """
 
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
 from app.report.document import Block, Paragraph, Report, ReportTable
 
 LINE_SPACING = 1.32
-"""Line height over letter size."""
+"""Ratio of line height to font size."""
 COLUMN_GAP_IN = 0.12
-"""Between two columns."""
+"""Gap between two columns."""
 SHRINK_STEP_IN = 0.05
 MAX_FONT_PT, MIN_FONT_PT = 8.0, 6.0
 
 
 @dataclass(frozen=True, slots=True)
 class LaidOutRow:
-    """A table's row: the lines of each cell."""
+    """A table row: the lines of each cell."""
 
     cells: tuple[tuple[str, ...], ...]
     height: float
@@ -32,7 +32,7 @@ class LaidOutRow:
 
 @dataclass(frozen=True, slots=True)
 class LaidOutTable:
-    """A table as it is set."""
+    """A table with column positions, font size and wrapped cells."""
 
     font_size: float
     column_left: tuple[float, ...]
@@ -45,7 +45,7 @@ class LaidOutTable:
 
 @lru_cache(maxsize=20_000)
 def text_width(text: str, size: float, weight: str = "normal", family: str = "sans-serif") -> float:
-    """Inches."""
+    """Return the width of a text in inches."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
@@ -56,12 +56,12 @@ def text_width(text: str, size: float, weight: str = "normal", family: str = "sa
 
 
 def line_height(size: float) -> float:
-    """Of one line, inches."""
+    """Return the height of one line in inches."""
     return LINE_SPACING * size / 72
 
 
 def wrap_text(text: str, width: float, size: float, weight: str = "normal", family: str = "sans-serif") -> list[str]:
-    """The lines of a text; a word that is wider than a line is broken anywhere."""
+    """Wrap a text into lines; words wider than a line are broken anywhere."""
     lines, line = [], ""
     for each in text.split(" "):
         word = each
@@ -82,7 +82,7 @@ def wrap_text(text: str, width: float, size: float, weight: str = "normal", fami
 
 
 def lay_out_table(table: ReportTable, width: float) -> LaidOutTable:
-    """Columns as wide as what stands in them; letters shrink a little and then words break where that is too wide."""
+    """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
     every = (table.headings, *table.rows)
     family = "monospace" if table.monospace else "sans-serif"
     columns = range(len(table.headings))
@@ -110,7 +110,7 @@ def lay_out_table(table: ReportTable, width: float) -> LaidOutTable:
 
 
 def _shrink_columns(natural: Sequence[float], min_widths: Sequence[float], available: float) -> list[float]:
-    """The widest columns give way until all fit, none below its longest word; where that is not enough, all alike."""
+    """Shrink the widest columns until all fit, down to their longest words; then shrink all in proportion."""
     widths = list(natural)
     while (over := sum(widths) - available) > 1e-9:
         free = [i for i, (w, low) in enumerate(zip(widths, min_widths, strict=True)) if w > low + 1e-9]
@@ -132,14 +132,14 @@ TONE_STYLES = {
 }
 RED = "#C00018"
 SIGNATURE_HEIGHT_IN = 0.35
-"""Room for it at the foot of the first page."""
+"""Height reserved at the bottom of the first page."""
 SIGNATURE_TEXT = "Measured by ________________________   Checked by ________________________   Date ______________"
 MIN_PLOT_HEIGHT_IN = 1.9
-"""Inches that a plot needs."""
+"""Smallest height of a plot."""
 
 
 class PdfReport:
-    """Writes the report page by page; `close` puts the file in its place, which until then is untouched.
+    """Writes the report page by page to a temporary file, which replaces the report on exit.
 
     Raises:
         OSError: it cannot be written.
@@ -155,7 +155,7 @@ class PdfReport:
         self._pages = _PageFlow(report).pages()
         self._page_count, self._written = len(self._pages) + pictures, 0
         self._style_context = ExitStack()
-        # Fonts as they are: text can be searched and copied. They are written when the file is closed.
+        # TrueType fonts keep text searchable; they are written when the file is closed.
         self._style_context.enter_context(mpl.rc_context({"pdf.fonttype": 42}))
         self._pdf = self._style_context.enter_context(PdfPages(self._partial_path, metadata=about))
 
@@ -172,12 +172,12 @@ class PdfReport:
             self._partial_path.unlink(missing_ok=True)
 
     def add_text_pages(self) -> None:
-        """The page to sign and the appendix but for the runs."""
+        """Write the page that is signed, and the appendix without the runs."""
         for page in self._pages:
             self._write(page)
 
     def add_picture(self, name: str, figure: Any) -> None:
-        """A run's own page: a figure that `lay_out_figure` has put in its place."""
+        """Write the page of a run: a figure laid out by `lay_out_figure`."""
         _draw_text(figure, LEFT, PAGE[1] - TOP + 0.12, f"Run {name}", size=8)
         self._write(figure)
 
@@ -188,15 +188,15 @@ class PdfReport:
 
 
 def signature_page(report: Report) -> Any:
-    """The first page, as a matplotlib figure."""
+    """Return the first page as a matplotlib figure."""
     page = _PageFlow(report).pages()[0]
     _draw_page_header(page, report, "page 1")
     return page
 
 
 def _draw_page_header(page: Any, report: Report, number: str) -> None:
-    """What stands on every page: whose it is, SIMULATED and the like, and which files it belongs to."""
-    marked = any(text.get_text() in report.page_marks for text in page.texts)  # a run's picture says it itself
+    """Draw header and footer: specimen, marks such as SIMULATED, page number and fingerprint."""
+    marked = any(text.get_text() in report.page_marks for text in page.texts)  # pictures of runs are marked already
     top = PAGE[1] - 0.5
     _draw_text(page, LEFT, top, f"Specimen {report.specimen}", size=8, color="#444444")
     _draw_text(page, PAGE[0] - RIGHT, top, "  ".join(report.page_marks), size=9, color=RED, weight="bold", ha="right")
@@ -210,7 +210,7 @@ def _draw_page_header(page: Any, report: Report, number: str) -> None:
 
 
 def lay_out_figure(figure: Any) -> Any:
-    """A run's picture on a page of its own, its axes where they stay: to be drawn more than once."""
+    """Lay out a run's picture on a page and freeze the layout, as it is drawn more than once."""
     figure.set_size_inches(*PAGE)
     title = figure.get_suptitle()
     figure.suptitle(title, y=0.915, fontsize=10)
@@ -221,14 +221,14 @@ def lay_out_figure(figure: Any) -> Any:
 
 
 class _PageFlow:
-    """Sets blocks one below the other and begins a new page where the next does not fit."""
+    """Places blocks below each other and starts a new page when the next one does not fit."""
 
     def __init__(self, report: Report) -> None:
         self._report, self._pages = report, list[Any]()
         self._y, self._bottom = 0.0, BOTTOM
 
     def pages(self) -> list[Any]:
-        """Matplotlib figures, one a page."""
+        """Return matplotlib figures, one per page."""
         report = self._report
         self._new_page()
         self._add_text(f"Specimen {report.specimen}", 18, "bold", gap=0.06)
@@ -257,11 +257,11 @@ class _PageFlow:
         self._y = PAGE[1] - TOP
 
     def _fit_to_page(self, block: Block) -> Block:
-        """A plot on the page to sign as high as there is room, so that the page is one."""
+        """Limit the height of a plot to the space left, so that the signed page is one page."""
         if not isinstance(block, ReportPlot):
             return block
-        room = self._y - self._bottom - 0.6 - LEGEND_IN - 0.14 * len(wrap_text(block.caption, WIDTH, 7.5))
-        return replace(block, row_height_in=min(max(room, MIN_PLOT_HEIGHT_IN), block.row_height_in))
+        space = self._y - self._bottom - 0.6 - LEGEND_IN - 0.14 * len(wrap_text(block.caption, WIDTH, 7.5))
+        return replace(block, row_height_in=min(max(space, MIN_PLOT_HEIGHT_IN), block.row_height_in))
 
     def _require_space(self, inches: float) -> None:
         if self._y - inches < self._bottom and self._y < PAGE[1] - TOP - 0.6:
@@ -337,5 +337,5 @@ def _draw_rule(y: float, width: float) -> Any:
 
 
 def _draw_text(page: Any, x: float, y: float, text: str, size: float, **style: Any) -> None:
-    """Text at inches from the lower left corner; nothing in it is taken for a formula unless it was meant so."""
+    """Draw text at inches from the lower left corner; `$` is not parsed as math."""
     page.text(x / PAGE[0], y / PAGE[1], text, fontsize=size, parse_math=False, **style)

@@ -1,8 +1,6 @@
-"""The paper's Figs. 4, 5, 6, 8 and 9 of one specimen: its points on the model, with bands and residuals.
+"""Report plots: the paper's Figs. 4, 5, 6, 8 and 9 of a specimen, with model bands, residuals and agreement.
 
-The frequency responses of one specimen, free and on the membrane, on the model: the paper's Fig. 9.
-
-How well the drawn curves agree with their points: Pearson's r and p as the paper gives them, R^2, residuals.
+Agreement is given as Pearson's r and p as in the paper, R^2 and residuals.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +32,7 @@ ERROR_BARS_NOTE = (
 
 
 def response_figure(specimen: SpecimenModel, observations: ObservationSet) -> ReportPlot | None:
-    """Fig. 9: the response against frequency, free and on the membrane at every elongation."""
+    """Plot Fig. 9: response against frequency, free and on the membrane at every elongation."""
     panels = response_panels(specimen, observations)
     if not panels:
         return None
@@ -47,7 +45,7 @@ def response_figure(specimen: SpecimenModel, observations: ObservationSet) -> Re
 
 
 def response_panels(specimen: SpecimenModel, observations: ObservationSet) -> list[PlotPanel]:
-    """One for every elongation and drive, the free ones and the largest drives first."""
+    """Return one panel for every elongation and drive, free ones and largest drives first."""
     groups: dict[tuple[float, float, bool], list[FrequencyResponseObservation]] = {}
     for run in observations.of_type(FrequencyResponseObservation):
         volts = round(float(np.median(_drive_amplitudes(run)[run.usable])), 2)
@@ -81,7 +79,7 @@ def _response_panel(
     for i, run in enumerate(runs):
         y, errors = _peak_to_peak(run)
         here = specimen.curve_values(specimen.amplitude_curve(run.frequency_hz, volts, elongation, whole))
-        # In proportion to the drive, as it was at that point: around rest the amplifier's kink has no scale.
+        # Scaled to the drive of each point: around rest the response of the two slopes is proportional to the drive.
         model = None if here is None else 1e6 * here * _drive_amplitudes(run) / volts
         label = "measured" if len(runs) == 1 else start_time_label(run.label)
         dots.append(
@@ -105,7 +103,7 @@ def _drive_amplitudes(run: FrequencyResponseObservation) -> Array:
 
 
 def _peak_to_peak(run: FrequencyResponseObservation) -> tuple[Array, Array]:
-    """Max - min, or where a table had the fundamental only, twice that; and its standard error."""
+    """Return max - min, or twice the fundamental if a table had only that, with standard errors."""
     if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
         return run.peak_to_peak_m, run.peak_to_peak_errors_m
     return 2 * np.abs(np.asarray(run.fundamental_m)), 2 * np.asarray(run.errors_m)
@@ -114,7 +112,7 @@ def _peak_to_peak(run: FrequencyResponseObservation) -> tuple[Array, Array]:
 def model_line(
     specimen: SpecimenModel, x: Array, band: UncertaintyBand | None, factor: float = 1.0, label: str = ""
 ) -> PlotLine:
-    """A curve of the model as it is drawn, with its band where what was identified moves it."""
+    """Return a model curve, with its band if identified parameters affect it."""
     if band is None:
         return PlotLine("the model cannot be evaluated here", x[:0], x[:0])
     wide = bool((band.upper > band.lower).any())
@@ -123,7 +121,7 @@ def model_line(
 
 
 def start_time_label(label: str) -> str:
-    """`20261121T091502Z_T7_sine-dwell` as when it was: two runs of one panel differ in nothing else."""
+    """`20261121T091502Z_T7_sine-dwell` as time of the run, which distinguishes runs of one panel."""
     stamp, _, rest = label.partition("_")
     if len(stamp) != 16 or not rest:
         return label
@@ -135,7 +133,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def paper_plots(specimen: SpecimenModel, observations: ObservationSet) -> list[ReportPlot]:
-    """Every figure of the paper that these runs can fill, in the paper's order."""
+    """Return the figures of the paper for which these runs have points, in the paper's order."""
     drawn = (
         loading_plot(specimen, observations.of_type(StaticLoadingObservation)),
         resonance_plot(specimen, observations.of_type(MassResonanceObservation)),
@@ -147,7 +145,7 @@ def paper_plots(specimen: SpecimenModel, observations: ObservationSet) -> list[R
 
 
 def loading_plot(specimen: SpecimenModel, runs: Sequence[StaticLoadingObservation]) -> ReportPlot | None:
-    """Fig. 4: deflection under a load, each side by itself; the model has one stiffness for both."""
+    """Plot Fig. 4: deflection under a load for each side; the model has one stiffness for both."""
     if not runs:
         return None
     load = np.linspace(0, 1.05 * max(float(run.load_n.max()) for run in runs), 40)
@@ -182,7 +180,7 @@ def loading_plot(specimen: SpecimenModel, runs: Sequence[StaticLoadingObservatio
 
 
 def resonance_plot(specimen: SpecimenModel, runs: Sequence[MassResonanceObservation]) -> ReportPlot | None:
-    """Fig. 5: resonance frequency against the added mass, where the model's response is largest."""
+    """Plot Fig. 5: resonance frequency against added mass, with the peak of the model's response."""
     if not runs:
         return None
     masses = np.concatenate([run.mass_kg for run in runs])
@@ -264,7 +262,7 @@ def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation])
 
 
 def damping_plot(specimen: SpecimenModel) -> ReportPlot | None:
-    """Fig. 8: damping by the skin against pre-stretch: every elongation by itself, and the line that was fitted to all."""
+    """Plot Fig. 8: skin damping against pre-stretch for every elongation, with the line fitted to all."""
     if specimen.damping_by_elongation is None:
         return None
     elongation = np.array(sorted(specimen.damping_by_elongation))
@@ -302,7 +300,7 @@ def _join_rows(rows: Iterable[tuple[Array, Array, Array]]) -> tuple[Array, Array
 
 @dataclass(frozen=True, slots=True)
 class CurveAgreement:
-    """One curve. r, p and R^2 are None where there are too few points, or all are alike."""
+    """Agreement of one curve. r and R^2 are None for too few or identical points."""
 
     label: str
     points: int
@@ -315,7 +313,7 @@ class CurveAgreement:
 
 
 def curve_agreements(plots: Sequence[ReportPlot]) -> list[CurveAgreement]:
-    """One for every panel, of its usable points."""
+    """Return the agreement of every panel with its usable points."""
     found = [_panel_agreement(plot, panel) for plot in plots for panel in plot.panels]
     return [each for each in found if each is not None]
 
@@ -330,8 +328,8 @@ def _panel_agreement(plot: ReportPlot, panel: PlotPanel) -> CurveAgreement | Non
     gap = y - model
     r = p = squared = None
     if y.size > 2 and np.ptp(y) > 0 and np.ptp(model) > 0:
-        told = pearsonr(y, model)
-        r, p = float(told.statistic), float(told.pvalue)
+        correlation = pearsonr(y, model)
+        r, p = float(correlation.statistic), float(correlation.pvalue)
         squared = float(1 - gap @ gap / ((y - y.mean()) @ (y - y.mean())))
     figure = plot.title.partition(":")[0]
     label = f"{figure} {panel.title}" if panel.title else plot.title

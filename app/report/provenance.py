@@ -1,4 +1,4 @@
-"""Where the numbers of a report come from: values held, quality of the points, instruments, software, hashes."""
+"""Provenance tables of a report: held values, point quality, instruments, software, file hashes."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -16,8 +16,8 @@ from model.identification.parameters import SPECIMEN_PARAMETERS
 
 
 def held_values(specimen: SpecimenModel) -> list[Block]:
-    """What was not identified but taken as known."""
-    told = specimen.identified_names
+    """Return the table of parameters that were held."""
+    identified = specimen.identified_names
     free = (
         specimen.identification.joint_fit.free_parameters
         if specimen.identification is not None and specimen.identification.joint_fit is not None
@@ -30,22 +30,22 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
             _format_value(value, SPECIMEN_PARAMETERS[name].unit),
         )
         for name, value in {**asdict(specimen.tactor), **asdict(specimen.membrane)}.items()
-        if name not in told
+        if name not in identified
         and name not in free
-        and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in told)
+        and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
     )
     note = "Taken from the paper's Table I, as if they were exact: their errors are in none of the errors given here."
     return [ReportTable("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
 
 
 def _format_value(value: float, unit: str) -> str:
-    """Lengths of a specimen in millimetres."""
+    """Format a value; lengths in millimetres."""
     factor, shown = (1e3, "mm") if unit == "m" else display_unit(unit)
     return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 
 def quality_table(runs: Sequence[ReportRun]) -> ReportTable:
-    """How many points every run has, how many of them are flagged, and why."""
+    """Return the table of runs with their points and quality flags."""
     rows = []
     for run in runs:
         why = ", ".join(f"{count} {flag}" for flag, count in sorted(run.flag_counts.items()))
@@ -68,7 +68,7 @@ def quality_table(runs: Sequence[ReportRun]) -> ReportTable:
 
 
 def instrument_table(runs: Sequence[ReportRun]) -> ReportTable:
-    """Every instrument that had a part, with its calibration."""
+    """Return the table of instruments with their calibrations."""
     users: dict[tuple[str, ...], list[ReportRun]] = {}
     for run in runs:
         for i in run.instruments:
@@ -88,7 +88,7 @@ def instrument_table(runs: Sequence[ReportRun]) -> ReportTable:
 
 
 def software_tables(runs: Sequence[ReportRun]) -> Iterable[ReportTable]:
-    """What the runs were measured with."""
+    """Yield the table of software versions."""
     used = Counter(run.software for run in runs if run.software)
     if used:
         rows = tuple((words, str(count)) for words, count in sorted(used.items()))
@@ -96,7 +96,7 @@ def software_tables(runs: Sequence[ReportRun]) -> Iterable[ReportTable]:
 
 
 def hash_table(runs: Sequence[ReportRun]) -> ReportTable:
-    """What every run file must hash to, for who wants to know that it is still the same."""
+    """Return the table of run file hashes, by which later changes are detected."""
     rows = tuple((run.name, run.sha256 or "could not be read") for run in runs)
     return ReportTable("Run files", ("file", "SHA-256"), rows, monospace=True)
 
@@ -109,7 +109,7 @@ def report_record(
     fingerprint: str,
     software_version: str,
 ) -> dict[str, Any]:
-    """The report's numbers for a machine, SI."""
+    """Return the content of the report for JSON, SI."""
     found = summary.specimen.identification
     return {
         "specimen": specimen,

@@ -1,4 +1,4 @@
-"""Numbers as a report prints them: two figures of error, powers of ten, units with their exponents."""
+"""Number formatting of the report: rounding to the uncertainty, powers of ten, unit exponents."""
 
 import math
 import re
@@ -8,18 +8,18 @@ from app.common.units import display_unit
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "−"
 SPACE = "\N{NO-BREAK SPACE}"
-"""A number, its error and its unit stay on one line."""
+"""Keeps number, error and unit on one line."""
 
 
 def typeset_unit(unit: str) -> str:
-    """`N m^2` as `N m²`; the unit `1` is left away."""
+    """`N m^2` as `N m²`; the unit `1` is omitted."""
     return "" if unit == "1" else re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPTS), unit)
 
 
 def typeset_measurement(value: float, error: float, unit: str) -> str:
-    """A value in SI with its standard error, in the unit people think in: `(−13.300 ± 0.025) × 10⁻⁶ N m/V`.
+    """Format an SI value with its standard error in its display unit: `(−13.300 ± 0.025) × 10⁻⁶ N m/V`.
 
-    Where there is no error, six figures.
+    Without an error, to six digits.
     """
     factor, unit = display_unit(unit)
     text = typeset_with_error(factor * value, factor * error)
@@ -27,7 +27,7 @@ def typeset_measurement(value: float, error: float, unit: str) -> str:
 
 
 def typeset_with_error(value: float, error: float) -> str:
-    """A number to the two figures its error has."""
+    """Round a number to two digits of its error."""
     if not math.isfinite(value):
         return "none"
     if not (error > 0 and math.isfinite(error)):
@@ -40,7 +40,7 @@ def typeset_with_error(value: float, error: float) -> str:
 
 
 def typeset_number(value: float, figures: int = 6) -> str:
-    """A number that has no error, to so many figures."""
+    """Format a number without an error to significant digits."""
     if not math.isfinite(value):
         return "none"
     power = _engineering_exponent(abs(value))
@@ -49,7 +49,7 @@ def typeset_number(value: float, figures: int = 6) -> str:
 
 
 def typeset_probability(p: float) -> str:
-    """A p value: `0.31`, `4 × 10⁻⁸`, `< 10⁻¹⁰`."""
+    """Format a p value: `0.31`, `4 × 10⁻⁸`, `< 10⁻¹⁰`."""
     if not math.isfinite(p):
         return "none"
     if p < 1e-10:
@@ -61,7 +61,7 @@ def typeset_probability(p: float) -> str:
 
 
 def _engineering_exponent(size: float) -> int:
-    """A power of ten in threes, 0 from 0.01 to a hundred thousand."""
+    """Return a power of ten that is a multiple of three; 0 from 0.01 to 100 000."""
     if not size or 0.01 <= size < 1e5:
         return 0
     return 3 * math.floor(math.log10(size) / 3)

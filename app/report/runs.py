@@ -1,4 +1,4 @@
-"""What a report takes from run files: each is looked up in the catalogue and read once."""
+"""Run files of a report, found in the catalogue: observations, instruments, quality flags, hash."""
 
 import hashlib
 from collections import Counter
@@ -18,15 +18,15 @@ from protocols.base.quality import Quality
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED
-"""Flags that are said elsewhere, and are no faults."""
+"""Flags that are reported elsewhere and are not faults."""
 
 ReportProgress = Callable[[str, int, int], None]
-"""Hears what is being done, and how far it is: how many of how many."""
+"""Progress callback: activity, steps done, steps in all."""
 
 
 @dataclass(frozen=True, slots=True)
 class InstrumentRecord:
-    """One instrument as a run names it."""
+    """One instrument of a run."""
 
     role: str
     identity: str
@@ -38,18 +38,18 @@ class InstrumentRecord:
 
 @dataclass(frozen=True, slots=True)
 class ReportRun:
-    """One run as the report has it. `problem` says why nothing could be taken from its file."""
+    """One run of a report. `problem` says why its file could not be used."""
 
     path: Path
     name: str
-    """Within the folder of runs."""
+    """Path relative to the folder."""
     protocol: str = ""
     start_time: str = ""
     state: str = ""
     simulated: bool = False
     imported: bool = False
     shape_count: int = FitOptions.n
-    """Shape functions it is identified with."""
+    """Number of shape functions for its identification."""
     point_count: int = 0
     usable_count: int = 0
     flag_counts: Mapping[str, int] = field(default_factory=dict)
@@ -61,19 +61,19 @@ class ReportRun:
     sha256: str = ""
     problem: str = ""
     exclusion_reason: str = ""
-    """Why its points take no part in the identification."""
+    """Why its points are excluded from the identification."""
 
     @property
     def expired(self) -> bool:
-        """Whether an instrument's calibration did not hold any more when the run was made."""
+        """Whether the calibration of an instrument had expired when the run was made."""
         return any(each.expires and each.expires < self.start_time[:10] for each in self.instruments)
 
 
 def read_report_runs(folder: Path, specimen: str, progress: ReportProgress = lambda *_: None) -> tuple[ReportRun, ...]:
-    """Every run of a specimen in a folder and below, in the order in which they were begun.
+    """Read every run of a specimen in a folder and below, in order of start time.
 
     Raises:
-        OSError: the folder cannot be looked into.
+        OSError: the folder cannot be read.
     """
     catalogue = Catalogue(folder)
     catalogue.scan(lambda done, of: progress("looking for runs", done, of))
@@ -92,7 +92,7 @@ def read_report_runs(folder: Path, specimen: str, progress: ReportProgress = lam
 
 
 def _mark_exclusions(runs: list[ReportRun]) -> tuple[ReportRun, ...]:
-    """Says of the runs that are better left out of the identification why."""
+    """Set the exclusion reason of runs that must not be part of the identification."""
     carried = {run.continues: run.name for run in runs if run.continues is not None}
     first: dict[str, str] = {}
     for run in runs:
@@ -130,9 +130,9 @@ def _report_run_of(run: Run, name: str) -> ReportRun:
     flags = [Quality(int(each)) for each in run.points().get("quality", ())]
     counts = Counter(flag.description for each in flags for flag in each & ~ORIGIN_FLAGS)
     left_out = ""
-    told: tuple[Observation, ...] = ()
+    observations: tuple[Observation, ...] = ()
     try:
-        told = tuple(each for each in run_observations(run) if each.usable.any())
+        observations = tuple(each for each in run_observations(run) if each.usable.any())
     except ParameterError as error:
         left_out = str(error)
     continues = run.resumed_from
@@ -151,7 +151,7 @@ def _report_run_of(run: Run, name: str) -> ReportRun:
         instruments=tuple(_instrument_records(run)),
         software=", ".join(f"{name} {version}" for name, version in run.software.items()),
         amplifier=run.amplifier_map,
-        observations=told,
+        observations=observations,
         continues=continues.resolve() if continues else None,
         exclusion_reason=left_out,
     )

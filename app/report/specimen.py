@@ -1,4 +1,4 @@
-"""The specimen as its runs tell it: what was identified, and any curve of the model with the band of its errors."""
+"""Fitted model of a specimen: identified parameters, and model curves with 95 % bands."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,41 +24,41 @@ Array = NDArray[np.float64]
 CurveFunction = Callable[[Tactor, Membrane], Array]
 
 LOW_HZ, HIGH_HZ = 5.0, 250.0
-"""Where the threshold of the skin is known (paper, Sec. I)."""
+"""Frequency range in which the perception threshold is known (paper, Sec. I)."""
 LOW_GRID_HZ = np.linspace(LOW_HZ, 37.5, 14)
 HIGH_GRID_HZ = np.linspace(40.0, HIGH_HZ, 85)
 GRID_HZ = np.concatenate((LOW_GRID_HZ, HIGH_GRID_HZ))
 COVERAGE_FACTOR_95 = 1.959964
-"""Standard errors to either side that hold 95 % of a normal error."""
+"""Standard errors to either side that cover 95 % of a normal distribution."""
 
 FREE_RESPONSE_PARAMETERS = frozenset(("mu", "m_add", "c0"))
-"""What the response of the free tactor tells."""
+"""Parameters that determine the response of the free tactor."""
 
 TACTOR_NAMES, MEMBRANE_NAMES = ({q.name for q in parameter_specs(kind)} for kind in (Tactor, Membrane))
 
 
 @dataclass(frozen=True, slots=True)
 class SpecimenModel:
-    """What is known of one specimen."""
+    """Model of one specimen with its identification."""
 
     tactor: Tactor
     membrane: Membrane
     amplifier: AmplifierMap
     identification: IdentificationResult | None
     n: int = FitOptions.n
-    """Shape functions."""
+    """Number of shape functions."""
     problem: str = ""
     """Why nothing was identified."""
     cached_bands: dict[tuple[float, float, bool], UncertaintyBand | None] = field(
         default_factory=dict, compare=False, repr=False
     )
-    """What was computed once: by elongation (-1 free), amplitude and kind, over `GRID_HZ`."""
+    """Bands over `GRID_HZ` by elongation (-1: free), amplitude and kind."""
     damping_by_elongation: Mapping[float, tuple[float, float]] | None = None
-    """Elongation (m) -> c_s and its standard error, from a fit with one for every elongation."""
+    """Elongation (m) -> c_s and its standard error, from a fit with separate damping for every elongation."""
 
     @property
     def description(self) -> str:
-        """Whose numbers the model has."""
+        """Source of the model's parameters as text."""
         if self.identification is None:
             return "model with the paper's Table I"
         return (
@@ -67,14 +67,14 @@ class SpecimenModel:
 
     @property
     def identified_names(self) -> frozenset[str]:
-        """Names of what was identified."""
+        """Names of the identified parameters."""
         return (
             frozenset(e.name for e in self.identification.estimates) if self.identification is not None else frozenset()
         )
 
     @property
     def identifies_free_response(self) -> bool:
-        """Whether the response of the free tactor is this specimen's own, not partly the paper's."""
+        """Whether all parameters of the free response were identified."""
         return (
             self.identified_names >= FREE_RESPONSE_PARAMETERS
             and self.identification is not None
@@ -82,7 +82,7 @@ class SpecimenModel:
         )
 
     def identifies_response_at(self, elongation_m: float) -> bool:
-        """Whether the response at this elongation is."""
+        """Return whether all parameters of the response at this elongation were identified."""
         on_skin = "c_s_0" in self.identified_names and ("c_s_delta" in self.identified_names or elongation_m == 0)
         return self.identifies_free_response and (
             on_skin or elongation_parameter("c_s", elongation_m) in self.identified_names
@@ -95,10 +95,10 @@ class SpecimenModel:
         return min(map_.rest_v - map_.low_v, map_.high_v - map_.rest_v)
 
     def curve_with_band(self, curve: CurveFunction) -> UncertaintyBand | None:
-        """A curve of the model with its 95 % band; None where the model cannot be evaluated there.
+        """Return a model curve with its 95 % band; None if the model cannot be evaluated.
 
-        The errors are those of what was identified, with their correlations. A band of no width means that nothing that was
-        identified moves the curve.
+        The band follows from the covariance of the identified parameters. A band of zero width means that no identified
+        parameter affects the curve.
         """
         try:
             estimates = self._estimates()
@@ -117,7 +117,7 @@ class SpecimenModel:
     def response(
         self, amplitude_v: float, elongation_m: float | None, peak_to_peak: bool = True
     ) -> UncertaintyBand | None:
-        """`moved` over `GRID_HZ` with its band."""
+        """Return the response amplitude over `GRID_HZ` with its band."""
         key = (-1.0 if elongation_m is None else elongation_m, amplitude_v, peak_to_peak)
         if key not in self.cached_bands:
             self.cached_bands[key] = self.curve_with_band(
@@ -126,7 +126,7 @@ class SpecimenModel:
         return self.cached_bands[key]
 
     def curve_values(self, curve: CurveFunction) -> Array | None:
-        """A curve of the model; None where the model cannot be evaluated there."""
+        """Return a model curve; None if the model cannot be evaluated."""
         try:
             return curve(self.tactor, self.membrane)
         except ParameterError:
@@ -135,11 +135,11 @@ class SpecimenModel:
     def amplitude_curve(
         self, frequency_hz: Array, amplitude_v: float, elongation_m: float | None = None, peak_to_peak: bool = True
     ) -> CurveFunction:
-        """Max - min of the centre (m) under a sine around rest, free or on the membrane; (F,). Not `whole`: 2 x fundamental."""
+        """Return a function for max - min (or 2 x fundamental) of the centre (m) under a sine around rest; (F,)."""
 
         def curve(tactor: Tactor, membrane: Membrane) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
-            # The harmonics that matter reach up to the same frequency: low frequencies need many, so they go by themselves.
+            # Harmonics are needed up to the same frequency, so low frequencies need many and are computed separately.
             parts = [
                 part
                 for part in (
@@ -158,7 +158,7 @@ class SpecimenModel:
         return curve
 
     def _skin(self, tactor: Tactor, membrane: Membrane, elongation_m: float) -> Skin:
-        """By the line of all elongations; where one alone was identified, that."""
+        """Return the skin: by the line fitted to all elongations, or by the damping identified for this one."""
         on = skin(membrane, elongation_m / membrane.L_m, tactor=tactor)
         name = elongation_parameter("c_s", elongation_m)
         if self.identification is None or name not in self.identified_names:
@@ -189,7 +189,7 @@ class SpecimenModel:
 def fit_specimen(
     name: str, runs: Sequence[ReportRun], progress: Callable[[int, float], None] | None = None
 ) -> tuple[SpecimenModel, ObservationSet | None]:
-    """Identify what the runs tell, all at once; where that cannot be done, the paper's Table I and the reason."""
+    """Fit all runs jointly; if that is not possible, return the paper's Table I and the reason."""
     counting = [run for run in runs if run.observations and not run.exclusion_reason]
     amplifier = counting[-1].amplifier if counting else AmplifierMap()
     n = max((run.shape_count for run in counting), default=FitOptions.n)
@@ -203,7 +203,7 @@ def fit_specimen(
     try:
         found = identify_observations(name, campaign, "joint", FitOptions(amplifier=amplifier, n=n), progress=progress)
         tactor, membrane = _fitted_parameters(found)
-    except ValueError as error:  # of the fit: a sentence what it lacks
+    except ValueError as error:  # the message says what the fit lacks
         return replace(table, problem=str(error)), campaign
     return SpecimenModel(
         tactor, membrane, amplifier, found, n, damping_by_elongation=_damping_by_elongation(campaign, amplifier, n)
@@ -211,7 +211,7 @@ def fit_specimen(
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane]:
-    """Where the fit ended, also for what these runs do not tell by itself: only together it is what explains the points."""
+    """Return the fit's end values of all parameters, unidentified ones included: only together they fit the points."""
     if identification.joint_fit is None:
         return identification.tactor, identification.membrane
     values = identification.joint_fit.values
@@ -222,7 +222,7 @@ def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Me
 def _damping_by_elongation(
     observations: ObservationSet, amplifier: AmplifierMap, n: int
 ) -> Mapping[float, tuple[float, float]] | None:
-    """The damping by the skin at every elongation by itself: the points of the paper's Fig. 8."""
+    """Fit the skin damping separately for every elongation: the points of the paper's Fig. 8."""
     if (
         len({r.elongation_m for r in observations.of_type(FrequencyResponseObservation) if r.elongation_m is not None})
         < 2
@@ -241,7 +241,7 @@ def _damping_by_elongation(
 
 
 def parameter_description(name: str) -> str:
-    """What a parameter is, in words; empty where nobody knows."""
+    """Return the description of a parameter; empty for unknown names."""
     try:
         return parameter_spec(name).description
     except ParameterError:

@@ -1,4 +1,4 @@
-"""All that is known of a specimen from its runs, before it is put into words."""
+"""Numeric summary of a specimen from its runs: fit, perception margins, latency, figures of merit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ from model.identification.observations import FrequencyResponseObservation, Obse
 
 @dataclass(frozen=True, slots=True)
 class SpecimenSummary:
-    """A specimen, what was observed of it, and what it is good for."""
+    """A specimen with its observations, margins and figures of merit."""
 
     specimen: SpecimenModel
     observations: ObservationSet | None
     perception_margins: tuple[PerceptionMargin, ...]
-    """Free, then on the membrane, at every elongation that was measured."""
+    """Free, then on the membrane at every measured elongation."""
     latency: StepLatency | None
     figures_of_merit: Mapping[str, FigureOfMerit]
 
 
 def summarize_specimen(name: str, runs: tuple[ReportRun, ...], progress: ReportProgress) -> SpecimenSummary:
-    """Identify a specimen from its runs, then its margin and latency; `told` hears how far it is."""
+    """Identify a specimen from its runs, then compute margins and latency."""
     progress("identifying", 0, 1)
     found, campaign = fit_specimen(name, runs, lambda evaluations, _: progress("identifying", min(evaluations, 40), 41))
     if campaign is None or found.identification is None:

@@ -1,4 +1,4 @@
-"""The words and tables of a report."""
+"""Texts and tables of a report."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -28,20 +28,20 @@ from model.response.perception import THRESHOLD_M
 
 EMPTY_CELL = "–"
 MAX_FINDINGS = 10
-"""Departures that are shown."""
+"""Findings that are listed."""
 ITEM_NAMES = {item.protocol: item.name for item in PAPER_ITEMS}
-"""What a campaign calls a protocol, which is shorter."""
+"""Names of protocols in a campaign, which are shorter."""
 TABLE_I = asdict(Tactor()) | asdict(Membrane())
 
 
 def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> list[Block]:
-    """Whether the specimen passes, and each limit."""
+    """Return the overall verdict and the table of limits."""
     missed = [o for o in outcomes if o.verdict != "pass"]
     words = f"PASS: all {len(outcomes)} limits are met." if len(outcomes) > 1 else "PASS: the limit is met."
     if missed:
         counts: Counter[str] = Counter(o.verdict for o in outcomes)
-        told = (("pass", "met"), ("fail", "not met"), ("cannot tell", "cannot be told"))
-        parts = [f"{counts[verdict]} {says}" for verdict, says in told if counts[verdict]]
+        labels = (("pass", "met"), ("fail", "not met"), ("cannot tell", "cannot be told"))
+        parts = [f"{counts[verdict]} {says}" for verdict, says in labels if counts[verdict]]
         words = f"NOT PASSED: of {pluralize(len(outcomes), 'limit')} {', '.join(parts)}."
     rule = "the whole 95 % interval" if limits.rule == "guarded" else "the value alone"
     rows = tuple((o.name.replace("_", " "), o.asked, o.found, o.verdict, o.why) for o in outcomes)
@@ -54,7 +54,7 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> list[Blo
 
 
 def summary_blocks(summary: SpecimenSummary, runs: Sequence[ReportRun]) -> list[Block]:
-    """What a reader has to know before the numbers."""
+    """Return the summary paragraphs of the first page."""
     found = summary.specimen.identification
     words: list[Paragraph] = []
     if found is None:
@@ -137,7 +137,7 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
 
 
 def parameter_grid(specimen: SpecimenModel) -> ReportTable:
-    """Estimates beside the paper's Table I."""
+    """Return the table of estimates beside the paper's Table I."""
     assert specimen.identification is not None
     rows = []
     for e in specimen.identification.estimates:
@@ -167,7 +167,7 @@ def parameter_grid(specimen: SpecimenModel) -> ReportTable:
 
 
 def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> list[Block]:
-    """Pearson's r, its p and R^2 for every curve, and how far the fit explains each run."""
+    """Return tables of Pearson's r, p and R^2 for every curve, and of the misfit of each run."""
     rows = tuple(_agreement_row(each) for each in curve_agreements(plots))
     fitted = summary.specimen.identification is not None
     note = (
@@ -194,13 +194,15 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
         )
     if (
         summary.specimen.identification is not None
-        and (told := summary.specimen.identification.adequacy) is not None
-        and told.findings
+        and (adequacy := summary.specimen.identification.adequacy) is not None
+        and adequacy.findings
     ):
-        shown = told.findings[:MAX_FINDINGS]
-        more = f" The first {MAX_FINDINGS} of {len(told.findings)}." if len(told.findings) > MAX_FINDINGS else ""
+        shown = adequacy.findings[:MAX_FINDINGS]
+        more = (
+            f" The first {MAX_FINDINGS} of {len(adequacy.findings)}." if len(adequacy.findings) > MAX_FINDINGS else ""
+        )
         rows = tuple((f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in shown)
-        note = f"By chance: of so much in any of all {told.test_count} tests.{more}"
+        note = f"By chance: of so much in any of all {adequacy.test_count} tests.{more}"
         blocks.append(
             ReportTable("How the runs depart from the model", ("kind", "what is seen", "by chance"), rows, note)
         )
@@ -226,7 +228,7 @@ def _agreement_row(agreement: CurveAgreement) -> tuple[str, ...]:
 
 
 def perception_blocks(summary: SpecimenSummary) -> list[Block]:
-    """Margin over the threshold at every elongation, and the latency."""
+    """Return tables of the margin over the threshold at every elongation, and of the latency."""
     rows = tuple(
         (
             f.condition,
@@ -248,10 +250,10 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
         blocks.append(ReportTable("Margin over the threshold", heads, rows, note))
     if summary.latency is not None:
         quick = summary.latency
-        told = [(m.name, m) for m in (quick.latency, quick.rise_time) if m is not None]
+        merits = [(m.name, m) for m in (quick.latency, quick.rise_time) if m is not None]
         lines = [
             (FIGURES_OF_MERIT[name].description, typeset_measurement(m.value, m.standard_error, "s"))
-            for name, m in told
+            for name, m in merits
         ]
         lines.append(
             (
