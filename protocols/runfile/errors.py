@@ -1,35 +1,32 @@
-"""Writing a file that must not be lost: what HDF5 raises, as one sentence."""
+"""Errors of writing a run or study file: what HDF5 raises, as one sentence."""
 
 import os
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
 class StorageError(Exception):
-    """The run file cannot be written. The sentence says where and why; what was written before stays readable."""
+    """The file cannot be written. The message says where and why; what was written before stays readable."""
 
 
-@dataclass(frozen=True, slots=True)
-class WriteErrorTranslation:
-    """Turns what HDF5 raises into one sentence."""
-
-    path: Path
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
-            raise StorageError(
-                f"the run file {self.path} cannot be written: {os_error_text(error)}; everything before this moment is in it"
-            ) from error
+@contextmanager
+def translate_write_errors(
+    kind: str, path: Path, advice: str = "everything before this moment is in it"
+) -> Iterator[None]:
+    """Raise StorageError for what HDF5 raises while it writes the run or study file."""
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError, KeyError) as error:
+        raise StorageError(f"the {kind} file {path} cannot be written: {os_error_text(error)}; {advice}") from error
 
 
 def os_error_text(error: BaseException) -> str:
-    """The system's words for it where it has a number, else its own."""
+    """Return the system's message for an error number, or the error's own text."""
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
     text = str(error)
-    hidden = re.search(r"errno = (\d+)", text)  # HDF5 has the number in its own words
+    hidden = re.search(r"errno = (\d+)", text)  # HDF5 writes the number into its message
     return os.strerror(int(hidden[1])) if hidden else text

@@ -174,16 +174,16 @@ class Run(Closeable):
 
     def points(self) -> dict[str, Array]:
         """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""
-        group = self._entry["points"]
-        length = min((data.shape[0] for data in group.values()), default=0)
-        columns = {name: np.asarray(data[:length]) for name, data in group.items()}
+        datasets = _columns(self._entry["points"])
+        length = min((data.shape[0] for data in datasets.values()), default=0)
+        columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
         columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: one after the other
         return columns
 
     @property
     def point_count(self) -> int:
         """How many points there are, without reading any."""
-        return next((int(column.shape[0]) for column in self._entry["points"].values()), 0)
+        return next((int(column.shape[0]) for column in _columns(self._entry["points"]).values()), 0)
 
     @property
     def entry_count(self) -> int:
@@ -199,7 +199,7 @@ class Run(Closeable):
 
     def units(self) -> dict[str, str]:
         """Units of the points' columns."""
-        return {name: str(data.attrs["units"]) for name, data in self._entry["points"].items()}
+        return {name: str(data.attrs["units"]) for name, data in _columns(self._entry["points"]).items()}
 
     def events(self) -> Iterator[LoggedEvent]:
         """What happened, in order."""
@@ -239,8 +239,7 @@ class Run(Closeable):
                         str(data.attrs["units"]),
                         str(data.attrs["long_name"]).rpartition(" (")[0],
                     )
-                    for name, data in group.items()
-                    if name != "title"
+                    for name, data in _columns(group).items()
                 },
                 entry=int(group.attrs["entry"]),
             )
@@ -267,6 +266,11 @@ class Run(Closeable):
     def _text(self, name: str) -> str:
         value = self._entry[name][()]
         return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
+    """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
+    return {name: data for name, data in group.items() if "units" in data.attrs}
 
 
 def _logged_event(row: Any, text: bytes) -> LoggedEvent:

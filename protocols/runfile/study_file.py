@@ -6,7 +6,6 @@ computing, the file has another name: one that bears its name is whole.
 """
 
 import json
-import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,9 +20,9 @@ from numpy.typing import NDArray
 
 from model.specimen import variable_specs
 from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
-from protocols.runfile.errors import StorageError
+from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.schema import RESERVE_BYTES
-from protocols.runfile.writer import software_versions
+from protocols.runfile.writer import create_group, software_versions
 
 FORMAT = "tactor-bench-study"
 FORMAT_VERSION = 1
@@ -99,7 +98,7 @@ class StudyFileWriter:
             )
         self.path, self._partial_path = path, path.with_name(path.name + ".part")
         self._shape = header.shape
-        with self._translate_write_errors():
+        with translate_write_errors("study", self.path, "choose another place"):
             self._file = h5py.File(self._partial_path, "w")
             self._values = self._create(header)
 
@@ -108,7 +107,7 @@ class StudyFileWriter:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         try:
-            with self._translate_write_errors():
+            with translate_write_errors("study", self.path, "choose another place"):
                 self._file.close()
                 if error is None:
                     self._partial_path.replace(self.path)
@@ -121,7 +120,7 @@ class StudyFileWriter:
         Raises:
             StoreError: the disk does not take it.
         """
-        with self._translate_write_errors():
+        with translate_write_errors("study", self.path, "choose another place"):
             row = 0
             for box in index_slices(start, start + len(block), self._shape[:-1]):
                 shape = tuple(s.stop - s.start for s in box)
@@ -133,18 +132,18 @@ class StudyFileWriter:
         now = datetime.now(UTC).isoformat(timespec="seconds")
         self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "tactor-bench", "file_time": now})
         self._file.attrs.update({"format": FORMAT, "format_version": FORMAT_VERSION})
-        entry = _create_group(self._file, "entry", "NXentry", default="data")
+        entry = create_group(self._file, "entry", "NXentry", default="data")
         entry["title"] = header.title
-        process = _create_group(entry, "process", "NXprocess")
+        process = create_group(entry, "process", "NXprocess")
         versions = software_versions()
         process["program"], process["version"] = "tactor-bench", versions["tactor-bench"]
         process["software"] = json.dumps(versions)
         process["study"] = json.dumps(dict(header.description or {}))
-        parameters = _create_group(entry, "parameters", "NXcollection")
+        parameters = create_group(entry, "parameters", "NXcollection")
         for p in header.parameters:
             parameters[p.name] = p.value
             parameters[p.name].attrs.update({"units": p.unit, "long_name": p.description})
-        data = _create_group(entry, "data", "NXdata", signal=header.signal, axes=[axis.name for axis in header.axes])
+        data = create_group(entry, "data", "NXdata", signal=header.signal, axes=[axis.name for axis in header.axes])
         for i, axis in enumerate(header.axes):
             data[axis.name] = np.asarray(axis.values, float)
             data[axis.name].attrs.update({"units": axis.unit, "long_name": _long_name(axis.name, axis.unit)})
@@ -152,9 +151,6 @@ class StudyFileWriter:
         values = data.create_dataset(header.signal, header.shape, "c16" if header.complex else "f8")
         values.attrs.update({"units": header.unit, "long_name": _long_name(header.signal, header.unit)})
         return values
-
-    def _translate_write_errors(self) -> "_WriteErrorTranslation":
-        return _WriteErrorTranslation(self.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,30 +239,6 @@ def index_slices(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[
     if first < last:
         yield (slice(first, last), *(slice(0, n) for n in shape[1:]))
     yield from ((slice(last, last + 1), *box) for box in index_slices(0, stop - last * row, shape[1:]))
-
-
-@dataclass(frozen=True, slots=True)
-class _WriteErrorTranslation:
-    """Turns what HDF5 raises into one sentence."""
-
-    path: Path
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, (OSError, RuntimeError, ValueError, KeyError)):
-            number = getattr(error, "errno", None)
-            reason = os.strerror(number) if number else str(error)
-            raise StorageError(
-                f"the study file {self.path} cannot be written: {reason}; choose another place"
-            ) from error
-
-
-def _create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
-    group = parent.create_group(name)
-    group.attrs["NX_class"] = nx_class
-    group.attrs.update(attributes)
-    return group
 
 
 def _long_name(name: str, unit: str) -> str:

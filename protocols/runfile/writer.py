@@ -34,7 +34,7 @@ from protocols.base.events import Event, RunStatus, event_record
 from protocols.base.jsonable import to_jsonable
 from protocols.base.quality import Quality
 from protocols.base.records import EstimatedQuantity, ResultCurve
-from protocols.runfile.errors import StorageError, WriteErrorTranslation, os_error_text
+from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.schema import (
     BLOCK_DTYPE,
     CHANNELS,
@@ -201,7 +201,7 @@ def append_curves(path: Path, curves: Sequence[ResultCurve], locking: bool = Tru
     """
     if not curves:
         return
-    with WriteErrorTranslation(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+    with translate_write_errors("run", path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
         every = create_group(file["entry"], "curves", "NXcollection")
         for curve in curves:
             found = create_group(every, f"{curve.name}_{len(every):03d}", "NXdata", signal=curve.y, axes=[curve.x])
@@ -221,7 +221,7 @@ def append_estimates(path: Path, estimates: Sequence[EstimatedQuantity], locking
     """
     if not estimates:
         return
-    with WriteErrorTranslation(path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
+    with translate_write_errors("run", path), h5py.File(path, "r+", libver="latest", locking=locking) as file:
         found = create_group(file["entry"], "estimates", "NXcollection")
         for estimate in estimates:
             one = create_group(found, estimate.name.replace(" ", "_"), "NXcollection")
@@ -272,7 +272,7 @@ class RunFileWriter:
 
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
         """Note the card's true rate and scaling; from here on rows are only appended."""
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             trace = self._file["entry/trace"]
             trace["sample_rate"][()] = rate_hz
             for name, scale in zip(CHANNELS, scales, strict=False):
@@ -299,7 +299,7 @@ class RunFileWriter:
                 f"the disk of {self.path.parent} is full: {free / 1e6:.0f} MB are left and {RESERVE_BYTES / 1e6:.0f} MB are "
                 "kept to close the run in order; free some space or choose another folder. Everything before is in the file"
             )
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             for name, channel in zip(CHANNELS, (DRIVE_CHANNEL, DISPLACEMENT_CHANNEL), strict=True):
                 self._append_rows(f"trace/{name}", block.raw[channel])
             self._append_rows("blocks", np.array([(row, block.start, time_s)], BLOCK_DTYPE))
@@ -308,13 +308,13 @@ class RunFileWriter:
 
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
         """The integers of a channel in rows that were appended, (stop - start,)."""
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             return np.asarray(self._file[f"entry/trace/{channel}"][slice(*rows)])
 
     def append_event(self, event: Event, time_s: float) -> None:
         """Append what happened, as JSON; a long text goes on in further rows."""
         text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             for start in range(0, len(text), MAX_TEXT_BYTES):
                 piece = text[start : start + MAX_TEXT_BYTES]
                 self._append_row(
@@ -323,7 +323,7 @@ class RunFileWriter:
 
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
         """Append what was recorded: rows from start to stop, flags of its quality, its drive, its entry of the plan."""
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             self._append_row(
                 "recordings", np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
             )
@@ -331,7 +331,7 @@ class RunFileWriter:
     def append_point(self, point: Any, entry: int = 0) -> int:
         """Append one row to every column of the points; its index."""
         row = self._point_count
-        with self._translate_write_errors():
+        with translate_write_errors("run", self.path):
             for name in self._columns:
                 self._append_row(f"points/{name}", np.asarray(getattr(point, name), np.float64))
             self._append_row(f"points/{ENTRY_COLUMN}", np.asarray(entry))
@@ -341,7 +341,7 @@ class RunFileWriter:
     def flag_superseded(self, row: int) -> None:
         """Flag a point whose entry was measured again. The one thing that is ever changed in place: a flag."""
         if "quality" in self._columns:
-            with self._translate_write_errors():
+            with translate_write_errors("run", self.path):
                 quality = self._file["entry/points/quality"]
                 quality[row] = int(quality[row]) | Quality.SUPERSEDED
                 quality.flush()
@@ -361,7 +361,7 @@ class RunFileWriter:
         if self._closed:
             return reason
         try:
-            with self._translate_write_errors():
+            with translate_write_errors("run", self.path):
                 # First where a reader of the still open file sees it; the rest needs the file out of SWMR.
                 self._file["entry/status"][()] = str(status)
                 self._file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
@@ -376,7 +376,7 @@ class RunFileWriter:
             reason += f"; what was identified could not be stored: {error}"
             with (
                 contextlib.suppress(StorageError),
-                WriteErrorTranslation(self.path),
+                translate_write_errors("run", self.path),
                 h5py.File(self.path, "r+", locking=False) as file,
             ):
                 file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
@@ -409,9 +409,6 @@ class RunFileWriter:
 
     def _append_row(self, name: str, row: np.ndarray) -> None:
         self._append_rows(name, row[None])
-
-    def _translate_write_errors(self) -> WriteErrorTranslation:
-        return WriteErrorTranslation(self.path)
 
 
 def has_unclosable_file() -> bool:

@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from app.archive.replay import load_run
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
@@ -279,6 +280,36 @@ def test_analysis_is_appended_and_raw_data_stays_as_it_was(tmp_path: Path) -> No
     with Run(ran.path) as file:
         assert file.trace.read_raw("displacement").tobytes() == before
         assert [e.name for e in file.estimates()] == ["quality factor"]
+
+
+def test_groups_attributes_and_events_of_a_newer_version_are_ignored(tmp_path: Path) -> None:
+    with laboratory() as lab:
+        ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)
+    append_estimates(ran.path, [EstimatedQuantity("quality factor", 2.4, 0.1, "1", "by hand")])
+
+    def read() -> tuple[Any, ...]:
+        with Run(ran.path) as file:
+            points = {name: column.tolist() for name, column in file.points().items()}
+            curves = [(c.name, c.label, c.entry, sorted(c.columns)) for c in file.curves()]
+            samples = [r.displacement_m.tobytes() for r in file.recordings()]
+            state = (file.state, file.reason, file.units(), file.axes, file.point_count, file.entries())
+            return points, curves, samples, file.estimates(), state, [e.kind for e in file.events()]
+
+    before = read()
+    with h5py.File(ran.path, "r+") as file:
+        entry = file["entry"]
+        for group in (entry, entry["trace"], entry["points"], entry["instrument"]):
+            group.attrs["checksum"] = "0" * 64
+            group["operator"] = "A. N. Other"
+            group.create_group("verdict")["passed"] = True
+        entry["estimates/quality_factor/systematic_error"] = 0.1
+        events = entry["events"]
+        events.resize((len(events) + 1,))
+        events[-1] = (1.0, 0, b"VerdictGiven", b'{"passed": true}')
+    after = read()
+    assert after[:-1] == before[:-1]
+    assert after[-1] == [*before[-1], "VerdictGiven"]
+    assert load_run(ran.path).points
 
 
 def test_a_nexus_viewer_finds_the_plot_and_every_number_its_unit(tmp_path: Path) -> None:
