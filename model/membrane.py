@@ -16,6 +16,8 @@ from model.parameters import Membrane
 from model.skin import PRE_STRETCH, point_stiffness
 
 GRAVITY = 9.80665
+"""Standard gravity, m/s^2."""
+
 RUBBER_KG_M3 = 1000.0
 LOAD_SPEC = ParameterSpec("load", "N/m", Interval(ge=0), "weight of the membrane per length", None)
 

@@ -137,12 +137,12 @@ def value_label(name: str, value: float) -> str:
 
 def describe_difference(old: ExploreSetting, new: ExploreSetting) -> str:
     """Return how two settings differ, as the label of a kept curve."""
-    words = [value_label(n, new.value(n)) for n in SLIDERS if old.values.get(n) != new.values.get(n)]
+    differences = [value_label(n, new.value(n)) for n in SLIDERS if old.values.get(n) != new.values.get(n)]
     if old.on_skin != new.on_skin:
-        words.insert(0, "on the skin" if new.on_skin else "free")
+        differences.insert(0, "on the skin" if new.on_skin else "free")
     if old.peak_to_peak_v != new.peak_to_peak_v:
-        words.append(f"{new.peak_to_peak_v:g} V")
-    return ", ".join(words) or "Table I"
+        differences.append(f"{new.peak_to_peak_v:g} V")
+    return ", ".join(differences) or "Table I"
 
 
 def make_study(

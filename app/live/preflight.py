@@ -75,6 +75,6 @@ def _rehearsal_warnings(request: PreflightRequest) -> Iterator[tuple[str, ...]]:
         yield (str(error),)
     else:
         yield tuple(
-            f"{words}. Foreseen with {request.active_model.description}" if "model" in words else words
-            for words in rehearsal.cautions
+            f"{caution}. Foreseen with {request.active_model.description}" if "model" in caution else caution
+            for caution in rehearsal.cautions
         )

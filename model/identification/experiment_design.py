@@ -20,6 +20,7 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 from model.identification.residuals import LeastSquaresProblem
+from model.membrane import GRAVITY
 from model.parameter_spec import ParameterError
 
 
@@ -144,7 +145,7 @@ def default_candidates(
     Their errors follow from the fit's own predictions and what is `expected`.
     """
     e = expected
-    loads, masses = 9.80665 * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)
+    loads, masses = GRAVITY * np.array([0.02, 0.05, 0.1, 0.2, 0.5]), 1e-3 * np.arange(1.75, 10)
     levels, f = np.arange(0.5, 5.01, 0.5), np.array([25, 50, 75, 100, 125, *range(150, 201, 5), 225, 250], float)
     peak = np.array([100.0, 140, 150, 160, 180])
 

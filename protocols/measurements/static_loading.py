@@ -13,6 +13,7 @@ from pydantic import model_validator
 
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.errors import BenchError
+from model.membrane import GRAVITY
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
 from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
@@ -69,7 +70,7 @@ class StaticLoading(Protocol):
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often every weight is measured on a side"] = 10
     sides: Annotated[Literal["both", "MFC up", "aluminium up"], "which side takes the weights"] = "both"
     seed: Annotated[int, Unit("1"), Interval(ge=0, le=2**31), "of the random order of the weights"] = 1
-    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "where the bench stands"] = 9.80665
+    gravity_m_per_s2: Annotated[float, Unit("m/s^2"), Interval(ge=9.76, le=9.84), "where the bench stands"] = GRAVITY
     expected_m_per_n: Annotated[
         float, Unit("m/N"), Interval(gt=0), "compliance that is expected; what does not fit is asked about"
     ] = 1.379e-4

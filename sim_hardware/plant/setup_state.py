@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from model.membrane import GRAVITY
 from model.skin import Skin, skin
 from sim_hardware.plant.parameters import SimulationParameters
-
-GRAVITY = 9.80665
 
 SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {
     "place-weight": ("mass_kg",),

@@ -24,6 +24,7 @@ from app.archive.importing.values import (
 )
 from app.common.progress import ProgressCallback, ignore_progress
 from drivers.sensors.laser_sensor import LaserSensor
+from model.membrane import GRAVITY
 from protocols.base.events import RunStatus
 from protocols.base.protocol import Protocol
 from protocols.base.quality import Quality
@@ -33,7 +34,6 @@ from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 from protocols.runfile.writer import RunFileWriter, RunMetadata
 
 Array = NDArray[np.float64]
-STANDARD_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ def _complete_dwell(
 
 
 def _complete_loads(values: dict[str, Array], parameters: dict[str, Any], warnings: list[str]) -> None:
-    gravity = float(parameters.get("gravity_m_per_s2", STANDARD_GRAVITY))
+    gravity = float(parameters.get("gravity_m_per_s2", GRAVITY))
     if "load" not in values:
         values["load"] = gravity * values["mass"]
         if "mass_errors" in values:

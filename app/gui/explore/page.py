@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QSettings, Qt, Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QScrollArea, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QScrollArea, QSplitter, QWidget
 
 from app.explore.engine import ExploreRequest, ExploreResult, ResponseEngine
 from app.explore.fit import ExploreFit
@@ -22,6 +22,7 @@ from app.gui.widgets.actions import add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.dropped_files import dropped_runs
 from app.gui.widgets.file_dialog import Mode, choose_files
+from app.gui.widgets.layouts import column
 from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.live.latest_only import LatestOnlyWorker
@@ -269,29 +270,27 @@ class ExplorePage(QSplitter):
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.viewport().setAutoFillBackground(False)
         self.sliders.setAutoFillBackground(False)
-        left, column = _empty_column(6)
-        column.setContentsMargins(0, 2, 4, 0)
-        column.addLayout(self.toolbar.start_row())
-        column.addWidget(scroll, 1)
-        column.addWidget(self.status_line)
-        column.addLayout(self.toolbar.export_row())
+        left = QWidget()
+        column(
+            self.toolbar.start_row(), (scroll, 1), self.status_line, self.toolbar.export_row(),
+            parent=left, margins=(0, 2, 4, 0), spacing=6,
+        )  # fmt: skip
         left.setMinimumWidth(400)
         return left
 
     def _right_column(self) -> QWidget:
-        right, column = _empty_column(4)
-        column.addLayout(self.toolbar.series_row())
-        column.addLayout(self.toolbar.overlay_row())
+        below, right = QWidget(), QWidget()
+        column(self.toolbar.motion_row(), (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
         rows = QSplitter(Qt.Orientation.Vertical)
         rows.addWidget(self.plot)
-        below, beam = _empty_column(2)
-        beam.addLayout(self.toolbar.motion_row())
-        beam.addWidget(self.shape_plot, 1)
         rows.addWidget(below)
         rows.setSizes([400, 210])
         rows.setObjectName("explore/rows")
         rows.setChildrenCollapsible(False)
-        column.addWidget(rows, 1)
+        column(
+            self.toolbar.series_row(), self.toolbar.overlay_row(), (rows, 1),
+            parent=right, margins=(0, 0, 0, 0), spacing=4,
+        )  # fmt: skip
         return right
 
     def _connect_signals(self) -> None:
@@ -342,12 +341,3 @@ class ExplorePage(QSplitter):
     def dropEvent(self, event: QDropEvent) -> None:
         self.overlaid.add(dropped_runs(event))
         event.acceptProposedAction()
-
-
-def _empty_column(spacing: int) -> tuple[QWidget, QVBoxLayout]:
-    """Make a widget with an empty column layout without margins."""
-    widget = QWidget()
-    column = QVBoxLayout(widget)
-    column.setContentsMargins(0, 0, 0, 0)
-    column.setSpacing(spacing)
-    return widget, column

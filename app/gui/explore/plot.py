@@ -118,8 +118,8 @@ class ExplorePlot(PlotBase):
         self.plot.setLabel("bottom", "" if phase else "frequency (Hz)")
         self._threshold_line.setValue(float(self._y(FELT_THRESHOLD_UM)))
         if self._result is not None:
-            picture, self._result = self._result, None
-            self.show_result(picture, self._kept_settings)
+            result, self._result = self._result, None
+            self.show_result(result, self._kept_settings)
         self._draw_kept_curves()
         self._draw_runs()
         self._scale()
@@ -206,11 +206,11 @@ class ExplorePlot(PlotBase):
 
     def _scale(self) -> None:
         tops, phases = [1.5 * FELT_THRESHOLD_UM], [-180.0, 0.0]
-        picture = self._result
+        result = self._result
         lines: list[ModelCurve | MeasuredResponse] = [*self._runs]
-        if picture is not None:
-            lines += (picture.curve, *(picture.kept_curves or ()))
-            phases += [float(np.degrees(v)) for v in (picture.curve.phase.min(), picture.curve.phase.max())]
+        if result is not None:
+            lines += (result.curve, *(result.kept_curves or ()))
+            phases += [float(np.degrees(v)) for v in (result.curve.phase.min(), result.curve.phase.max())]
         tops += [finite_max(series.values_of(line)) for line in lines for series in SERIES]
         self.plot.setXRange(0, self._max_hz, padding=0)
         if self._log:

@@ -9,9 +9,10 @@ from app.archive.replay import MeasuredResponse
 from app.common.undo import UndoHistory
 from app.common.units import UnitError, to_number
 from app.explore.state import ExploreSetting
-from app.gui.plots.base import caption_label, widget_row
+from app.gui.plots.base import caption_label
 from app.gui.plots.series import SERIES
 from app.gui.widgets.actions import tooltip
+from app.gui.widgets.layouts import row
 
 RANGES_HZ = (250, 500, 1000, 4000)
 
@@ -73,8 +74,7 @@ class ExploreToolbar(QObject):
         self.copy_toml_button = _button("Copy TOML", "Every parameter as TOML for --set")
         self.copy_json_button.clicked.connect(lambda: self.copy_chosen.emit("JSON"))
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
-        self._chips = QHBoxLayout()
-        self._chips.setSpacing(4)
+        self._chips = row(spacing=4)
         self.run_chips: list[QPushButton] = []
 
     def toggle_skin(self) -> None:
@@ -112,26 +112,28 @@ class ExploreToolbar(QObject):
 
     def start_row(self) -> QHBoxLayout:
         """Make the row of preset, skin, undo and redo."""
-        return widget_row(self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button)
+        return row(
+            self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
+        )
 
     def export_row(self) -> QHBoxLayout:
-        return widget_row(self.copy_json_button, self.copy_toml_button, self.study_button, None)
+        return row(self.copy_json_button, self.copy_toml_button, self.study_button, None, spacing=6)
 
     def series_row(self) -> QHBoxLayout:
         """Make the row of displayed series and frequency range."""
-        return widget_row(caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"))
+        return row(
+            caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6
+        )
 
     def motion_row(self) -> QHBoxLayout:
         """Make the row of the displayed motion."""
-        return widget_row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None)
+        return row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
 
     def overlay_row(self) -> QHBoxLayout:
         """Make the row of kept curves and measured runs."""
-        row = widget_row(self.keep_button, self.overlay_button, self.fit_button)
-        row.addLayout(self._chips)
-        row.addStretch()
-        row.addWidget(self.clear_button)
-        return row
+        return row(
+            self.keep_button, self.overlay_button, self.fit_button, self._chips, None, self.clear_button, spacing=6
+        )
 
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):

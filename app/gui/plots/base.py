@@ -8,18 +8,11 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
-from PySide6.QtWidgets import (
-    QGraphicsPathItem,
-    QGraphicsSimpleTextItem,
-    QHBoxLayout,
-    QLabel,
-    QLayout,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.series import Array, PlotSeries, series_as_text, series_of
+from app.gui.widgets.layouts import column, make_label
 from app.gui.widgets.theme import Theme
 from app.session.messages import format_estimate
 from model.skin import THRESHOLD_M
@@ -211,22 +204,8 @@ def finite_max(values: Array) -> float:
 
 
 def caption_label(text: str = "") -> QLabel:
-    """Make a label in the style of a caption."""
-    label = QLabel(text)
-    label.setProperty("kind", "caption")
-    return label
-
-
-def widget_row(*items: QWidget | None, spacing: int = 6) -> QHBoxLayout:
-    """Lay out widgets in a row; None is a stretch."""
-    row = QHBoxLayout()
-    row.setSpacing(spacing)
-    for item in items:
-        if item is None:
-            row.addStretch()
-        else:
-            row.addWidget(item)
-    return row
+    """Return a label in the style of a caption."""
+    return make_label(text, "caption", wrap=False)
 
 
 class PlotBase(QWidget):
@@ -271,9 +250,7 @@ class PlotBase(QWidget):
         self.corner_labels = [CornerLabel(plot, "", self.font(), right=False) for plot in self._plots]
         self.simulated = True
         """Whether data are marked as simulated, in the plot and in copied tables."""
-        self._layout = QVBoxLayout(self)
-        self._layout.setContentsMargins(0, 0, 0, 0)
-        self._layout.setSpacing(2)
+        self._layout = column(parent=self, margins=(0, 0, 0, 0), spacing=2)
 
     @property
     def simulated_label(self) -> "CornerLabel":

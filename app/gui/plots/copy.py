@@ -37,15 +37,15 @@ class PlotCopyButtons(QWidget):
             row = QHBoxLayout(self)
             row.setContentsMargins(0, 0, 0, 0)
             row.setSpacing(4)
-            for words, do, action_id in (
+            for text, action, action_id in (
                 ("Copy picture", self.copy_picture, "plot.copy-picture"),
                 ("Copy data", self.copy_data, "plot.copy-data"),
             ):
-                button = QPushButton(words)
+                button = QPushButton(text)
                 set_style_kind(button, "choice")
                 button.setToolTip(f"{tooltip(action_id)} while the keyboard is in the plot")
                 button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-                button.clicked.connect(do)
+                button.clicked.connect(action)
                 row.addWidget(button)
         self.show()
         self._place_buttons()

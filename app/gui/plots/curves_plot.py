@@ -6,7 +6,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.common.minmax import minmax_decimate
 from app.common.units import display_unit
@@ -17,10 +17,10 @@ from app.gui.plots.base import (
     caption_label,
     curve_color,
     stable_range,
-    widget_row,
 )
 from app.gui.plots.series import Array, PlotSeries, series_of
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
 from protocols.base.records import ResultCurve
@@ -43,11 +43,10 @@ class CurvesPlot(PlotBase):
         self.plot.addItem(self.model)
         self._add_legend(left=False)
         self.drawn_curves: list[tuple[pg.PlotCurveItem, BandFill]] = []
-        self.caption, self.source = caption_label("Curves"), QLabel()
-        set_style_kind(self.source, "note")
+        self.caption, self.source = caption_label("Curves"), make_label(kind="note", wrap=False)
         self.points_button = QPushButton("Show the points")
         set_style_kind(self.points_button, "choice")
-        self._add_head(widget_row(self.caption, self.source, None, self.points_button, spacing=14))
+        self._add_head(row(self.caption, self.source, None, self.points_button, spacing=14))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:

@@ -8,13 +8,14 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QPushButton, QWidget
 
 from app.common.units import display_unit
-from app.gui.plots.base import PlotBase, caption_label, widget_row
+from app.gui.plots.base import PlotBase, caption_label
 from app.gui.plots.response_plot import EntrySelection, hover_text
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.messages import describe_point
 from protocols.base.events import RunEnded
@@ -42,17 +43,18 @@ class PointsPlot(PlotBase):
         self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
-        self.caption, self.hint_label, self.repeat_button = caption_label(), QLabel(HOLLOW_HINT), QPushButton()
+        self.caption, self.hint_label, self.repeat_button = (
+            caption_label(),
+            make_label(HOLLOW_HINT, "note", wrap=False),
+            QPushButton(),
+        )
         self.curves_button = QPushButton("Show the curves")
         set_style_kind(self.curves_button, "choice")
         self.curves_button.hide()
-        set_style_kind(self.hint_label, "note")
         self.selection = EntrySelection(self.repeat_button, self._draw)
         self.repeat_button.clicked.connect(lambda: self.repeat_requested.emit(self.selection.pop()))
         self.scatter.sigClicked.connect(lambda _, spots: self.selection.toggle(self._shown_indices, spots))
-        self._add_head(
-            widget_row(self.caption, self.repeat_button, None, self.hint_label, self.curves_button, spacing=14)
-        )
+        self._add_head(row(self.caption, self.repeat_button, None, self.hint_label, self.curves_button, spacing=14))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
@@ -112,8 +114,8 @@ class PointsPlot(PlotBase):
         chosen = [entry in self.selection.entries for entry in self._shown_indices]
         pens = [pg.mkPen(QColor(self._theme.accent if taken else ink), width=4 if taken else 2) for taken in chosen]
         fills = [pg.mkBrush(ink if good else self._theme.panel) for good in usable]
-        words = [describe_point(p) for p in points]
-        self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=words)
+        texts = [describe_point(p) for p in points]
+        self.scatter.setData(x=x, y=y, symbol="o", pen=pens, brush=fills, data=texts)
         self._bars.setData(x=x, y=y, height=2 * np.nan_to_num(errors))
         self.hint_label.setVisible(not all(usable))
         for side in ("left", "bottom"):  # without points the limits mean nothing

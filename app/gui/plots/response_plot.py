@@ -10,12 +10,13 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, stable_range, widget_row
+from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, stable_range
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
 from app.gui.widgets.elided_label import ElidedLabel
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve, elongations_of
 from app.session.messages import describe_point
@@ -103,7 +104,7 @@ class ResponsePlot(PlotBase):
         self.hint_label.setToolTip(HOLLOW_TOOLTIP)
         self._residual_strip: ResidualStrip | None = None
         self.strip_box = QComboBox()
-        self.strip_box.addItems([f"below: {words}" for words in STRIP_QUANTITIES])
+        self.strip_box.addItems([f"below: {quantity}" for quantity in STRIP_QUANTITIES])
         self.strip_box.setToolTip("What is drawn under the response: measured less model, or the phase")
         self.strip_box.currentIndexChanged.connect(self._select_strip)
         self.repeat_button = QPushButton()
@@ -152,7 +153,7 @@ class ResponsePlot(PlotBase):
     def _draw_points(self) -> None:
         x = np.array([p.frequency for p in self._points])
         usable = [Quality(p.quality).usable for p in self._points]
-        words = [describe_point(p) for p in self._points]
+        texts = [describe_point(p) for p in self._points]
         for at, series in enumerate(SERIES):
             y = np.array([series.values_of(p) for p in self._points])
             errors = np.array([series.errors_of(p) for p in self._points])
@@ -165,8 +166,10 @@ class ResponsePlot(PlotBase):
             fills = [pg.mkBrush(ink if good else self._theme.panel) for good, ink in zip(usable, inks, strict=True)]
             # An imported table may have one of the two only, and Qt crashes when it paints a point that is not finite.
             there = np.flatnonzero(np.isfinite(y)).tolist()
-            pens, fills, said = ([every[i] for i in there] for every in (pens, fills, words))
-            self.scatters[at].setData(x=x[there], y=y[there], symbol=series.symbol, pen=pens, brush=fills, data=said)
+            pens, fills, texts_there = ([every[i] for i in there] for every in (pens, fills, texts))
+            self.scatters[at].setData(
+                x=x[there], y=y[there], symbol=series.symbol, pen=pens, brush=fills, data=texts_there
+            )
             self._bars[at].setData(x=x[there], y=y[there], height=2 * np.nan_to_num(errors[there]))
         self._draw_strip()
 
@@ -184,31 +187,29 @@ class ResponsePlot(PlotBase):
     def _warn_mismatch(self) -> None:
         """Warn if curve and points belong to different drives: the form was changed after the run."""
         hollow = any(not Quality(p.quality).usable for p in self._points)
-        words = HOLLOW_HINT if hollow else ""
+        hint = HOLLOW_HINT if hollow else ""
         if self._points and self._curve is not None:
             curve_v = 2 * self._curve.request.amplitude_v
             points_v = 2 * float(np.median([p.drive_amplitude for p in self._points]))
             if abs(points_v - curve_v) > 0.02 * curve_v:
-                words = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
+                hint = f"points at {points_v:.3g} V, curve at {curve_v:.3g} V peak to peak"
             if bare := [e for e in elongations_of(self._points) if self._curve.at_elongation(e) is None]:
-                words = f"no curve of {', '.join(f'{1e3 * e:g}' for e in bare)} mm"
-        self.hint_label.setText(words)
-        self.hint_label.setVisible(bool(words))
-        set_style_kind(self.hint_label, "fault" if words and words != HOLLOW_HINT else "note")
+                hint = f"no curve of {', '.join(f'{1e3 * e:g}' for e in bare)} mm"
+        self.hint_label.setText(hint)
+        self.hint_label.setVisible(bool(hint))
+        set_style_kind(self.hint_label, "fault" if hint and hint != HOLLOW_HINT else "note")
 
     def _head_row(self) -> QHBoxLayout:
         for at, box in enumerate(self.series_boxes):
             box.setChecked(True)
             box.setToolTip(f"{SERIES[at].label}: measured points and the model's curve")
             box.toggled.connect(self._on_series_toggled)
-        head = widget_row(
-            caption_label("Response"), *self.series_boxes, self.model_curves.band_box, self.repeat_button, spacing=10
-        )
-        head.addWidget(self.model_curves.source_label, 3)
         self.hint_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        head.addWidget(self.hint_label)
-        head.addWidget(self.strip_box)
-        return head
+        curves = self.model_curves
+        return row(
+            caption_label("Response"), *self.series_boxes, curves.band_box, self.repeat_button,
+            (curves.source_label, 3), self.hint_label, self.strip_box, spacing=10,
+        )  # fmt: skip
 
     def _on_series_toggled(self) -> None:
         for items in zip(self.series_boxes, self._bars, self.scatters, strict=True):

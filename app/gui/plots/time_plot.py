@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QButtonGroup, QLabel, QPushButton, QWidget
+from PySide6.QtWidgets import QButtonGroup, QPushButton, QWidget
 
 from app.gui.plots.base import (
     TICK_LINES,
@@ -14,9 +14,9 @@ from app.gui.plots.base import (
     limit_ticks,
     stable_range,
     trace_pen,
-    widget_row,
 )
 from app.gui.plots.series import Array
+from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.feed import SPANS, LiveFeed, TimeSpan
 from model.amplifier_map import AmplifierMap
@@ -43,7 +43,7 @@ class TimePlot(TracePlotBase):
         self._end_s = self._shown_s = 0.0
         self._last_tick_s = time.monotonic()
         self._spans = QButtonGroup(self)
-        self._axis_label = QLabel()
+        self._axis_label = make_label(kind="note", wrap=False)
         self._displacement_plot, self._drive_plot = self._plots
         margin = 0.06 * (amplifier.high_v - amplifier.low_v)
         self._drive_plot.setYRange(amplifier.low_v - margin, amplifier.high_v + margin, padding=0)
@@ -113,10 +113,10 @@ class TimePlot(TracePlotBase):
         self._scale(float(displacement_um.min()), float(displacement_um.max()))
 
     def _scale(self, low: float, high: float) -> None:
-        wanted = stable_range(low, high, self._range)
-        if wanted != self._range:
-            self._range = wanted
-            self._displacement_plot.setYRange(*wanted, padding=0)
+        limits = stable_range(low, high, self._range)
+        if limits != self._range:
+            self._range = limits
+            self._displacement_plot.setYRange(*limits, padding=0)
 
     def _mark_levels(self, *_: object) -> None:
         """Label lowest, rest and highest on the drive's axis; rest alone if three labels would overlap."""
@@ -139,8 +139,7 @@ class TimePlot(TracePlotBase):
         self._displacement_plot.setXRange(-self.span.shown_s, 0, padding=0)
 
     def _build(self) -> None:
-        self._axis_label.setProperty("kind", "note")
-        head = widget_row(caption_label("Live traces"), self._axis_label, None, spacing=12)
+        head = row(caption_label("Live traces"), self._axis_label, None, spacing=12)
         # Buttons instead of a drop-down list: an open list would take the Stop key.
         for at, span in enumerate(SPANS):
             button = QPushButton(f"{span.shown_s:g} s" + (" standing" if span.triggered else ""))
