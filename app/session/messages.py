@@ -126,5 +126,7 @@ def _describe_outcome(event: RunEnded) -> tuple[Severity, str]:
     )
     found = "".join(f"; {format_estimate(estimate)}" for estimate in event.estimates)
     reason, status = event.reason, str(event.status)
-    told = reason.casefold().startswith(status)
-    return level, (f"{reason[:1].upper()}{reason[1:]}" if told else f"{status.capitalize()}: {reason}") + found
+    repeats_status = reason.casefold().startswith(status)
+    return level, (
+        f"{reason[:1].upper()}{reason[1:]}" if repeats_status else f"{status.capitalize()}: {reason}"
+    ) + found

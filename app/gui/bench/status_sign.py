@@ -114,9 +114,9 @@ def _largest_font_px(font: QFont, lines: list[str], area: QRectF, bold: bool, ma
         wide = max(metrics.horizontalAdvance(line) for line in lines)
         return min(area.width() / max(wide, 1e-9), 1.06 * area.height() / (metrics.lineSpacing() * len(lines)))
 
-    if (room := scale(max_px)) >= 1.0:
+    if (fit := scale(max_px)) >= 1.0:
         return max_px
-    px = int(max_px * max(room, 0.0)) + 1
+    px = int(max_px * max(fit, 0.0)) + 1
     while px > 0 and scale(px) < 1.0:
         px -= 1
     return px

@@ -11,7 +11,7 @@ from PySide6.QtCore import QObject, Signal
 from app.gui.widgets.background import BackgroundWorker
 from app.session.session import SessionEvent
 
-if TYPE_CHECKING:  # run files and numerics are imported where they are used: in the threads beside the window
+if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the background threads that use them
     from app.campaign.campaign import Campaign
     from app.campaign.queue import CampaignRunner
     from app.campaign.summary import CampaignEstimates, CampaignSummary

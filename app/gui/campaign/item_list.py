@@ -145,15 +145,15 @@ class CampaignItemDelegate(QStyledItemDelegate):
         chosen = bool(option.state & QStyle.StateFlag.State_Selected)
         if chosen:
             painter.fillRect(area, QColor(theme.line))
-        if row.name in (self.next_item, self.running_item):  # a bar at the edge: here it goes on
+        if row.name in (self.next_item, self.running_item):  # a bar at the edge marks the next or running item
             painter.fillRect(QRect(area.left(), area.top(), 5, area.height()), QColor(theme.accent))
         running = row.name == self.running_item
-        standing = "running" if running else str(row.state.status)
+        status = "running" if running else str(row.state.status)
         side = 0.52 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
-        painter.setPen(QColor(self._text_color(standing)))
+        painter.setPen(QColor(self._text_color(status)))
         painter.save()
-        SYMBOLS[STATUS_SYMBOLS[standing]](painter, box)
+        SYMBOLS[STATUS_SYMBOLS[status]](painter, box)
         painter.restore()
         words = QRect(area)
         words.setLeft(round(box.right()) + 16)
@@ -164,11 +164,11 @@ class CampaignItemDelegate(QStyledItemDelegate):
         right = "" if row.rehearsal is None else format_duration(row.rehearsal.duration_s)
         hands = "by hand" if row.needs_operator else ""
         self._draw_title_line(painter, option, top, row.name, row.state.title, right)
-        painter.setPen(QColor(self._text_color(standing)))
+        painter.setPen(QColor(self._text_color(status)))
         bold = QFont(option.font)
         bold.setBold(True)
         state = "running" if running else row.status_text
-        reason = "" if standing in ("done", "running") else row.state.reason
+        reason = "" if status in ("done", "running") else row.state.reason
         self._draw_line(painter, option, bottom, state, bold, reason, hands)
         painter.setPen(QColor(theme.line))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
@@ -201,8 +201,8 @@ class CampaignItemDelegate(QStyledItemDelegate):
         painter.setFont(option.font)
         painter.setPen(color or QColor(self.theme.secondary_text))
         metrics = painter.fontMetrics()
-        room = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
-        words = metrics.elidedText(rest, Qt.TextElideMode.ElideRight, max(room, 0))
+        available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
+        words = metrics.elidedText(rest, Qt.TextElideMode.ElideRight, max(available, 0))
         painter.drawText(area.adjusted(used, 0, 0, 0), flags | Qt.AlignmentFlag.AlignLeft, words)
         painter.setPen(QColor(self.theme.secondary_text))
         painter.drawText(area, flags | Qt.AlignmentFlag.AlignRight, right)

@@ -32,8 +32,8 @@ class ErrorHistoryPlot(QWidget):
     def show_errors(self, errors: Sequence[float], color: str) -> None:
         """Show the error history of one estimate."""
         self.errors, self._color = errors, color
-        told = f"{len(errors)} fits, from {100 * errors[0]:.2g} % to {100 * errors[-1]:.2g} %" if errors else ""
-        self.setToolTip(f"Standard error in parts of the value: {told}" if told else "")
+        history = f"{len(errors)} fits, from {100 * errors[0]:.2g} % to {100 * errors[-1]:.2g} %" if errors else ""
+        self.setToolTip(f"Standard error in parts of the value: {history}" if history else "")
         self.update()
 
     def paintEvent(self, _event: QPaintEvent) -> None:
@@ -85,8 +85,8 @@ class EstimatesPanel(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        told, self._update = self._update, EstimateUpdate()
-        self.show_update(told)
+        update, self._update = self._update, EstimateUpdate()
+        self.show_update(update)
 
     def show_update(self, update: EstimateUpdate) -> None:
         """Show the present estimates."""

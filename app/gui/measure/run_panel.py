@@ -175,15 +175,15 @@ class RunPanel(QWidget):
         if bench is None:
             return "Duration, volts and file size are told when the bench is there.", False
         try:
-            told = rehearse(protocol, bench.amplifier)
+            rehearsal = rehearse(protocol, bench.amplifier)
         except BenchError as refusal:
             return f"✕ {refusal}", True
-        entries = pluralize(told.entries, "point")
-        prompts = pluralize(told.prompts, "prompt")
+        entries = pluralize(rehearsal.entries, "point")
+        prompts = pluralize(rehearsal.prompts, "prompt")
         return (
-            f"{entries}, {prompts}, about {format_duration(told.duration_s)}, "
-            f"{format_voltage_range(told.lowest_specimen_v, told.highest_specimen_v)} on the specimen, "
-            f"file about {format_bytes(told.file_bytes)}. Closest to a limit: {told.worst}."
+            f"{entries}, {prompts}, about {format_duration(rehearsal.duration_s)}, "
+            f"{format_voltage_range(rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v)} on the specimen, "
+            f"file about {format_bytes(rehearsal.file_bytes)}. Closest to a limit: {rehearsal.worst}."
         ), False
 
     def _choose_folder(self) -> None:

@@ -54,11 +54,11 @@ class RunViewer(QWidget):
         """Show a run; its model curve follows."""
         self.run = run
         self.heading.setText(run.title)
-        told = "".join(f"   {format_estimate(e)}." for e in run.estimates)
+        estimates = "".join(f"   {format_estimate(e)}." for e in run.estimates)
         parameters = ", ".join(f"{name} {_format_value(value)}" for name, value in run.parameters.items())
         simulated = "SIMULATED.   " if run.simulated else ""
         self.facts_label.setText(
-            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}, {format_outcome(run.state, run.reason)}.{told}\n{parameters}"
+            f"{simulated}{run.start_time[:19].replace('T', ' ')} UTC, {format_duration(run.duration_s)}, {format_outcome(run.state, run.reason)}.{estimates}\n{parameters}"
         )
         # Points of an unknown protocol are drawn if they are amplitudes over frequency.
         kind = PROTOCOLS.get(run.protocol, PROTOCOLS["sine-dwell"])
