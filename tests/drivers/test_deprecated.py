@@ -11,16 +11,22 @@ from drivers.deprecated import MODULES, SOURCE_METHODS, adapt, adapt_driver, ren
 from drivers.interfaces import Digitizer, Source
 
 
+def forget_old_modules() -> None:
+    """Old paths that an earlier test, or this one, has imported."""
+    for name in MODULES.keys() & sys.modules.keys():
+        if isinstance(sys.modules[name].__loader__, deprecated._OldModules):
+            del sys.modules[name]
+
+
 @pytest.fixture
 def installed() -> Iterator[None]:
-    finders, loaded = [*sys.meta_path], set(sys.modules)
+    finders = [*sys.meta_path]
+    forget_old_modules()
     deprecated.install()
     deprecated.install()
     yield
     sys.meta_path[:] = finders
-    for name in set(sys.modules) - loaded:
-        if name in MODULES:
-            del sys.modules[name]
+    forget_old_modules()
 
 
 @pytest.mark.usefixtures("installed")
