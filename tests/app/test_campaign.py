@@ -171,6 +171,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
     assert "done" in capsys.readouterr().out
 
 
+@pytest.mark.deep
 def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["--specimen", "T1", "--out", str(tmp_path)]
     assert main(["campaign", "status", *asked]) == 2

@@ -45,6 +45,7 @@ def test_json_is_one_object_a_line_in_si_units(tmp_path: Path, capsys: pytest.Ca
     assert record["units"]["fundamental"] == "m"
 
 
+@pytest.mark.deep
 def test_the_demo_without_a_window_leaves_file_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--no-window", "--speed", "max", "--out", str(tmp_path)]) == ExitCode.DONE
     (file,), (picture,) = tmp_path.glob("*.h5"), tmp_path.glob("*.png")

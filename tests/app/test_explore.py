@@ -214,6 +214,7 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
     assert told[1] == 0.5
 
 
+@pytest.mark.deep
 def test_the_window_loads_without_the_linear_algebra() -> None:
     code = "import app.gui.main_window, sys; print('scipy.linalg' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

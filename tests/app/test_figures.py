@@ -43,6 +43,7 @@ def test_all_figures_are_there_as_picture_and_sheet(folder: Path) -> None:
         assert (folder / f"{name}.png").stat().st_size > 20_000
 
 
+@pytest.mark.deep
 def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
     head, rows = sheet(folder / "fig9.csv")
     assert head[:3] == ["frequency [Hz]", "fig9a 2 x fundamental [m]", "fig9a max - min [m]"]
@@ -107,6 +108,7 @@ def test_axes_have_units_and_the_caption_speaks_of_the_paper(drawn) -> None:  # 
         assert axes.get_ylim()[0] == 0
 
 
+@pytest.mark.deep
 def test_nothing_of_a_picture_is_clipped_or_covered(drawn) -> None:  # type: ignore[no-untyped-def]
     for panels in ([figure5(Tactor())], fig9()[1:3]):
         page = drawn(panels)
@@ -153,6 +155,7 @@ def test_what_cannot_be_drawn_is_refused(
     assert list(tmp_path.glob("figures/*")) == []
 
 
+@pytest.mark.deep
 def test_other_parameters_move_the_curves_and_the_caption_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

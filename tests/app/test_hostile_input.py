@@ -102,7 +102,11 @@ def attacks(name: str) -> Iterator[list[str]]:
             yield [*base, f"{option}={value}"] if option.startswith("--") else [*base, option, value]
 
 
-@pytest.mark.parametrize("name", LEAVES)
+LONG = {"figures", "identify", "model step", "run"}
+"""Commands that work for seconds where the question makes sense."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.deep] if n in LONG else []) for n in LEAVES])
 def test_nothing_that_can_be_asked_ends_in_a_traceback(name: str, here: Path, capsys: Any) -> None:
     for arguments in attacks(name):
         code = main(arguments)

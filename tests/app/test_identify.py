@@ -32,7 +32,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
     with laboratory(simulated(tactor={"mu": TRUTH.mu, "c0": TRUTH.c0}, seed=5)) as lab:
         dwells = [run(DWELL, folder, lab).path for _ in range(2)]
-        return [*dwells, run(VoltageSteps(repeats=2), folder, lab).path]
+        return [*dwells, run(VoltageSteps(levels_v=(0.0, 1.0, 4.0, 5.0), repeats=2), folder, lab).path]
 
 
 @pytest.mark.parametrize("method", ["joint", "chain"])

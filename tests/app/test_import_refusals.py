@@ -72,6 +72,7 @@ def test_a_bad_file_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "an HDF5 file" in refused(finished_run(tmp_path / "old"), capsys)
 
 
+@pytest.mark.deep
 def test_mat_vectors_of_different_length_are_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     savemat(tmp_path / "t.mat", {"frequency_Hz": np.arange(1.0, 4), "pp_um": np.arange(1.0, 6)})
     assert "the columns differ in length: 'frequency_Hz' 3, 'pp_um' 5" in refused(tmp_path / "t.mat", capsys, *FULL)

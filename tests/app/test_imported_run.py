@@ -139,6 +139,7 @@ def test_what_is_exported_and_imported_again_is_the_same(name: str, kind: Any, t
             np.testing.assert_array_equal(got[column], values, err_msg=column)
 
 
+@pytest.mark.deep
 def test_a_side_that_nobody_told_comes_back_untold(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text("load [N],deflection [um]\n1,137\n2,275\n")
     with Run(brought(tmp_path / "l.csv")) as run:

@@ -21,6 +21,7 @@ def long_series(path: Path, mark: str = ",", quote: str = "") -> Path:
     return path
 
 
+@pytest.mark.deep
 def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,8 @@ SHORT = {
     "membrane": {"elongations_m": (0.0, 6.35e-3), "reference": 0, "frequencies_hz": (100, 120, 140, 160, 200, 250)},
 }
 
+pytestmark = pytest.mark.deep
+
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[str]]:
@@ -54,7 +56,6 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
     return campaign, asked
 
 
-@pytest.mark.deep
 def test_all_seven_are_done_in_the_papers_order(measured) -> None:
     campaign, asked = measured
     assert [line.status for line in campaign.item_states()] == [ItemStatus.DONE] * 7

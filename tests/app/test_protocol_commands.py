@@ -63,6 +63,7 @@ def test_some_frequencies_are_measured_again_into_a_file_beside_the_old_one(tmp_
         assert [r.entry for r in run.recordings()] == [0, 1, 2, 1, 2]
 
 
+@pytest.mark.deep
 def test_what_has_no_response_is_measured_again_by_that_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -95,6 +96,7 @@ def test_what_cannot_be_gone_on_with_is_a_sentence(
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.deep
 def test_added_points_are_known_by_their_frequency_when_a_run_goes_on(tmp_path: Path) -> None:
     refined = ["--set", "frequencies_hz=140,160,180", "--set", "refine_to_hz=12"]
     assert main(["run", "sine-dwell", "--speed", "max", "--out", str(tmp_path), *SHORT, *refined]) == ExitCode.DONE

@@ -99,6 +99,7 @@ def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, f
     assert "next best: find out why" in told
 
 
+@pytest.mark.deep
 def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None:
     """Why a real tactor is identified with twenty: what seven lack looks like a clamp that turns."""
     runs = made(modes=20)

@@ -80,7 +80,7 @@ def guide_files(folder: Path) -> None:
 def contract(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "sim_hardware.testing", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=90)
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=240)
 
 
 def test_the_guides_own_example_passes_by_the_guides_own_command(tmp_path: Path) -> None:
@@ -92,6 +92,7 @@ def test_the_guides_own_example_passes_by_the_guides_own_command(tmp_path: Path)
     assert re.search(r"\b1[5-9]|2\d passed", done.stdout)
 
 
+@pytest.mark.deep
 def test_a_driver_that_jumps_fails_the_contract(tmp_path: Path) -> None:
     guide_files(tmp_path)
     file = tmp_path / "acme_generator.py"

@@ -19,7 +19,7 @@ from protocols.base.events import PointMeasured
 from protocols.base.protocol import Protocol
 from protocols.runner.request import RunRequest
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 def until(condition: Callable[[], object], words: str = "") -> None:
@@ -127,6 +127,7 @@ class Bench(SessionAdapter):
 
 
 OpenStage = Callable[..., Stage]
+OpenPage = Callable[[Callable[[], Any]], Any]
 
 
 @contextmanager
@@ -137,7 +138,7 @@ def whole_window(
     window = MainWindow(bench, config, protocol, folder, "T7", settings)
     window.show()
     window.activateWindow()
-    assert QTest.qWaitForWindowActive(window, 5000)
+    assert QTest.qWaitForWindowActive(window, 30_000)
     until(lambda: window.state.connected, "for the bench")
     yield window
     end(window)

@@ -38,7 +38,7 @@ class Program:
     def wait_for(self, words: str) -> None:
         """Until the program has said `words`."""
         with self._grew:
-            found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=40)
+            found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=90)
         assert found, "\n".join(self.said)
 
     def answer(self, words: str, act: object = None, say: str = "") -> None:
@@ -63,7 +63,7 @@ class Program:
             time.sleep(0.02)
 
     def end(self) -> int:
-        code = self.process.wait(timeout=60)
+        code = self.process.wait(timeout=120)
         self._reader.join()
         return code
 

@@ -42,6 +42,7 @@ def test_membrane_of_another_tactor_is_spread_over_its_contact() -> None:
     assert skin(M, 0.01, tactor=wide).k_s == pytest.approx(skin(M, 0.01, contact_length=1.1e-2).k_s)
 
 
+@pytest.mark.deep
 def test_sag_solves_the_stretched_beam_by_finite_differences() -> None:
     """Clamped-clamped E I w'''' - T w'' = q on a grid, the tension closed by its own stretch."""
     q, n = 0.906, 400

@@ -56,6 +56,7 @@ def test_chirp_in_closed_form_is_the_sampled_chirp(start: float, stop: float) ->
     assert exact.real == pytest.approx(sampled, abs=1e-5 * abs(sampled).max())
 
 
+@pytest.mark.deep
 def test_sweep_through_the_amplifier() -> None:
     T, rate = 0.3, 100_000
     t = np.arange(int(T * rate) + 1) / rate

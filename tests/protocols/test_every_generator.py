@@ -9,7 +9,10 @@ from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run, simulated
 
 
-@pytest.mark.parametrize("model", ["33511B", "33220A", "DG1032Z", "SDG1032X", "AFG1022"])
+@pytest.mark.parametrize(
+    "model",
+    ["33511B", *(pytest.param(m, marks=pytest.mark.deep) for m in ("33220A", "DG1032Z", "SDG1032X", "AFG1022"))],
+)
 def test_a_dwell_gives_the_same_point_whoever_made_the_generator(model: str, tmp_path: Path) -> None:
     dwell = SineDwell(frequencies_hz=(60.0, 150.0), settle_limit_s=1.0, record_s=0.2)
     with laboratory(simulated(generator={"model": model})) as lab:

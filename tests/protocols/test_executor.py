@@ -46,6 +46,7 @@ class Hesitant:
         return self.hands.answer(ask_id) if self.left <= 0 else None
 
 
+@pytest.mark.deep
 def test_a_person_may_take_a_minute_to_answer_without_losing_the_card(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SHORT, tmp_path, lab, operator=Hesitant(lab.operator, 1200))
@@ -70,6 +71,7 @@ def test_what_the_bench_cannot_do_is_a_sentence(script: tuple, says: str, tmp_pa
     assert re.search(says, ran.reason)
 
 
+@pytest.mark.deep
 def test_long_recordings_stay_in_the_file_and_are_read_from_there(tmp_path: Path) -> None:
     """However many and however long: memory is flat. What a protocol gets is what anybody reads from the file later."""
     kept: list[int] = []
@@ -115,7 +117,7 @@ def test_the_card_is_emptied_while_a_point_is_worked_out(tmp_path: Path) -> None
         def point(self, key: Any, recordings: Sequence[Recording], simulated: bool) -> Spot:
             for _ in range(15):
                 lab.bench.clock.sleep(1.0)
-                if not all(emptied.acquire(timeout=5) for _ in range(15)):
+                if not all(emptied.acquire(timeout=30) for _ in range(15)):
                     raise ValueError("nobody looked after the card")
             return super().point(key, recordings, simulated)
 

@@ -13,7 +13,7 @@ from tests.helpers.simulated_bench import laboratory, run, simulated
 from tests.protocols.test_sweeps import first_pole
 
 
-@pytest.mark.parametrize("c0", [159.0, 20.0])
+@pytest.mark.parametrize("c0", [159.0, pytest.param(20.0, marks=pytest.mark.deep)])
 def test_it_rings_as_the_first_pole_says(c0: float, tmp_path: Path) -> None:
     natural, damping = first_pole(Tactor(c0=c0))
     with laboratory(simulated(tactor={"c0": c0})) as lab:

@@ -163,10 +163,11 @@ entry()
 """
 
 
+@pytest.mark.deep
 @pytest.mark.skipif(os.name == "nt", reason="file size limits are a POSIX thing")
 def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_written(tmp_path: Path) -> None:
     """The operating system refuses a write, the worst a disk can do to HDF5."""
-    done = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, timeout=180)
     assert done.returncode == 1, done.stderr
     events = [json.loads(line) for line in done.stdout.splitlines()]
     assert events[-1]["event"] == "RunEnded"

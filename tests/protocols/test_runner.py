@@ -195,6 +195,7 @@ print(*sorted(seen[-1][1] - before))
 """
 
 
+@pytest.mark.deep
 def test_no_part_of_scipy_is_imported_while_the_card_runs() -> None:
     """It would hold everything up for a second or two: samples, Stop, the window."""
     told = subprocess.run([sys.executable, "-c", IMPORTED], capture_output=True, text=True, check=True)

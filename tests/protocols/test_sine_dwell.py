@@ -136,6 +136,7 @@ def test_what_does_not_settle_is_recorded_and_flagged(tmp_path: Path) -> None:
     assert ran.status == "completed"
 
 
+@pytest.mark.deep
 def test_rehearsal_tells_what_the_run_then_needs(tmp_path: Path) -> None:
     with laboratory() as lab:
         told = rehearse(SineDwell(), lab.bench.amplifier)

@@ -29,8 +29,8 @@ from sim_hardware.service.served_bench import ServedBench
 from tests.helpers.program import program, safe
 from tests.helpers.simulated_bench import assert_safe_voltage, laboratory, run
 
-LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=8")
-"""A drive that would go on for 13 s by itself. How soon the watchdog ends it is measured in docs/decisions/0020-watchdog.md; here
+LONG = ("frequencies_hz=100", "settle_limit_s=2", "record_s=60")
+"""A drive that would go on for more than a minute by itself. How soon the watchdog ends it is measured in docs/decisions/0020-watchdog.md; here
 only that it does, for tests run beside other work."""
 
 
@@ -39,7 +39,7 @@ def log(folder: Path) -> str:
     return file.read_text() if file.exists() else ""
 
 
-def wait(until: Callable[[], object], seconds: float = 30.0) -> None:
+def wait(until: Callable[[], object], seconds: float = 50.0) -> None:
     deadline = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < deadline
@@ -47,16 +47,16 @@ def wait(until: Callable[[], object], seconds: float = 30.0) -> None:
 
 
 def cut_short(bench: ServedBench) -> bool:
-    """At rest, although the drive had seconds to go."""
+    """At rest, although the drive had long to go."""
     report = bench.report()
-    return report.ends_at_rest and report.outside_rest_s < 11.0
+    return report.ends_at_rest and report.outside_rest_s < 60.0
 
 
 # -- the whole program ----------------------------------------------------------------------------------------------
 
 
 def test_a_program_killed_while_live_is_followed_by_rest_long_before_its_drive_ends(tmp_path: Path) -> None:
-    with program(tmp_path, *LONG) as (tactor_bench, _):
+    with program(tmp_path, *LONG, watchdog="silence_s = 5") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.kill()
         wait(lambda: "was brought to rest" in log(tmp_path))  # a sine passes through rest, too
@@ -66,7 +66,7 @@ def test_a_program_killed_while_live_is_followed_by_rest_long_before_its_drive_e
 
 
 def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_when_it_goes_on(tmp_path: Path) -> None:
-    with program(tmp_path, *LONG) as (tactor_bench, _):
+    with program(tmp_path, *LONG, watchdog="silence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.send_signal(signal.SIGSTOP)
         wait(lambda: "was brought to rest" in log(tmp_path))
@@ -79,7 +79,7 @@ def test_a_program_stopped_while_live_is_followed_by_rest_and_does_not_fight_whe
 
 
 def test_where_the_wire_takes_one_connection_only_a_program_that_hangs_is_ended_first(tmp_path: Path) -> None:
-    with program(tmp_path, *LONG, watchdog="own_connection = false") as (tactor_bench, _):
+    with program(tmp_path, *LONG, watchdog="own_connection = false\nsilence_s = 2") as (tactor_bench, _):
         tactor_bench.go_live()
         tactor_bench.process.send_signal(signal.SIGSTOP)
         wait(lambda: "was brought to rest" in log(tmp_path))
@@ -100,7 +100,7 @@ class Live:
         self.watchdog.set_log_folder(folder)
         clock = HeartbeatClock()
         clock.watchdog = self.watchdog
-        self.source = Keysight33500(VisaLink(self.charge.resource, 0.5), clock)
+        self.source = Keysight33500(VisaLink(self.charge.resource, 2.0), clock)
         self.amplifier = HvAmplifier(self.source, AmplifierMap(), DriveLimits(), clock, self.watchdog)
         self.amplifier.initialize_at_rest()
         self.watchdog.arm()
@@ -120,7 +120,10 @@ class Live:
         return self.bench.report().ends_at_rest
 
 
-CHARGE = WatchdogConfig("drivers.generators.keysight_33500:Keysight33500", "", 0.5, patience_s=1.0)
+CHARGE = WatchdogConfig("drivers.generators.keysight_33500:Keysight33500", "", 2.0, patience_s=10.0, silence_s=60.0)
+"""The pauses of a busy computer are no silence, unless that is what the test is about."""
+
+IMPATIENT = replace(CHARGE, silence_s=1.5)
 
 
 @contextmanager
@@ -143,7 +146,7 @@ def test_a_held_level_that_would_stay_for_ever_is_brought_down_by_the_guards_ste
 
 
 def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(tmp_path: Path) -> None:
-    with live(tmp_path) as bench:
+    with live(tmp_path, IMPATIENT) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
         wait(bench.at_rest)  # the test does not beat any more
         assert_safe_voltage(bench.bench.report())
@@ -158,7 +161,7 @@ def test_a_run_thread_that_hangs_counts_as_dead_although_the_interpreter_lives(t
 
 @pytest.mark.deep
 def test_a_frozen_interpreter_is_dead_even_while_an_answer_of_the_source_is_awaited(tmp_path: Path) -> None:
-    with live(tmp_path) as bench:
+    with live(tmp_path, IMPATIENT) as bench:
         bench.play(Sine(100, 2.5, 2.5, 2000))
         with bench.watchdog.allow_silence(60.0):
             bench.watchdog._closing.set()  # the interpreter's pulse stands still
@@ -219,7 +222,7 @@ def test_a_run_whose_watchdog_was_lost_goes_to_rest_and_says_so(tmp_path: Path) 
 
 @pytest.mark.deep
 def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
-    bears_s = 1.5  # more than a busy computer's own pauses
+    bears_s = 4.0  # more than a busy computer's own pauses
     with live(tmp_path, replace(CHARGE, silence_s=bears_s)) as bench:
         bench.play(Sine(100, 1.0, 2.5, 2000))
         end_s = time.monotonic() + bears_s + 0.5
@@ -237,7 +240,7 @@ def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
 
 def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -> None:
     """The program stops inside a ramp and goes on after the watchdog has been there: its next step would be a jump."""
-    with live(tmp_path) as bench:
+    with live(tmp_path, IMPATIENT) as bench:
         bench.play(Hold(4.0, 60.0))
         tell, told = bench.source._scpi.write_checked, []
 
@@ -266,7 +269,7 @@ def test_a_program_that_dies_at_rest_needs_nothing_but_a_line_in_the_log(tmp_pat
 
 @pytest.mark.deep
 def test_with_the_wire_cut_at_the_same_time_the_log_says_why_it_could_not(tmp_path: Path) -> None:
-    with live(tmp_path) as bench:
+    with live(tmp_path, replace(CHARGE, patience_s=1.0)) as bench:
         bench.play(Sine(100, 1.0, 2.5, 150))
         bench.bench.inject("scpi-dropped")
         bench.die()
@@ -290,6 +293,7 @@ def test_a_wire_that_comes_back_in_time_is_used(tmp_path: Path) -> None:
         assert_safe_voltage(bench.bench.report())
 
 
+@pytest.mark.deep
 def test_a_program_that_cannot_command_the_source_asks_it_for_help(tmp_path: Path) -> None:
     with live(tmp_path) as bench:
         bench.play(Hold(4.0, 60.0))

@@ -56,7 +56,8 @@ def test_a_wire_that_takes_one_who_talks_is_not_opened_beside_the_program(resour
     assert _allows_second_connection(resource) == shared
 
 
-@pytest.mark.parametrize("speed", [pytest.param(1.0, marks=pytest.mark.deep), 5.0])
+@pytest.mark.deep
+@pytest.mark.parametrize("speed", [1.0, 5.0])
 def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
     speed: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

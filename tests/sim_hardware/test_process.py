@@ -64,6 +64,7 @@ def test_both_wires_share_one_plant():
     assert gone(pid)
 
 
+@pytest.mark.deep
 def test_faults_by_name_and_refusals_as_errors():
     with BenchProcess() as bench:
         bench.inject("scpi-silent")
@@ -112,6 +113,7 @@ def test_it_dies_with_a_parent_that_was_killed():
     assert gone(pid)
 
 
+@pytest.mark.deep
 def test_a_wrong_configuration_is_refused_in_words():
     request = '{"truth": {"sensor": {"gain": 1}}}\n'
     answer = subprocess.run(
@@ -120,7 +122,7 @@ def test_a_wrong_configuration_is_refused_in_words():
         capture_output=True,
         text=True,
         cwd=ROOT,
-        timeout=20,
+        timeout=60,
     )
     assert answer.returncode == 2
     assert "unknown gain" in answer.stdout

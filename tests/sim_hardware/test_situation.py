@@ -279,6 +279,7 @@ def test_a_short_is_taken_off_before_high_voltage_comes_on() -> None:
     assert [operator.answer(k) for k in (1, 2)] == ["done", "done"]
 
 
+@pytest.mark.deep
 def test_hands_reach_into_a_bench_in_another_process() -> None:
     with BenchProcess(
         SimulationParameters(amplifier=AT_REST, hands=OperatorTiming(reach_s=0.0, release_s=0.0)), 20.0

@@ -71,7 +71,7 @@ def test_one_connection_after_the_other(server):
 
 
 def test_lines_may_come_in_pieces_and_several_at_once(server):
-    with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10.0) as sock:
         sock.sendall(b"FRE")
         time.sleep(0.02)
         sock.sendall(b"Q 50\nFREQ?\n*ID")
@@ -113,7 +113,7 @@ def test_a_dropped_connection_is_refused_until_it_is_mended_on_the_same_port(ben
 
 def test_closing_drops_the_callers(bench):
     server = ScpiTcpServer(bench.message_port)
-    with socket.create_connection(("127.0.0.1", server.port), timeout=1.0) as sock:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10.0) as sock:
         sock.sendall(b"*IDN?\n")
         assert sock.recv(100)
         server.close()

@@ -1,7 +1,7 @@
 """Windows for tests: opened over a listening session, closed and deleted afterwards."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +9,16 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from PySide6.QtCore import QCoreApplication, QEvent, QSettings
+from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMainWindow
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.gui.application import qt_application
-from app.gui.main_window import MainWindow
+from app.gui.main_window import FRAME_MS, MainWindow
 from app.live.session_link import SessionAdapter
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import ListeningSession, OpenStage, Stage, end
+from tests.helpers.main_window import ListeningSession, OpenPage, OpenStage, Stage, end
 
 
 @pytest.fixture(scope="session")
@@ -65,7 +65,7 @@ def open_stage(
             window.tabs.preload_pages = lambda: None  # type: ignore[method-assign]
         window.show()
         window.activateWindow()
-        assert QTest.qWaitForWindowActive(window, 5000)
+        assert QTest.qWaitForWindowActive(window, 30_000)
         stages.append(Stage(window, session))
         return stages[-1]
 
@@ -76,6 +76,32 @@ def open_stage(
             end(stage.window)
         else:
             stage.window.deleteLater()
+
+
+@pytest.fixture
+def open_page(qt: QApplication, no_widget_left_behind: None) -> Iterator[OpenPage]:
+    """Shows a page without the window around it, for what needs no key of the window and no other page."""
+    shown: list[tuple[QMainWindow, Any]] = []
+
+    def show(make: Callable[[], Any]) -> Any:
+        frame, page = QMainWindow(), make()
+        shown.append((frame, page))
+        frame.setCentralWidget(page)
+        frame.resize(1280, 640)
+        frame.show()
+        frame.activateWindow()
+        assert QTest.qWaitForWindowActive(frame, 30_000)
+        ticks = QTimer(frame, interval=FRAME_MS)
+        ticks.timeout.connect(page.tick)
+        ticks.start()
+        page.activate()
+        return page
+
+    yield show
+    for frame, page in shown:
+        page.shutdown()
+        frame.close()
+        frame.deleteLater()
 
 
 @pytest.fixture

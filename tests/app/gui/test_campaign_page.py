@@ -76,6 +76,7 @@ def window(
     assert_safe_voltage(report)
 
 
+@pytest.mark.deep
 def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow, bench: Bench, tmp_path: Path) -> None:
     press(window, Qt.Key.Key_2, CTRL)
     page = window.tabs.campaign
@@ -124,6 +125,7 @@ def test_a_campaign_that_was_left_is_carried_on_by_keys_alone(window: MainWindow
     assert states(page)[1] == "done, to be accepted"
 
 
+@pytest.mark.deep
 def test_what_needs_no_hands_follows_by_itself(window: MainWindow, tmp_path: Path) -> None:
     press(window, Qt.Key.Key_2, CTRL)
     page = window.tabs.campaign

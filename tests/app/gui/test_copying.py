@@ -2,6 +2,7 @@
 
 import numpy as np
 import pyqtgraph as pg
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
@@ -70,6 +71,7 @@ def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage
     assert not plot.copy_buttons[0].isVisible()
 
 
+@pytest.mark.deep
 def test_what_explore_copies_is_amplitude_also_where_the_axis_is_logarithmic(stage: Stage) -> None:
     stage.press(Qt.Key.Key_3, CONTROL)
     page = stage.window.tabs.explore

@@ -1,4 +1,4 @@
-"""The Explore page in the real window: a key or a drag moves the curve on the screen."""
+"""The Explore page: a key or a drag moves the curve on the screen."""
 
 import time
 from collections.abc import Callable
@@ -12,34 +12,32 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtTest import QTest
 
 from app.cli.model_options import read_settings
-from app.explore.fit import ExploreFit
+from app.explore.fit import ExploreFit, fit_runs
 from app.gui.explore.page import ExplorePage
-from app.gui.widgets.theme import DARK
+from app.gui.widgets.theme import DARK, LIGHT
 from model.identification.fit_options import FitCancelled
 from model.response.frequency_response import amplifier_response
 from model.specimen import Specimen, replace_variables
-from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, until
 from tests.helpers.run_files import finished_run
 
 
 @pytest.fixture
-def page(stage: Stage) -> ExplorePage:
-    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
-    explore = stage.window.tabs.explore
-    assert explore.isVisible()
+def page(open_page: OpenPage) -> ExplorePage:
+    explore: ExplorePage = open_page(lambda: ExplorePage(LIGHT, fit_runs))
     settled(explore)
     return explore
 
 
 def settled(page: ExplorePage) -> None:
     """Everything that was asked is on the screen."""
-    page.window().tick()
+    page.tick()
     want = page._requested
     until(
         lambda: page.result is not None and page.result.motion is not None and page.shown_request == want,
         "for the curve",
     )
-    page.window().tick()
+    page.tick()
 
 
 def on_screen(page: ExplorePage, series: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -110,6 +108,7 @@ def test_a_preset_brings_the_papers_curves(page: ExplorePage) -> None:
     assert len(page.plot._kept_curves) == 0
 
 
+@pytest.mark.deep
 def test_the_legend_hides_no_curve(page: ExplorePage) -> None:
     page.toolbar.preset_chosen.emit("fig10")
     settled(page)
@@ -164,6 +163,7 @@ def test_copied_parameters_are_on_the_clipboard(page: ExplorePage) -> None:
     assert got.tactor.m_add == 5e-3
 
 
+@pytest.mark.deep
 def test_a_study_is_saved(page: ExplorePage, tmp_path: Path) -> None:
     from protocols.runfile.study_file import read_study
 
@@ -197,6 +197,7 @@ def test_a_fit_moves_the_sliders_and_tells_its_errors(page: ExplorePage, tmp_pat
     assert page.toolbar.fit_button.text() == "Fit these"
 
 
+@pytest.mark.deep
 def test_a_fit_is_cancelled_by_its_own_button_and_moves_nothing(page: ExplorePage, tmp_path: Path) -> None:
     def endless(_runs: Any, _setting: Any, cancelled: Callable[[], bool]) -> ExploreFit:
         while not cancelled():
@@ -226,7 +227,12 @@ def test_sliders_come_back_after_a_restart(open_stage: OpenStage) -> None:
     assert again.setting.on_skin
 
 
-def test_the_page_fits_a_small_screen(page: ExplorePage) -> None:
-    page.window().set_theme(DARK)
+@pytest.mark.deep
+def test_the_page_fits_a_small_screen(stage: Stage) -> None:
+    stage.press(Qt.Key.Key_3, Qt.KeyboardModifier.ControlModifier)
+    page = stage.window.tabs.explore
+    assert page.isVisible()
+    settled(page)
+    stage.window.set_theme(DARK)
     assert page.minimumSizeHint().width() <= 1260
     assert page.mapTo(page.window(), QPoint(0, page.height())).y() <= page.window().height()

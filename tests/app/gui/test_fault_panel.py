@@ -31,7 +31,7 @@ def window(
     window = MainWindow(SessionAdapter(lambda: connect(config, None)), config, protocol, tmp_path, "T7", settings)
     window.show()
     window.activateWindow()
-    assert QTest.qWaitForWindowActive(window, 5000)
+    assert QTest.qWaitForWindowActive(window, 30_000)
     until(lambda: window.state.can_run, "for the bench")
     yield window
     end(window)
@@ -68,6 +68,7 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     assert faults.isHidden()
 
 
+@pytest.mark.deep
 def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     window: MainWindow, tmp_path: Path
 ) -> None:

@@ -40,6 +40,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return out
 
 
+@pytest.mark.deep
 def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:
     """Max - min alone, a fundamental alone, weights; each after the other in one window, and over the curve."""
     finished_run(folder, "T6")

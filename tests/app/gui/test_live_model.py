@@ -77,6 +77,7 @@ def test_an_accepted_calibration_brings_its_curve_and_band_while_the_window_is_o
     assert shown_ink(stage, float(x[top]), beside) == ground
 
 
+@pytest.mark.deep
 def test_points_on_a_membrane_lie_on_the_curve_of_their_elongation_in_its_colour(stage: Stage) -> None:
     response, rubber = stage.window.measure_page.response, Membrane()
     stage.window.measure_page.run_panel.set_protocol(

@@ -145,7 +145,12 @@ def test_a_run_without_high_voltage_never_says_live(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "words"), [(Qt.Key.Key_Return, "done"), (Qt.Key.Key_R, "repeat the last"), (Qt.Key.Key_S, "skip")]
+    ("key", "words"),
+    [
+        (Qt.Key.Key_R, "repeat the last"),
+        pytest.param(Qt.Key.Key_Return, "done", marks=pytest.mark.deep),
+        pytest.param(Qt.Key.Key_S, "skip", marks=pytest.mark.deep),
+    ],
 )
 def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, words: str) -> None:
     live(stage)
@@ -201,7 +206,7 @@ def test_points_of_any_protocol_are_drawn_over_its_axes(stage: Stage) -> None:
     assert (x, y) == pytest.approx((2.6, 14.0))
 
 
-@pytest.mark.parametrize("at", [1, 2])
+@pytest.mark.parametrize("at", [1, pytest.param(2, marks=pytest.mark.deep)])
 def test_residual_and_phase_are_there_on_request(stage: Stage, at: int) -> None:
     live(stage)
     stage.happen(point(0, 100.0))

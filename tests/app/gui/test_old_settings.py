@@ -22,6 +22,7 @@ def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return copy
 
 
+@pytest.mark.deep
 def test_the_window_is_as_the_earlier_version_left_it(open_stage: OpenStage, old: Path) -> None:
     kept = QSettings(str(old / "settings.ini"), QSettings.Format.IniFormat)
     pages = open_stage(settings=kept, folder=None, specimen=None).window.tabs

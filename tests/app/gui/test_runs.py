@@ -1,6 +1,8 @@
-"""The Runs page in the real window: found by keys, opened, compared, noted, exported, dragged."""
+"""The Runs page: found by keys, opened, compared, noted, exported, dragged."""
 
+import shutil
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,14 @@ from PySide6.QtTest import QTest
 
 from app.archive.catalogue import Catalogue
 from app.archive.notes import Notes, notes_path, read_notes
+from app.config.bench_file import BenchConfig
 from app.gui.runs.page import RunsPage
+from app.gui.widgets.theme import LIGHT
+from app.live.overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
 from tests.helpers.simulated_bench import laboratory, run
@@ -26,9 +31,9 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path / "cache")
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    folder = tmp_path / "runs"
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("written")
     finished_run(folder, "T7", size_m=8e-4)
     finished_run(folder, "T8", size_m=6e-4)
     crashed_run(folder, "T3")
@@ -36,13 +41,34 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def page(open_stage: OpenStage, folder: Path) -> RunsPage:
-    return shown(open_stage(folder=folder))
+def folder(written: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(written, tmp_path / "runs"))
 
 
-def shown(stage: Stage, count: int = 3) -> RunsPage:
+@pytest.fixture
+def show(open_page: OpenPage, config: BenchConfig) -> Callable[..., RunsPage]:
+    """Shows the page of a folder by itself."""
+
+    def show(folder: Path, count: int = 3) -> RunsPage:
+        overlay = Overlay(amplifier=config.amplifier.amplifier_map)
+        return listed(
+            open_page(lambda: RunsPage(lambda: folder, lambda: "T7", config.amplifier, overlay, LIGHT)), count
+        )
+
+    return show
+
+
+@pytest.fixture
+def page(show: Callable[..., RunsPage], folder: Path) -> RunsPage:
+    return show(folder)
+
+
+def in_window(stage: Stage, count: int = 3) -> RunsPage:
     stage.press(Qt.Key.Key_4, Qt.KeyboardModifier.ControlModifier)
-    runs = stage.window.tabs.runs
+    return listed(stage.window.tabs.runs, count)
+
+
+def listed(runs: RunsPage, count: int) -> RunsPage:
     until(lambda: runs.folder_model.is_idle and runs.model.rowCount() == count, "for the list")
     return runs
 
@@ -73,7 +99,8 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     assert page.currentIndex() == 0
 
 
-def test_found_by_keys_alone(page: RunsPage) -> None:
+def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
+    page = in_window(open_stage(folder=folder))
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_Slash)
     assert page.filter_bar.search_edit.hasFocus()
@@ -93,7 +120,7 @@ def test_found_by_keys_alone(page: RunsPage) -> None:
 
 def test_escape_stops_a_run_and_nothing_else(open_stage: OpenStage, folder: Path) -> None:
     stage = open_stage(folder=folder)
-    page = shown(stage)
+    page = in_window(stage)
     choose(page, "T7")
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
@@ -129,6 +156,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert len(view.response.model_curves.free.lines[0].getData()[0]) > 100
 
 
+@pytest.mark.deep
 def test_looked_at_closely_a_run_shows_every_sample_of_its_file(
     page: RunsPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,6 +204,7 @@ def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -
     assert names(page) == ["T7"]
 
 
+@pytest.mark.deep
 def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
     page.details.tags_edit.setFocus()
@@ -204,6 +233,7 @@ def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
 
 
+@pytest.mark.deep
 def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: RunsPage, tmp_path: Path) -> None:
     page.filter_bar.stop_pressed.emit()
     choose(page, "T7", "T8")
@@ -232,6 +262,7 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
     assert (folder / new.name).read_bytes() == kept
 
 
+@pytest.mark.deep
 def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_stopped(
     page: RunsPage, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -244,7 +275,7 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
         update(share)
         if share > 0.6:
             begun.set()
-            assert go_on.wait(20)
+            assert go_on.wait(60)
 
     monkeypatch.setattr(going.progress, "update", slowly)
     page.transfers.copy_in([whole, half])
@@ -312,7 +343,7 @@ def test_rows_dragged_away_carry_their_files(page: RunsPage, folder: Path) -> No
 
 def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path) -> None:
     stage = open_stage(folder=folder)
-    page = shown(stage)
+    page = in_window(stage)
     choose(page, "T7")
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_E)
@@ -320,13 +351,12 @@ def test_a_run_is_laid_over_the_models_curve(open_stage: OpenStage, folder: Path
     until(lambda: stage.window.tabs.explore.overlaid.runs, "for the points")
 
 
-def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.deep
+def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Path) -> None:
     catalogue = Catalogue(folder)
     catalogue.scan()
     one = catalogue.entries()[0]
     made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
-    stage = open_stage(folder=folder)
-    page = shown(stage)
     page.folder_model._on_listed(made)
     assert page.model.rowCount() == 10_000
     assert "10 000 runs" in page.filter_bar.count_label.text()
@@ -335,17 +365,18 @@ def test_ten_thousand_are_listed_filtered_and_sorted(open_stage: OpenStage, fold
     assert len(names(page)) == 200
 
 
-def test_an_empty_folder_says_what_to_do(open_stage: OpenStage, tmp_path: Path) -> None:
-    page = shown(open_stage(folder=tmp_path / "none"), 0)
+def test_an_empty_folder_says_what_to_do(show: Callable[..., RunsPage], tmp_path: Path) -> None:
+    page = show(tmp_path / "none", 0)
     assert "dropped here" in page.details.empty_label.text()
     assert page.filter_bar.count_label.text() == "0 runs"
     assert not page.details.open_button.isEnabled()
 
 
-def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(open_stage: OpenStage, tmp_path: Path) -> None:
+@pytest.mark.deep
+def test_a_run_of_another_protocol_is_reopened_in_its_own_plot(show: Callable[..., RunsPage], tmp_path: Path) -> None:
     with laboratory() as lab:
         run(Sweep(sweep_s=0.1, periods=2), tmp_path / "runs", lab)
-    page = shown(open_stage(folder=tmp_path / "runs"), 1)
+    page = show(tmp_path / "runs", 1)
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     view = page.viewer

@@ -1,5 +1,6 @@
 """Pages that nobody sees yet are made after the first paint, and no part of them is ever a window of its own."""
 
+import pytest
 from PySide6.QtCore import QEvent, QObject, QSettings, Qt
 from PySide6.QtWidgets import QApplication, QLabel, QSplitter, QWidget
 
@@ -33,6 +34,7 @@ def left_on(open_stage: OpenStage, at: int) -> None:
     until(lambda: not window.isVisible(), "for the window to close")
 
 
+@pytest.mark.deep
 def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_keyboard(open_stage: OpenStage) -> None:
     left_on(open_stage, RUNS)
     stage = open_stage(ahead=True)
@@ -51,6 +53,7 @@ def test_the_page_that_was_left_comes_back_behind_the_first_paint_and_has_the_ke
     assert pages.currentIndex() == RUNS
 
 
+@pytest.mark.deep
 def test_who_starts_a_run_or_asks_for_a_protocol_sees_it(open_stage: OpenStage) -> None:
     left_on(open_stage, EXPLORE)
     assert open_stage(autostart=True).window.tabs.currentIndex() == MEASURE
@@ -62,6 +65,7 @@ def test_who_starts_a_run_or_asks_for_a_protocol_sees_it(open_stage: OpenStage) 
     assert stage.window.tabs.currentIndex() == MEASURE
 
 
+@pytest.mark.deep
 def test_settings_that_make_no_sense_open_the_first_page(open_stage: OpenStage, settings: QSettings) -> None:
     for nonsense in ("17", "-1", "runs", ""):
         settings.setValue("window/page", nonsense)

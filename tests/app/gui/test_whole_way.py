@@ -61,6 +61,7 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     assert abs(moved[-1]) < 5.0
 
 
+@pytest.mark.deep
 def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -72,7 +73,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     def slowly(path: Path, entries: tuple[int, ...]) -> ResumableRun:
         readers.append(threading.current_thread())
         asked.set()
-        assert may_read.wait(20)
+        assert may_read.wait(60)
         return load_resumable(path, entries)
 
     monkeypatch.setattr("protocols.resume.load_resumable", slowly)
@@ -92,6 +93,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
         assert [bool(int(flag) & Quality.SUPERSEDED) for flag in run.points()["quality"]] == [False, True, False, False]
 
 
+@pytest.mark.deep
 def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, bench: Bench) -> None:
     bench.at_a_point = lambda _: bench.session.stop()
     press(window, Qt.Key.Key_F5)

@@ -168,6 +168,7 @@ def test_each_amplitude_can_be_hidden(stage: Stage) -> None:
     assert response.scatters[0].isVisible()
 
 
+@pytest.mark.deep
 def test_curve_and_points_of_different_drives_are_told_apart(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
@@ -307,6 +308,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     )
 
 
+@pytest.mark.deep
 def test_the_form_says_what_it_said_unless_a_protocol_is_asked_for(open_stage: OpenStage, settings: QSettings) -> None:
     left = FreeDecay(step_v=0.25)
     first = open_stage()
@@ -321,7 +323,13 @@ def test_the_form_says_what_it_said_unless_a_protocol_is_asked_for(open_stage: O
 
 @pytest.mark.parametrize(
     "kept",
-    ["", "[]", '{"protocol": "gone", "parameters": {}}', '{"protocol": "sine-dwell", "parameters": {"record_s": -1}}'],
+    [
+        '{"protocol": "gone", "parameters": {}}',
+        *(
+            pytest.param(kept, marks=pytest.mark.deep)
+            for kept in ("", "[]", '{"protocol": "sine-dwell", "parameters": {"record_s": -1}}')
+        ),
+    ],
 )
 def test_a_form_that_was_kept_by_another_version_is_the_papers(
     open_stage: OpenStage, settings: QSettings, kept: str
@@ -377,6 +385,7 @@ class _Sensing:
         self.scales = SCALES
 
 
+@pytest.mark.deep
 def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
     for size in (QSize(1280, 720), QSize(2560, 1440), QSize(1280, 720)):
         stage.window.resize(size)

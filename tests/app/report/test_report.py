@@ -262,6 +262,7 @@ def test_a_report_of_nothing_is_a_sentence(tmp_path: Path, capsys: pytest.Captur
         build_report(tmp_path, "T9")
 
 
+@pytest.mark.deep
 def test_a_name_is_no_formula_and_no_markup(copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     name = r"a$\frac$<b>&"
     next(copy.glob("*sine-dwell.h5")).unlink()

@@ -64,6 +64,7 @@ def test_what_is_outside_the_model_is_noticed(
         assert named[0].size == pytest.approx(truth, rel=0.3)
 
 
+@pytest.mark.deep
 def test_a_clamp_that_gives_comes_first_among_what_it_causes() -> None:
     assert judged(World(clamp=15.0)).findings[0].kind == "clamp"
 

@@ -70,6 +70,7 @@ def test_a_sweep_gives_the_response_of_the_model(start_hz: float, stop_hz: float
     assert found.coherence.min() > 0.99
 
 
+@pytest.mark.deep
 def test_the_harmonics_of_the_amplifier_are_not_taken_for_noise() -> None:
     drive, moved = bench()
     found = estimate_swept_response(drive, moved, RATE, (25, 525)).within(110, 450)
@@ -82,6 +83,7 @@ def two_modes() -> ModalForm:
     return ModalForm(s, r)
 
 
+@pytest.mark.deep
 def test_error_bars_of_a_sweep_cover_and_are_no_wider_than_they_must() -> None:
     rng = np.random.default_rng(2)
     n, sigma, seeds = 1 << 15, 2e-8, 30
