@@ -25,7 +25,7 @@ from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import tactor_modal_form
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter, RunMetadata

@@ -18,8 +18,7 @@ from app.config.bench_file import load_bench
 from app.live.minmax_trace import MinMaxTrace
 from app.session.connect import connect
 from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
-from protocols.base.event_bus import EventBus
-from protocols.base.events import BlockStored, StreamStarted
+from protocols.base import BlockStored, EventBus, StreamStarted
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from protocols.runner.request import RunRequest

@@ -26,7 +26,7 @@ import tactor_bench as tb  # noqa: E402
 from app.cli.main import complete_parser  # noqa: E402
 from app.gui.widgets.form import format_parameter, protocol_fields  # noqa: E402
 from model.parameter_spec import parameter_specs  # noqa: E402
-from protocols.base.protocol import Protocol  # noqa: E402
+from protocols.base import Protocol  # noqa: E402
 from protocols.registry import PROTOCOLS  # noqa: E402
 from protocols.runfile.schema import point_columns  # noqa: E402
 

@@ -27,8 +27,7 @@ from app.gui.widgets.theme import DARK, LIGHT
 from app.live.session_link import SessionAdapter
 from app.session.connect import BenchConnection, connect
 from app.session.session import SessionEvent
-from protocols.base.events import DriveStarted, PointMeasured
-from protocols.base.protocol import Protocol
+from protocols.base import DriveStarted, PointMeasured, Protocol
 
 SIZES = {"": (1280, 720), "-large": (2560, 1440)}
 MANY = 10_000

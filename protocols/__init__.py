@@ -7,24 +7,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from protocols.base.protocol import Protocol
-    from protocols.base.quality import Quality, usable_mask
-    from protocols.base.records import Array, CurveColumn, EstimatedQuantity, PlanEntry, Recording, ResultCurve
-    from protocols.base.steps import (
+    from protocols.base import (
+        Array,
         Ask,
+        CurveColumn,
         DetectionResult,
         Detector,
+        EstimatedQuantity,
         Log,
+        PlanEntry,
         Play,
         Prompt,
+        Protocol,
+        Quality,
         ReadMeter,
         Record,
+        Recording,
         Repeat,
+        ResultCurve,
         Settle,
         SettlingResult,
         Step,
         StepResult,
         WaitForDetection,
+        usable_mask,
     )
 
 _MODULES = {

@@ -12,7 +12,7 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response, poles, samples_per_period
 from model.response.statics import voltage_gain
-from protocols.base.records import PlanEntry
+from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101
 """Frequencies at which a sweep is looked at; it is slow enough to be a row of sines."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 from drivers import deprecated
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 ENTRY_POINT_GROUP = "tactor_bench.protocols"
 

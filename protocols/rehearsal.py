@@ -14,8 +14,7 @@ from drivers.errors import BenchError, DriveRejectedError
 from drivers.interfaces import Meter
 from drivers.sensors.laser_sensor import LaserSensor
 from model.parameters import Tactor
-from protocols.base.protocol import Protocol
-from protocols.base.records import MAX_RECORDING_SCANS, PlanEntry, recording_too_long_message
+from protocols.base import MAX_RECORDING_SCANS, PlanEntry, Protocol, recording_too_long_message
 from protocols.runfile.schema import RESERVE_BYTES
 
 BYTES_PER_SAMPLE = 2

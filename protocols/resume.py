@@ -14,11 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import RunStatus
-from protocols.base.protocol import Protocol, extend_plan
-from protocols.base.quality import Quality
-from protocols.base.records import PlanEntry, Recording, ResultCurve
-from protocols.base.steps import Prompt
+from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, ResultCurve, RunStatus, extend_plan
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from protocols.base.steps import Prompt
+from protocols.base import Prompt
 from sim_hardware.plant.setup_state import OPERATOR_ACTIONS
 
 if TYPE_CHECKING:

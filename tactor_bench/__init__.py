@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from model.parameter_spec import ParameterError
     from model.parameters import Membrane, Tactor
     from model.skin import Skin
-    from protocols.base.quality import Quality
+    from protocols.base import Quality
     from protocols.runfile.open import RunReadError
     from tactor_bench._bench import BenchSession, RunFailedError, connect
     from tactor_bench._catalogue import CatalogueEntry, runs

@@ -14,8 +14,7 @@ from app.session.request import build_protocol, choose_bench, load_protocol_clas
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionEvent
 from drivers.closing import Closeable
 from drivers.errors import BenchError, UnsafeError
-from protocols.base.events import RestMeasured, RunStatus
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol, RestMeasured, RunStatus
 from protocols.runner.request import RunRequest
 from tactor_bench._frontend import front_end
 from tactor_bench._run import MeasuredRun, open_run

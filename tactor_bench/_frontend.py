@@ -17,17 +17,17 @@ from app.cli.prompts import KEY_HELP, ConsoleOperator, answer_instructions, can_
 from app.common.formatting import format_duration
 from app.session.messages import Severity, describe_event
 from app.session.session import BenchOpened, Session, SessionEvent
-from protocols.base.events import (
+from protocols.base import (
     BlockDiscarded,
     BlockStored,
+    Operator,
     ProgressUpdated,
+    Prompt,
     PromptAnswered,
     PromptShown,
     RunEnded,
     ShutdownStarted,
 )
-from protocols.base.operator import Operator
-from protocols.base.steps import Prompt
 
 POLL_S = 0.1
 """Waits are cut into pieces of this length: a wait without end would keep Python from handling a signal."""

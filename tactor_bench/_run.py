@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.drive import Drive
-from protocols.base.quality import Quality
-from protocols.base.records import Recording
+from protocols.base import Quality, Recording
 from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
 from protocols.runfile.trace import RunTrace
 from tactor_bench._tables import CurveTable, EstimateTable, Points

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.common.formatting import format_quantity
-from protocols.base.quality import Quality, usable_mask
-from protocols.base.records import ResultCurve
+from protocols.base import Quality, ResultCurve, usable_mask
 
 if TYPE_CHECKING:
     import pandas as pd

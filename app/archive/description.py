@@ -5,9 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from app.common.formatting import format_bytes, format_duration, format_outcome, format_point, format_quantity
-from protocols.base.events import InjectedFaultChanged
-from protocols.base.quality import Quality
-from protocols.base.rounding import format_with_uncertainty
+from protocols.base import InjectedFaultChanged, Quality, format_with_uncertainty
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import Run

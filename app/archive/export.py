@@ -12,8 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.archive.description import run_record
-from protocols.base.jsonable import to_jsonable
-from protocols.base.quality import Quality
+from protocols.base import Quality, to_jsonable
 from protocols.runfile.reader import Run
 
 Format = Literal["csv", "json", "mat"]

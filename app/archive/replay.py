@@ -13,10 +13,18 @@ from numpy.typing import NDArray
 
 from app.common.minmax import minmax_decimate, minmax_pairs
 from app.session.messages import LogLine, Severity, describe_event, describe_point
-from protocols.base.events import EVENTS, BlockStored, DriveStarted, PointMeasured, PromptShown, RecordingFinished
-from protocols.base.protocol import Protocol
-from protocols.base.quality import usable_mask
-from protocols.base.records import EstimatedQuantity, ResultCurve
+from protocols.base import (
+    EVENTS,
+    BlockStored,
+    DriveStarted,
+    EstimatedQuantity,
+    PointMeasured,
+    PromptShown,
+    Protocol,
+    RecordingFinished,
+    ResultCurve,
+    usable_mask,
+)
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import LoggedEvent, Run, RunReadError, translate_read_errors

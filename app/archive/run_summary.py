@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from app.archive.notes import Notes
 from app.common.formatting import format_quantity
 from model.estimate import EstimatedQuantity
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points
 from protocols.runfile.reader import NewerFormatError, NotARunError, Run, RunReadError, translate_read_errors

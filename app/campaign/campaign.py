@@ -35,8 +35,7 @@ from app.campaign.status import (
     evaluate_items,
 )
 from model.amplifier_map import AmplifierMap
-from protocols.base.protocol import Protocol
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity, Protocol
 from protocols.registry import PROTOCOLS
 
 

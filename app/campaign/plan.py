@@ -11,7 +11,7 @@ from typing import Any
 
 from app.common.atomic_write import write_atomic
 from app.common.undo import UndoHistory
-from protocols.base.steps import Prompt
+from protocols.base import Prompt
 from protocols.runfile.schema import safe_name
 
 SUFFIX = ".campaign.json"

@@ -11,7 +11,7 @@ from app.campaign.status import HAS_VALID_RUN, ItemState, ItemStatus, NextAction
 from app.campaign.summary import CampaignSummary, ItemSummary
 from app.common.formatting import format_bytes, format_duration, format_quantity
 from app.session.state import format_voltage_range
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 
 if TYPE_CHECKING:

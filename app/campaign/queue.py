@@ -12,7 +12,7 @@ from app.session.session import RunRejected, SessionEvent
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from model.parameters import Tactor
-from protocols.base.events import RunEnded, RunStarted
+from protocols.base import RunEnded, RunStarted
 from protocols.rehearsal import Rehearsal, check_disk_space, rehearse
 from protocols.runner.request import RunRequest
 

@@ -10,7 +10,7 @@ from typing import Any
 from app.archive.run_summary import RunState, RunSummary, read_run_summary
 from app.campaign.plan import CampaignItem
 from app.common.formatting import format_outcome
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity
 
 
 class CampaignRuns:

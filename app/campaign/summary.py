@@ -19,7 +19,7 @@ from model.identification.fit_options import FitOptions
 from model.identification.paper_chain import PaperChainError
 from model.parameter_spec import ParameterError
 from model.parameters import Tactor
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 from protocols.runfile.reader import RunReadError
 

@@ -16,7 +16,7 @@ from model.identification.calibration import Calibration, compare_calibrations
 
 
 @dataclass(frozen=True)
-class ShowOptions:
+class ShowCalibrationOptions:
     """Options of `calibration show`."""
 
     specimen: str = option()
@@ -46,7 +46,7 @@ class UseOptions:
     json: bool = switch("--json", JSON_OBJECT)
 
 
-def calibration(options: ShowOptions | DiffOptions | UseOptions) -> int:
+def calibration(options: ShowCalibrationOptions | DiffOptions | UseOptions) -> int:
     """Run `tactor-bench calibration show|diff|use SPECIMEN`."""
     try:
         known = calibrations.read_calibrations(options.folder, options.specimen)
@@ -134,7 +134,7 @@ def _define_calibration(parser: argparse.ArgumentParser) -> None:
     )
     define_command(
         verbs.add_parser("show", help="one version, the active one by default"),
-        ShowOptions,
+        ShowCalibrationOptions,
         calibration,
         epilog="example: calibration show T7",
     )

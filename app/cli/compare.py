@@ -14,7 +14,7 @@ from app.cli.output import CommandResult, ResultColumn, ResultTable, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument
 from model.identification.fit_result import format_p_value
-from protocols.base.quality import usable_mask
+from protocols.base import usable_mask
 from protocols.runfile.reader import Run, RunReadError
 
 MATCH_COLUMNS = ("side", "repeat", "direction", "level", "mass", "load")

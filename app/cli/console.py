@@ -10,7 +10,7 @@ from rich.text import Text
 
 from app.common.formatting import format_curve, format_duration, format_point, format_quantity
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     BlockDiscarded,
     BlockStored,

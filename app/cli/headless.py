@@ -13,7 +13,7 @@ from app.common.errors import ExitCode, UsageError
 from app.config.bench_file import BenchConfig
 from app.session.request import choose_bench
 from app.session.session import Session
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 
 EXIT_CODES = {RunStatus.COMPLETED: ExitCode.DONE, RunStatus.UNSAFE: ExitCode.UNSAFE}
 

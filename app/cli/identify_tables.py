@@ -22,7 +22,7 @@ from model.identification.observations import (
 from model.identification.parameters import parameter_spec
 from model.identification.profile_likelihood import ProfileInterval, profile_interval
 from model.parameter_spec import ParameterError
-from protocols.base.jsonable import to_jsonable
+from protocols.base import to_jsonable
 
 MAX_FINDINGS = 10
 """Findings that are displayed."""

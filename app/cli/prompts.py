@@ -8,9 +8,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, Protocol
 
-from protocols.base.events import PromptAnswered, RunEnded
-from protocols.base.operator import ENABLE_HIGH_VOLTAGE
-from protocols.base.steps import Prompt
+from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, RunEnded
 
 CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}
 """Prompts of one choice that Enter alone does not answer, and the word that does: leaning on a key must not enable high

@@ -26,7 +26,7 @@ from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
 from app.config.bench_file import BenchConfig, load_bench
 from app.session.request import build_protocol, load_protocol_class
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.registry import PROTOCOLS, load_plug_ins
 from protocols.runner.request import RunRequest
 

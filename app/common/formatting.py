@@ -3,9 +3,7 @@
 from typing import Any
 
 from app.common.units import display_unit
-from protocols.base.quality import Quality
-from protocols.base.records import ResultCurve
-from protocols.base.rounding import format_with_uncertainty
+from protocols.base import Quality, ResultCurve, format_with_uncertainty
 
 
 def format_duration(seconds: float) -> str:

@@ -19,7 +19,7 @@ from app.gui.main_window import MainWindow
 from app.live.session_link import Connect, MakeSession, SessionAdapter
 from app.session.session import Session
 from app.session.state import UNSAFE_EXIT
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 UNITS_IMPORT_DELAY_MS = 500
 WELCOME_SEEN_KEY = "window/seen"

@@ -21,7 +21,7 @@ from app.gui.widgets.theme import Theme, style_sheet, system_theme
 from app.live.session_link import SessionAdapter
 from app.session.session import unreported_watchdog_messages
 from app.session.state import WindowState, initial_window_state
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.measurements.sine_dwell import SineDwell
 
 if TYPE_CHECKING:

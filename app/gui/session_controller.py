@@ -21,7 +21,7 @@ from app.session.state import (
     WindowEvent,
     WindowState,
 )
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from app.gui.widgets.theme import Theme
 from app.live.overlay import Overlay
 from app.live.session_link import SessionAdapter
 from app.session.state import WindowState
-from protocols.base.protocol import Protocol as Measurement
+from protocols.base import Protocol as Measurement
 
 if TYPE_CHECKING:
     from app.gui.campaign.page import CampaignPage

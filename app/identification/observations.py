@@ -25,7 +25,7 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 from model.parameter_spec import ParameterError
-from protocols.base.quality import usable_mask
+from protocols.base import usable_mask
 from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
 from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError

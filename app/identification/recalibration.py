@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import EntryStarted, PointMeasured
-from protocols.base.jsonable import to_jsonable
-from protocols.base.records import Recording
+from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
 from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns

@@ -9,7 +9,7 @@ import numpy as np
 from app.identification.active_model import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
 from model.amplifier_map import AmplifierMap
-from protocols.base.quality import Quality
+from protocols.base import Quality
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

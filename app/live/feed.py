@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from app.live.minmax_trace import MinMaxTrace
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.channels import ChannelCalibration
+from protocols.base import ChannelCalibration
 
 
 @dataclass(frozen=True, slots=True)

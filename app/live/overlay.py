@@ -12,7 +12,7 @@ from app.identification.active_model import PAPER_MODEL, ActiveModel, load_activ
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import Array, CurveCache, ModelCurve
 from model.amplifier_map import AmplifierMap
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 if TYPE_CHECKING:
     from model.specimen import Specimen

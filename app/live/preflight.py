@@ -9,7 +9,7 @@ from app.live.latest_only import LatestOnlyWorker
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from model.parameter_spec import ParameterError
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.rehearsal import rehearse
 
 

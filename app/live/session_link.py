@@ -13,10 +13,17 @@ from app.session.fault_injection import FaultPlan
 from app.session.session import ConnectedBench, Observer, Session, SessionEvent
 from app.session.state import TimedEvent
 from drivers.bench.bench import Bench
-from protocols.base.event_bus import EventBus
-from protocols.base.events import BlockDiscarded, BlockStored, Event, RunEnded, RunStarted, StreamStarted
-from protocols.base.operator import Operator
-from protocols.base.steps import Prompt
+from protocols.base import (
+    BlockDiscarded,
+    BlockStored,
+    Event,
+    EventBus,
+    Operator,
+    Prompt,
+    RunEnded,
+    RunStarted,
+    StreamStarted,
+)
 from protocols.runner.request import RunRequest
 
 

@@ -13,7 +13,7 @@ from app.plotting.panels import draw_measured
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response, frequency_response
 from model.response.perception import THRESHOLD_M
-from protocols.base.quality import usable_mask
+from protocols.base import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
 

@@ -14,7 +14,7 @@ from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitOptions
 from model.identification.observations import Observation
 from model.parameter_spec import ParameterError
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 ORIGIN_FLAGS = Quality.SIMULATED | Quality.IMPORTED

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from app.common.errors import UsageError
 from app.session.session import ConnectedBench, SessionEvent
-from protocols.base.events import InjectedFaultChanged, RunStarted
+from protocols.base import InjectedFaultChanged, RunStarted
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 
 if TYPE_CHECKING:

@@ -8,14 +8,16 @@ from typing import Any
 
 from app.common.formatting import format_curve, format_duration, format_quantity, format_uncertain, pluralize
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     CurveReady,
+    EstimatedQuantity,
     InjectedFaultChanged,
     LogMessage,
     PointMeasured,
     PromptAnswered,
     PromptShown,
+    Quality,
     RestMeasured,
     RunEnded,
     RunPaused,
@@ -26,8 +28,6 @@ from protocols.base.events import (
     ShutdownStarted,
     StreamStarted,
 )
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity
 from protocols.registry import PROTOCOLS
 
 

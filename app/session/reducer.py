@@ -19,7 +19,9 @@ from app.session.state import (
     WindowEvent,
     WindowState,
 )
-from protocols.base.events import (
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     CurveReady,
     DriveStarted,
@@ -27,6 +29,7 @@ from protocols.base.events import (
     ProgressUpdated,
     PromptAnswered,
     PromptShown,
+    Quality,
     RestMeasured,
     RunEnded,
     RunPaused,
@@ -35,8 +38,6 @@ from protocols.base.events import (
     RunStatus,
     ShutdownStarted,
 )
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.quality import Quality
 
 MAX_LOG_LINES = 500
 

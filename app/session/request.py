@@ -10,7 +10,7 @@ from app.common.errors import UsageError
 from app.common.units import UnitError, read_value, unit_of
 from app.config.bench_file import MAX_SPEED, BenchConfig, ConfigError, load_bench
 from app.config.validation import validation_messages
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 
 

@@ -18,9 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
 from drivers.watchdog.log import take_unreported_lines
-from protocols.base.event_bus import EventBus
-from protocols.base.events import Event, LogMessage, RunEnded, RunStatus
-from protocols.base.operator import Operator
+from protocols.base import Event, EventBus, LogMessage, Operator, RunEnded, RunStatus
 from protocols.runner.request import RunControl, RunRequest
 
 if TYPE_CHECKING:

@@ -10,9 +10,7 @@ from app.session.messages import LogLine
 from app.session.session import SessionEvent
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import PromptShown, RestMeasured, RunEnded, RunStatus
-from protocols.base.quality import Quality
-from protocols.base.records import ResultCurve
+from protocols.base import PromptShown, Quality, RestMeasured, ResultCurve, RunEnded, RunStatus
 
 UNSAFE_EXIT = 3
 

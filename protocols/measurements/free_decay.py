@@ -14,11 +14,18 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers.drive import Steps
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import CurveColumn, EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.rounding import format_with_uncertainty
-from protocols.base.steps import Record, Step
+from protocols.base import (
+    CurveColumn,
+    EstimatedQuantity,
+    PlanEntry,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    ResultCurve,
+    Step,
+    format_with_uncertainty,
+)
 
 SOURCE = "free decay after a step"
 

@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from drivers.drive import Sine
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import CurveColumn, EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.steps import Play, Record, Step
+from protocols.base import (
+    CurveColumn,
+    EstimatedQuantity,
+    PlanEntry,
+    Play,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    ResultCurve,
+    Step,
+)
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
 

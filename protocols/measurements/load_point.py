@@ -15,9 +15,7 @@ from annotated_types import Unit
 
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.drive import Hold
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, Recording
-from protocols.base.steps import Prompt
+from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.weights import format_grams
 from protocols.signals.levels import LevelEstimate
 from protocols.signals.step_detection import WeightStepDetector

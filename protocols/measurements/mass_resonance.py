@@ -15,11 +15,18 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers.drive import LinearSweep
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.rounding import format_with_uncertainty
-from protocols.base.steps import Prompt, Record, Step
+from protocols.base import (
+    EstimatedQuantity,
+    PlanEntry,
+    Prompt,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    ResultCurve,
+    Step,
+    format_with_uncertainty,
+)
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import MIN_BINS_PER_LINE

@@ -16,10 +16,7 @@ from numpy.typing import NDArray
 from model.membrane import linear_young_modulus, weight_per_length, young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Ask, Prompt, Record, Repeat, Step
+from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
 from protocols.signals.levels import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"

@@ -12,9 +12,7 @@ from typing import Annotated, Any, ClassVar, Self
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Prompt, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Prompt, Quality, Recording, Step
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
 FREE = "free"

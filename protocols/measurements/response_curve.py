@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocols.base.records import CurveColumn, ResultCurve
+from protocols.base import CurveColumn, ResultCurve
 from protocols.signals.response import FrequencyResponse
 
 MIN_RESPONSE_SIGMAS = 5.0

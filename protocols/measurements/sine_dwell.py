@@ -18,10 +18,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers.drive import Sine
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Log, Record, Settle, Step
+from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8

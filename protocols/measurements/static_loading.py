@@ -14,10 +14,18 @@ from pydantic import model_validator
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.errors import BenchError
 from model.membrane import GRAVITY
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Ask, Record, Repeat, Step, WaitForDetection
+from protocols.base import (
+    Ask,
+    EstimatedQuantity,
+    PlanEntry,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Repeat,
+    Step,
+    WaitForDetection,
+)
 from protocols.measurements.load_point import (
     KEEP,
     MAX_ATTEMPTS,

@@ -15,11 +15,17 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers.drive import PeriodicSweep
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.rounding import format_with_uncertainty
-from protocols.base.steps import Record, Step
+from protocols.base import (
+    EstimatedQuantity,
+    PlanEntry,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    ResultCurve,
+    Step,
+    format_with_uncertainty,
+)
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 

@@ -17,10 +17,7 @@ from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
 from drivers.drive import Hold
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Play, Record, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.signals.creep import fit_creep
 from protocols.signals.levels import DetectedRamp, estimate_step, find_ramp
 

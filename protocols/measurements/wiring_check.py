@@ -14,10 +14,7 @@ from annotated_types import Interval, Unit
 from pydantic import model_validator
 
 from drivers.drive import Drive, Hold, Sine
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Play, Record, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"

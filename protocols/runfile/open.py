@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.runfile.schema import is_hdf5
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from drivers.closing import Closeable
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import EntryStarted, RunStatus
-from protocols.base.records import CurveColumn, EstimatedQuantity, Recording, ResultCurve
+from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus
 from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION
 from protocols.runfile.trace import RunTrace, read_sensor

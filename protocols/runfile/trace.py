@@ -11,9 +11,7 @@ from drivers.bench.bench import channel_skew_s
 from drivers.drive import from_record
 from drivers.interfaces import Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.channels import ChannelCalibration
-from protocols.base.quality import Quality
-from protocols.base.records import Recording
+from protocols.base import ChannelCalibration, Quality, Recording
 from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
 
 if TYPE_CHECKING:

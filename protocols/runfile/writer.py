@@ -30,10 +30,7 @@ from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
 from drivers.drive import Drive, as_record
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import Event, RunStatus, event_record
-from protocols.base.jsonable import to_jsonable
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, ResultCurve
+from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, event_record, to_jsonable
 from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.schema import (
     BLOCK_DTYPE,

@@ -15,41 +15,37 @@ from drivers.bench.bench import DRIVE_CHANNEL, ArmedBench, Bench, channel_skew_s
 from drivers.drive import Drive, Hold, Sine
 from drivers.errors import BenchError
 from drivers.interfaces import Block, Reading
-from protocols.base.channels import ChannelCalibration
-from protocols.base.events import (
-    BlockDiscarded,
-    DriveStarted,
-    LogMessage,
-    PromptAnswered,
-    PromptShown,
-    RecordingFinished,
-    SettlingFinished,
-)
-from protocols.base.operator import Operator
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import (
+from protocols.base import (
     MAX_RECORDING_SCANS,
     STREAMED_RECORDING_SCANS,
     Array,
-    PlanEntry,
-    Recording,
-    StreamedRecording,
-    recording_too_long_message,
-)
-from protocols.base.steps import (
     Ask,
+    BlockDiscarded,
+    ChannelCalibration,
     DetectionResult,
+    DriveStarted,
     Log,
+    LogMessage,
+    Operator,
+    PlanEntry,
     Play,
     Prompt,
+    PromptAnswered,
+    PromptShown,
+    Protocol,
+    Quality,
     ReadMeter,
     Record,
+    Recording,
+    RecordingFinished,
     Repeat,
     Settle,
+    SettlingFinished,
     SettlingResult,
     StepResult,
+    StreamedRecording,
     WaitForDetection,
+    recording_too_long_message,
 )
 from protocols.runfile.writer import RunFileWriter
 from protocols.runner.publisher import RunRecorder

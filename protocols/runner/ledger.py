@@ -3,10 +3,7 @@
 from collections.abc import Collection
 from typing import Any
 
-from protocols.base.events import PointMeasured, ProgressUpdated
-from protocols.base.protocol import Protocol, extend_plan
-from protocols.base.records import PlanEntry, ResultCurve
-from protocols.base.steps import Repeat
+from protocols.base import PlanEntry, PointMeasured, ProgressUpdated, Protocol, Repeat, ResultCurve, extend_plan
 from protocols.runfile.writer import RunFileWriter
 
 

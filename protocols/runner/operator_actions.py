@@ -4,8 +4,7 @@ import contextlib
 from collections.abc import Sequence
 
 from drivers.bench.bench import ArmedBench
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.steps import Prompt
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Prompt
 from protocols.runner.executor import StepExecutor
 
 

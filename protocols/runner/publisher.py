@@ -4,8 +4,7 @@ from queue import SimpleQueue
 
 from drivers.clock import Clock
 from drivers.interfaces import Block
-from protocols.base.event_bus import EventBus
-from protocols.base.events import BlockStored, Event
+from protocols.base import BlockStored, Event, EventBus
 from protocols.runfile.errors import StorageError
 from protocols.runfile.writer import RunFileWriter
 

@@ -7,9 +7,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Self
 
-from protocols.base.events import Event
-from protocols.base.protocol import Protocol
-from protocols.base.steps import Prompt
+from protocols.base import Event, Prompt, Protocol
 
 if TYPE_CHECKING:
     from protocols.resume import ResumableRun

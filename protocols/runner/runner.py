@@ -11,13 +11,19 @@ from typing import Any
 
 from drivers.bench.bench import ArmedBench, Bench
 from drivers.errors import BenchError, UnsafeError
-from protocols.base.event_bus import EventBus
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     CurveReady,
     EntryStarted,
+    EstimatedQuantity,
+    EventBus,
     LogMessage,
+    Operator,
+    PlanEntry,
+    Recording,
+    Repeat,
     RestMeasured,
+    ResultCurve,
     RunEnded,
     RunPaused,
     RunResumed,
@@ -26,9 +32,6 @@ from protocols.base.events import (
     ShutdownStarted,
     StreamStarted,
 )
-from protocols.base.operator import Operator
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording, ResultCurve
-from protocols.base.steps import Repeat
 from protocols.rehearsal import rehearse
 from protocols.resume import ResumeState, assess_drift
 from protocols.runfile.errors import StorageError

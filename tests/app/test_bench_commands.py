@@ -17,8 +17,7 @@ from app.session.fault_injection import FaultPlan
 from drivers.clock import WallClock
 from drivers.errors import InstrumentError
 from drivers.transport.visa import list_resources
-from protocols.base.events import LogMessage, RunStatus
-from protocols.base.quality import Quality
+from protocols.base import LogMessage, Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from sim_hardware.bench import SimulatedBench

@@ -10,7 +10,7 @@ from app.session.connect import connect
 from drivers.drive import Hold, Sine
 from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import PRESETS
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import assert_safe_voltage, run, simulated
 

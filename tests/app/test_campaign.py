@@ -18,8 +18,7 @@ from app.campaign.summary import identified_tactor, identify_campaign_runs
 from app.cli.main import main
 from app.session.session import Session
 from model.parameters import Tactor
-from protocols.base.events import Event, LogMessage, PromptShown, RunStarted
-from protocols.base.steps import Prompt
+from protocols.base import Event, LogMessage, Prompt, PromptShown, RunStarted
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import assert_safe_voltage

@@ -9,7 +9,7 @@ import pytest
 from app.archive.run_summary import RunSummary
 from app.campaign.plan import PAPER_ITEMS, CampaignItem, drop_unknown_protocols
 from app.campaign.status import ItemStatus, NextAction, evaluate_items
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity
 
 A, B, C = CampaignItem("a", "p"), CampaignItem("b", "q", needs=("a",)), CampaignItem("c", "r", needs=("b",))
 

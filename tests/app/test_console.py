@@ -21,9 +21,16 @@ from app.cli.prompts import KEY_HELP, ConsoleOperator
 from app.plotting.run_figure import run_figure
 from app.session.session import BenchOpened, RunRejected
 from model.parameters import Tactor
-from protocols.base.events import BenchArmed, LogMessage, PointMeasured, PromptAnswered, RunStarted
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.steps import Prompt
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
+    BenchArmed,
+    LogMessage,
+    PointMeasured,
+    Prompt,
+    PromptAnswered,
+    RunStarted,
+)
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck, WiringPoint
 from protocols.runfile.reader import Run

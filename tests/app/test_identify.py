@@ -16,7 +16,7 @@ from app.identification.identify import identify
 from app.identification.observations import ObservationError, read_observations
 from model.identification.observations import FrequencyResponseObservation
 from model.parameters import Tactor
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.voltage_steps import VoltageSteps
 from tests.helpers.run_files import finished_run

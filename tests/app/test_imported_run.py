@@ -18,9 +18,7 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
-from protocols.base.events import RunStatus
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
+from protocols.base import Protocol, Quality, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run
 from protocols.runfile.schema import point_columns

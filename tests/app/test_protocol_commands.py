@@ -10,7 +10,7 @@ import pytest
 from app.cli.main import main
 from app.common.errors import ExitCode
 from protocols import registry
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.runfile.reader import Run
 
 SHORT = ["--set", "record_s=100 ms", "--set", "min_cycles=10"]

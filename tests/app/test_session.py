@@ -10,7 +10,7 @@ import pytest
 from app.session.connect import connect
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionState
 from drivers.errors import InstrumentError
-from protocols.base.events import PointMeasured, PromptAnswered, RunEnded, RunStatus
+from protocols.base import PointMeasured, PromptAnswered, RunEnded, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading
 from protocols.resume import ResumableRun

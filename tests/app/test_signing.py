@@ -26,8 +26,7 @@ from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
 from model.response.frequency_response import amplifier_response
-from protocols.base.events import EntryStarted, RecordingFinished, RunPaused
-from protocols.base.protocol import Protocol
+from protocols.base import EntryStarted, Protocol, RecordingFinished, RunPaused
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.static_loading import StaticLoading

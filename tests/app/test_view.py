@@ -21,7 +21,9 @@ from app.session.state import (
 )
 from drivers.drive import Hold, LinearSweep, Sine
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import (
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     DriveStarted,
     LogMessage,
@@ -29,6 +31,7 @@ from protocols.base.events import (
     ProgressUpdated,
     PromptAnswered,
     PromptShown,
+    Quality,
     RestMeasured,
     RunEnded,
     RunStarted,
@@ -37,8 +40,6 @@ from protocols.base.events import (
     ShutdownStarted,
     StreamStarted,
 )
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SinePoint
 
 WHEN = datetime(2026, 11, 21, 9, 15, tzinfo=UTC)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome, format_uncertain
-from protocols.base.records import CurveColumn, ResultCurve
+from protocols.base import CurveColumn, ResultCurve
 
 
 @pytest.mark.parametrize(

@@ -24,19 +24,19 @@ from app.session.connect import connect
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.clock import WallClock
 from drivers.errors import BenchError
-from protocols.base.event_bus import EventBus
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     BlockStored,
     DriveStarted,
     Event,
+    EventBus,
+    Protocol,
     RecordingFinished,
     RestMeasured,
     RunStatus,
     ShutdownStarted,
     StreamStarted,
 )
-from protocols.base.protocol import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run

@@ -9,11 +9,19 @@ import numpy as np
 from annotated_types import Unit
 
 from drivers.drive import Drive, Hold
-from protocols.base.event_bus import EventBus
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Play, Prompt, Record, Repeat, Step
+from protocols.base import (
+    EstimatedQuantity,
+    EventBus,
+    PlanEntry,
+    Play,
+    Prompt,
+    Protocol,
+    Quality,
+    Record,
+    Recording,
+    Repeat,
+    Step,
+)
 from protocols.runner.request import RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.testing.safe_volts import assert_safe_voltage

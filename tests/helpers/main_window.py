@@ -15,8 +15,7 @@ from app.gui.main_window import MainWindow
 from app.live.session_link import SessionAdapter
 from app.session.connect import BenchConnection, connect
 from app.session.session import SessionEvent
-from protocols.base.events import PointMeasured
-from protocols.base.protocol import Protocol
+from protocols.base import PointMeasured, Protocol
 from protocols.runner.request import RunRequest
 
 PATIENCE_S = 60.0

@@ -10,9 +10,7 @@ import numpy as np
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import BenchArmed, LogMessage, RunStatus
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity
+from protocols.base import BenchArmed, EstimatedQuantity, LogMessage, Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.writer import RunFileWriter, RunMetadata
 

@@ -8,9 +8,7 @@ from annotated_types import Unit
 from pydantic import Field
 
 from drivers.drive import Sine
-from protocols.base.protocol import Protocol
-from protocols.base.records import EstimatedQuantity, PlanEntry, Recording
-from protocols.base.steps import Settle, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Protocol, Recording, Settle, Step
 from protocols.measurements.sine_dwell import SineDwell
 
 SHORT = SineDwell(frequencies_hz=(100, 160), record_s=0.1, min_cycles=10)

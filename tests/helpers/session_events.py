@@ -5,17 +5,17 @@ import numpy as np
 from app.session.session import BenchOpened
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     DriveStarted,
     PointMeasured,
+    Quality,
     RestMeasured,
     RunEnded,
     RunStarted,
     RunStatus,
     ShutdownStarted,
 )
-from protocols.base.quality import Quality
 from protocols.measurements.sine_dwell import SinePoint
 
 OPENED = BenchOpened(

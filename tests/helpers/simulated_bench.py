@@ -9,9 +9,7 @@ from typing import Any
 
 from app.config.bench_file import BenchConfig, load_bench
 from app.session.connect import BenchConnection, connect
-from protocols.base.event_bus import EventBus
-from protocols.base.events import Event, PointMeasured, RunStatus
-from protocols.base.protocol import Protocol
+from protocols.base import Event, EventBus, PointMeasured, Protocol, RunStatus
 from protocols.runner.request import RunControl, RunRequest
 from protocols.runner.runner import Runner
 from sim_hardware.plant.history_report import VoltageReport

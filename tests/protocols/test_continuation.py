@@ -7,8 +7,7 @@ import h5py
 import pytest
 
 from protocols import registry
-from protocols.base.events import EntryStarted, LogMessage, PointMeasured, RunStatus
-from protocols.base.quality import Quality
+from protocols.base import EntryStarted, LogMessage, PointMeasured, Quality, RunStatus
 from protocols.resume import load_resumable
 from protocols.runfile.reader import Run, RunReadError
 from tests.helpers.level_protocol import LEVELS, Handy, Levels, resumed

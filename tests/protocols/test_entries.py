@@ -8,19 +8,25 @@ from typing import Any, ClassVar
 import pytest
 
 from protocols import registry
-from protocols.base.events import (
+from protocols.base import (
+    Ask,
     BlockDiscarded,
     EntryStarted,
+    PlanEntry,
     PointMeasured,
+    Prompt,
     PromptAnswered,
     PromptShown,
+    Quality,
+    Record,
+    Recording,
+    Repeat,
     RunPaused,
     RunResumed,
     RunStatus,
+    Step,
+    WaitForDetection,
 )
-from protocols.base.quality import Quality
-from protocols.base.records import PlanEntry, Recording
-from protocols.base.steps import Ask, Prompt, Record, Repeat, Step, WaitForDetection
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run
 from tests.helpers.level_protocol import LEVELS, Handy, Level, Levels, high_voltage

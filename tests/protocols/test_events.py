@@ -4,7 +4,7 @@ from dataclasses import fields
 from typing import get_args
 
 from app.session.session import SessionEvent
-from protocols.base.events import EVENTS, Event
+from protocols.base import EVENTS, Event
 
 IN_FILES = {
     "RunStarted",

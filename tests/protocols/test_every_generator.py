@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.simulated_bench import laboratory, run, simulated
 

@@ -9,9 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.base.events import BlockDiscarded, PointMeasured, RecordingFinished, RunStatus, SettlingFinished
-from protocols.base.records import Recording
-from protocols.base.steps import Ask, Log, Prompt, ReadMeter, Record
+from protocols.base import (
+    Ask,
+    BlockDiscarded,
+    Log,
+    PointMeasured,
+    Prompt,
+    ReadMeter,
+    Record,
+    Recording,
+    RecordingFinished,
+    RunStatus,
+    SettlingFinished,
+)
 from protocols.runfile.reader import Run
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted, Spot
 from tests.helpers.simulated_bench import Trigger, laboratory, run

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.measurements.free_decay import FreeDecay
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run, simulated

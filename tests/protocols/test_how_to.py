@@ -11,7 +11,7 @@ from app.cli.main import main
 from app.common.errors import ExitCode
 from app.gui.widgets.form import check_form, protocol_fields
 from protocols import registry
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.rehearsal import rehearse
 from tests.helpers.simulated_bench import laboratory, run
 

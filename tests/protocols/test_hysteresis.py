@@ -11,8 +11,7 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.response.statics import voltage_gain
-from protocols.base.events import CurveReady, PointMeasured, RunStatus
-from protocols.base.quality import Quality
+from protocols.base import CurveReady, PointMeasured, Quality, RunStatus
 from protocols.measurements.hysteresis import Hysteresis
 from protocols.measurements.voltage_steps import VoltageSteps
 from protocols.registry import PROTOCOLS

@@ -9,9 +9,7 @@ import pytest
 from model.membrane import linear_young_modulus, sag, young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
-from protocols.base.events import PromptShown, RunStatus
-from protocols.base.quality import Quality
-from protocols.base.steps import Prompt
+from protocols.base import Prompt, PromptShown, Quality, RunStatus
 from protocols.measurements.membrane_sag import MembraneSag, SagPoint
 from protocols.runfile.reader import Run
 from tests.helpers.simulated_bench import laboratory, run, simulated

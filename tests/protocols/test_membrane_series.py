@@ -10,8 +10,7 @@ import pytest
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
 from model.skin import Membrane, skin
-from protocols.base.events import LogMessage, PromptShown
-from protocols.base.quality import Quality
+from protocols.base import LogMessage, PromptShown, Quality
 from protocols.measurements.membrane_series import MembraneSeries
 from protocols.runfile.reader import Run
 from sim_hardware.operator import SimulatedOperator

@@ -18,9 +18,7 @@ from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.frequency_response import tactor_modal_form
-from protocols.base.events import RunStatus
-from protocols.base.records import PlanEntry
-from protocols.base.steps import Prompt, Step
+from protocols.base import PlanEntry, Prompt, RunStatus, Step
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.predicted_travel import predict_travel
 from protocols.rehearsal import CannotRunError, rehearse

@@ -22,9 +22,7 @@ from app.archive.replay import load_run
 from drivers.drive import Sine
 from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
-from protocols.base.events import Event, LogMessage, RestMeasured, RunStatus
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity
+from protocols.base import EstimatedQuantity, Event, LogMessage, Quality, RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from protocols.runfile.errors import StorageError
 from protocols.runfile.reader import Run, RunReadError

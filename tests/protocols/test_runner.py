@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.drive import Sine
-from protocols.base.events import (
+from protocols.base import (
     BenchArmed,
     BlockStored,
     DriveStarted,
@@ -21,10 +21,11 @@ from protocols.base.events import (
     RunEnded,
     RunStarted,
     RunStatus,
+    Settle,
     SettlingFinished,
+    Step,
     StreamStarted,
 )
-from protocols.base.steps import Settle, Step
 from protocols.runfile.reader import Run
 from protocols.runfile.writer import RunFileWriter
 from tests.helpers.scripted_protocol import SETTLE, SHORT, Scripted

@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from model.parameters import Tactor
 from model.response.frequency_response import amplifier_response
-from protocols.base.events import LogMessage, RecordingFinished, SettlingFinished
-from protocols.base.quality import Quality
+from protocols.base import LogMessage, Quality, RecordingFinished, SettlingFinished
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse
 from protocols.runfile.reader import Run

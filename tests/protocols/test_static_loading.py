@@ -15,9 +15,7 @@ from pydantic import ValidationError
 
 from model.parameters import Tactor
 from model.response.statics import load_compliance
-from protocols.base.events import PromptAnswered, PromptShown, RunStatus
-from protocols.base.quality import Quality
-from protocols.base.steps import Prompt
+from protocols.base import Prompt, PromptAnswered, PromptShown, Quality, RunStatus
 from protocols.measurements.load_point import compliance, nonlinearity
 from protocols.measurements.static_loading import StaticLoading
 from protocols.measurements.weights import uncertainty_kg

@@ -15,8 +15,7 @@ from drivers.drive import PeriodicSweep
 from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
 from model.response.frequency_response import tactor_modal_form
-from protocols.base.events import CurveReady, LogMessage, PointMeasured, PromptShown
-from protocols.base.quality import Quality
+from protocols.base import CurveReady, LogMessage, PointMeasured, PromptShown, Quality
 from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sweep import Sweep
 from protocols.rehearsal import rehearse

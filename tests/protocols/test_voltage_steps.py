@@ -13,9 +13,7 @@ from drivers.drive import Hold
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
 from model.response.statics import voltage_gain
-from protocols.base.events import RunStatus
-from protocols.base.quality import Quality
-from protocols.base.records import Recording
+from protocols.base import Quality, Recording, RunStatus
 from protocols.measurements.voltage_steps import PAPER_LEVELS_V, VoltageSteps
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse

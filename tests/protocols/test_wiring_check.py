@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.registry import PROTOCOLS
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 from sim_hardware.testing.safe_volts import STEP_V

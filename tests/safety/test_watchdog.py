@@ -22,7 +22,7 @@ from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME
 from model.amplifier_map import AmplifierMap
-from protocols.base.events import RestMeasured, RunStatus
+from protocols.base import RestMeasured, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.service.served_bench import ServedBench

@@ -11,7 +11,7 @@ from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, NoWatchd
 from drivers.watchdog.client import WatchdogClient
 from drivers.watchdog.config import WatchdogConfig
 from drivers.watchdog.log import LOG_NAME, take_unreported_lines
-from protocols.base.events import LogMessage
+from protocols.base import LogMessage
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runner.request import RunRequest
 from tests.helpers.simulated_bench import laboratory, simulated

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from app.common.errors import ExitCode
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 from protocols.runfile.reader import Run
 from tests.helpers.program import program, safe
 

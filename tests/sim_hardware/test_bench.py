@@ -7,8 +7,7 @@ from drivers.drive import Sine
 from drivers.errors import InstrumentError, LinkError
 from drivers.generators.keysight_33500 import Keysight33500
 from drivers.transport.scpi import Link
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.base.steps import Prompt
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator, Prompt
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator

@@ -13,7 +13,7 @@ from model.response.frequency_response import amplifier_response, frequency_resp
 from model.response.modes import natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
 from model.skin import skin
-from protocols.base.steps import Prompt
+from protocols.base import Prompt
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
 from sim_hardware.operator import SimulatedOperator

@@ -20,7 +20,7 @@ from app.session.connect import connect
 from app.session.fault_injection import FaultPlan, parse_planned_fault
 from app.session.session import SessionEvent
 from drivers.watchdog.log import LOG_NAME
-from protocols.base.events import PointMeasured
+from protocols.base import PointMeasured
 from protocols.measurements.sine_dwell import SineDwell
 from sim_hardware.bench import SimulatedBench
 from tactor_bench import _bench

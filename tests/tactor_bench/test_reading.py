@@ -12,7 +12,7 @@ import pytest
 
 import tactor_bench as tb
 from app.cli.main import main
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.sweep import Sweep
 from tests.helpers.run_files import crashed_run, finished_run, newer_run

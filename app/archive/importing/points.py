@@ -25,10 +25,7 @@ from app.archive.importing.values import (
 from app.common.progress import ProgressCallback, ignore_progress
 from drivers.sensors.laser_sensor import LaserSensor
 from model.membrane import GRAVITY
-from protocols.base.events import RunStatus
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
-from protocols.base.records import ResultCurve
+from protocols.base import Protocol, Quality, ResultCurve, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 from protocols.runfile.writer import RunFileWriter, RunMetadata

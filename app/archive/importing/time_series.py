@@ -13,8 +13,7 @@ from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportSettings, column_sources, table_values
 from app.common.progress import ProgressCallback, ignore_progress, partial_progress, split_progress
 from drivers.drive import Sine
-from protocols.base.quality import Quality
-from protocols.base.records import CurveColumn, Recording, ResultCurve
+from protocols.base import CurveColumn, Quality, Recording, ResultCurve
 from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine

@@ -11,7 +11,7 @@ from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_l
 from app.gui.widgets.layouts import column
 from app.session.state import WindowState
 from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
-from protocols.base.events import PromptShown
+from protocols.base import PromptShown
 
 INPUT_GUARD_S = 0.4
 """Enter is ignored for this long after a question appeared: it was meant for something else."""

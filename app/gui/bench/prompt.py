@@ -8,7 +8,7 @@ from app.gui.bench.notice import Notice, NoticeButton
 from app.gui.bench.setup_drawing import SetupDrawing
 from app.gui.widgets.actions import ActionInfo, add_action, shortcut_label
 from app.gui.widgets.layouts import STRETCH, make_label, row
-from protocols.base.events import PromptShown
+from protocols.base import PromptShown
 
 
 class PromptNotice(Notice):

@@ -6,7 +6,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QBrush, QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from protocols.base.steps import Prompt
+from protocols.base import Prompt
 
 INK, MFC, METAL, SKIN, WEIGHT = "#101010", "#b5541a", "#8c939c", "#c2185b", "#3f4a56"
 

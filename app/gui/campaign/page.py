@@ -20,7 +20,7 @@ from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
 from app.session.state import WindowState
 from model.parameter_spec import ParameterError
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 
 if TYPE_CHECKING:
     from app.campaign.queue import CampaignRunner

@@ -4,7 +4,7 @@ from PySide6.QtWidgets import QWidget
 
 from app.gui.widgets.layouts import make_button, make_label, row
 from app.session.state import WindowState
-from protocols.base.events import RunStatus
+from protocols.base import RunStatus
 
 WAITING_TEXT = "The bench is connecting; the measurement then begins by itself."
 RUNNING_TEXT = (

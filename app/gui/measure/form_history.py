@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QWidget
 from app.common.undo import UndoHistory
 from app.gui.measure.run_panel import RunPanel
 from app.gui.widgets.actions import add_actions
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 
 class FormHistory(QObject):

@@ -22,7 +22,7 @@ from app.live.preflight import PreflightCheck, PreflightRequest
 from app.session.state import WindowState
 from model.amplifier_map import AmplifierMap
 from model.parameter_spec import ParameterError
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 
 CALIBRATION_POLL_S = 1.0

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWi
 
 from app.common.atomic_write import write_atomic
 from app.gui.widgets.form import set_style_kind
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 
 class PresetError(Exception):

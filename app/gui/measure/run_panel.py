@@ -27,7 +27,7 @@ from app.gui.widgets.theme import Theme
 from app.session.state import WindowState, format_voltage_range
 from drivers.bench.bench import Bench
 from drivers.errors import BenchError
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse
 

@@ -16,7 +16,7 @@ from app.gui.widgets.layouts import column, make_label
 from app.gui.widgets.theme import Theme
 from app.session.messages import format_estimate
 from model.skin import THRESHOLD_M
-from protocols.base.events import RunEnded
+from protocols.base import RunEnded
 
 FELT_THRESHOLD_UM = 1e6 * THRESHOLD_M
 

@@ -23,7 +23,7 @@ from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
-from protocols.base.records import ResultCurve
+from protocols.base import ResultCurve
 
 MAX_DRAWN_POINTS = 4000
 """A longer curve is drawn as its min/max decimation to about this number of points."""

@@ -13,7 +13,7 @@ from app.live.feed import LiveFeed
 from app.live.overlay import OverlayCurve
 from app.session.state import WindowState
 from model.amplifier_map import AmplifierMap
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 
 MIN_PLOT_HEIGHT = 56

@@ -18,9 +18,7 @@ from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.messages import describe_point
-from protocols.base.events import RunEnded
-from protocols.base.protocol import Protocol
-from protocols.base.quality import Quality
+from protocols.base import Protocol, Quality, RunEnded
 from protocols.runfile.schema import point_columns
 
 HOLLOW_HINT = "hollow: not usable, point at it for the reason"

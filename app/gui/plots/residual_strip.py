@@ -12,7 +12,7 @@ from app.gui.plots.base import PlotBase, limit_ticks, stable_range
 from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
-from protocols.base.quality import Quality
+from protocols.base import Quality
 
 NOTHING, RESIDUAL, PHASE = "nothing", "residual", "phase"
 STRIP_QUANTITIES = (NOTHING, RESIDUAL, PHASE)

@@ -20,7 +20,7 @@ from app.gui.widgets.layouts import row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve, elongations_of
 from app.session.messages import describe_point
-from protocols.base.quality import Quality
+from protocols.base import Quality
 
 
 class EntrySelection:

@@ -12,9 +12,7 @@ from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.series import is_response_protocol
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
-from protocols.base.events import RunEnded
-from protocols.base.protocol import Protocol
-from protocols.base.records import ResultCurve
+from protocols.base import Protocol, ResultCurve, RunEnded
 
 
 class ResultPlots(QStackedWidget):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
 
-from protocols.base.protocol import Protocol
+from protocols.base import Protocol
 
 Array = NDArray[np.float64]
 

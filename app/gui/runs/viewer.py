@@ -13,7 +13,7 @@ from app.gui.widgets.log_pane import LogPane
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
 from app.session.messages import format_estimate
-from protocols.base.events import RunEnded, RunStatus
+from protocols.base import RunEnded, RunStatus
 from protocols.registry import PROTOCOLS
 
 

@@ -12,8 +12,7 @@ from app.config.bench_file import BenchConfig, ConfigError
 from app.gui.tabs import CAMPAIGN, MEASURE
 from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts_by_group
 from app.gui.widgets.file_dialog import Mode, choose_files
-from protocols.base.events import PromptShown, RunEnded, RunStatus
-from protocols.base.steps import Prompt
+from protocols.base import Prompt, PromptShown, RunEnded, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import ListeningSession, OpenStage, Stage, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED

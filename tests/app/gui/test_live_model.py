@@ -20,8 +20,7 @@ from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.frequency_response import amplifier_response
 from model.skin import skin
-from protocols.base.events import PointMeasured, RunEnded, RunStatus
-from protocols.base.quality import Quality
+from protocols.base import PointMeasured, Quality, RunEnded, RunStatus
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from tests.helpers.calibrations import calibration

@@ -1,7 +1,7 @@
 """A prompt is answered once, by its id, and an answer meant for another prompt is none."""
 
 from app.live.session_link import PromptMailbox
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
+from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
 
 
 def test_an_answer_reaches_the_one_who_asked_and_is_gone() -> None:

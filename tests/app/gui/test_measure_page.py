@@ -12,22 +12,23 @@ from PySide6.QtTest import QTest
 from app.gui.measure.presets import PresetError, PresetStore, presets_path
 from app.session.session import RunRejected
 from drivers.drive import Sine
-from protocols.base.events import (
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
     BenchArmed,
     DriveStarted,
     EntryStarted,
     PointMeasured,
+    Prompt,
     PromptAnswered,
     PromptShown,
+    Quality,
     RunEnded,
     RunPaused,
     RunResumed,
     RunStarted,
     RunStatus,
 )
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.quality import Quality
-from protocols.base.steps import Prompt
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from tests.app.gui.test_other_protocols import POINT

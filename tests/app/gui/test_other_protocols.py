@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.watchdog.log import LOG_NAME
-from protocols.base.events import PointMeasured, RunStarted
+from protocols.base import PointMeasured, RunStarted
 from protocols.measurements.wiring_check import WiringPoint
 from tests.helpers.main_window import until
 

@@ -11,8 +11,7 @@ from PySide6.QtWidgets import QApplication
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
 from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
-from protocols.base.events import RunStatus
-from protocols.base.quality import Quality
+from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import ResumableRun, load_resumable
 from protocols.runfile.reader import Run

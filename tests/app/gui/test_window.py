@@ -14,18 +14,19 @@ from app.gui.bench.notices import INPUT_GUARD_S
 from app.gui.widgets.theme import DARK, LIGHT
 from app.session.session import BenchFailed, RunRejected
 from app.session.state import BenchState
-from protocols.base.events import (
+from protocols.base import (
+    DISABLE_HIGH_VOLTAGE,
+    ENABLE_HIGH_VOLTAGE,
     BlockStored,
+    EstimatedQuantity,
     ProgressUpdated,
     PromptAnswered,
     PromptShown,
+    Quality,
     RunEnded,
     RunStatus,
     StreamStarted,
 )
-from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE
-from protocols.base.quality import Quality
-from protocols.base.records import EstimatedQuantity
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
 from tests.helpers.main_window import OpenStage, Stage, grab, until

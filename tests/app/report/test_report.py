@@ -24,7 +24,7 @@ from app.report.specimen import SpecimenModel
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from protocols.base.quality import Quality
+from protocols.base import Quality
 from protocols.measurements.wiring_check import WiringCheck
 from tests.helpers.report_specimen import TRUTH, blocks_of
 from tests.helpers.simulated_bench import laboratory, run
