@@ -18,7 +18,7 @@ from app.cli.options import FileOptions
 from app.common.errors import ExitCode, UsageError
 from app.common.units import DISPLAY_SCALES
 from model.studies.paper_figures import PaperFigure
-from protocols.base.jsonable import to_jsonable  # the package would load pydantic for commands that only compute
+from protocols.base import to_jsonable
 from protocols.runfile.schema import is_hdf5
 
 PICTURE_SUFFIXES = (".png", ".pdf", ".svg")

@@ -1,5 +1,7 @@
 """Protocol interface: steps, records, events, quality flags."""
 
+from typing import TYPE_CHECKING, Any
+
 from protocols.base.channels import ChannelCalibration
 from protocols.base.event_bus import EventBus
 from protocols.base.events import (
@@ -31,7 +33,6 @@ from protocols.base.events import (
 )
 from protocols.base.jsonable import to_jsonable
 from protocols.base.operator import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Operator
-from protocols.base.protocol import Protocol, extend_plan
 from protocols.base.quality import Quality, usable_mask
 from protocols.base.records import (
     MAX_RECORDING_SCANS,
@@ -62,6 +63,9 @@ from protocols.base.steps import (
     StepResult,
     WaitForDetection,
 )
+
+if TYPE_CHECKING:
+    from protocols.base.protocol import Protocol, extend_plan
 
 __all__ = [
     "DISABLE_HIGH_VOLTAGE",
@@ -125,3 +129,12 @@ __all__ = [
     "to_jsonable",
     "usable_mask",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the protocol class when it is first used: pydantic is slow to load and most commands do without it."""
+    if name in ("Protocol", "extend_plan"):
+        from protocols.base import protocol
+
+        return getattr(protocol, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
