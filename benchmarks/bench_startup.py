@@ -45,12 +45,12 @@ class Painted:  # hears of the window's module as soon as somebody wants it, and
         if name == "app.gui.application":
             sys.meta_path.remove(self)
             from PySide6.QtCore import QTimer
-            from app.gui import window
-            shown = window.MainWindow.showEvent
+            from app.gui import main_window
+            shown = main_window.MainWindow.showEvent
             def show_event(self, event):
                 shown(self, event)
                 QTimer.singleShot(0, lambda: (self.grab(), os._exit(0)))
-            window.MainWindow.showEvent = show_event
+            main_window.MainWindow.showEvent = show_event
 sys.meta_path.insert(0, Painted())
 main([])
 """
