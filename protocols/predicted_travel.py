@@ -1,4 +1,4 @@
-"""How far the model expects the tactor to move under the drives of a plan. Without skin: skin only holds it back."""
+"""Predicted travel: displacement range the model expects under the drives of a plan, without skin."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,14 +15,14 @@ from model.response.statics import voltage_gain
 from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101
-"""Frequencies at which a sweep is looked at; it is slow enough to be a row of sines."""
+"""Frequencies at which a sweep is evaluated; it is slow enough to be quasi-stationary."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class PredictedTravel:
-    """Lowest and highest displacement against rest under one drive, m, and where that is."""
+    """Lowest and highest displacement from rest under one drive, m, and its label."""
 
     label: str
     low_m: float
@@ -32,10 +32,10 @@ class PredictedTravel:
 def predict_travel(
     planned_drives: Sequence[tuple[PlanEntry, Drive]], tactor: Tactor, amplifier: AmplifierMap
 ) -> Iterator[PredictedTravel]:
-    """What the model expects of every drive; a mass that a set-up names is on the tactor.
+    """Yield the predicted displacement range of every drive; a mass named by the set-up is on the tactor.
 
     Raises:
-        ParameterError: the model cannot answer: no such tactor or frequency.
+        ParameterError: the model rejects the tactor or frequency.
     """
     sines: dict[tuple[float, float, float], list[tuple[str, float]]] = {}
     for entry, drive in planned_drives:
@@ -64,7 +64,7 @@ def predict_travel(
 def _extremes(
     tactor: Tactor, frequency: Array, amplitude_v: float, offset_v: float, amplifier: AmplifierMap
 ) -> tuple[Array, Array]:
-    """Lowest and highest displacement of a period with all the amplifier's harmonics, each (F,)."""
+    """Return lowest and highest displacement of a period with all the amplifier's harmonics, each (F,)."""
     harmonics = amplifier_response(tactor, frequency, amplitude_v, offset_v, amplifier).harmonics
     points = samples_per_period(harmonics.shape[1])
     spectrum = harmonics / 2j
@@ -74,7 +74,7 @@ def _extremes(
 
 
 def _step_travel(label: str, drive: Ramp | Steps, tactor: Tactor, amplifier: AmplifierMap) -> PredictedTravel:
-    """Levels, and what a rise that is shorter than half a period of the resonance overshoots."""
+    """Return the range of the levels and the overshoot of a rise shorter than half a resonance period."""
     levels_v = drive.levels_v if isinstance(drive, Steps) else (drive.start_v, drive.stop_v)
     rise_s = drive.rise_s if isinstance(drive, Steps) else drive.duration_s
     levels = voltage_gain(tactor) * amplifier.specimen_v(levels_v)

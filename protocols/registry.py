@@ -1,7 +1,7 @@
-"""The protocols this program knows, by name: its own, those of installed packages, and those of a lab's own file.
+"""Protocol registry: built-in protocols, those of installed packages, and those of a lab's own file.
 
-An installed package brings protocols by entry points of the group `tactor_bench.known_protocols`; a lab's own file is given
-by its path (docs/how-to-write-a-protocol.md). What is broken is named and left out; it never stops what does without.
+An installed package provides protocols by entry points of the group `tactor_bench.protocols`; a lab's own file is given by
+its path (docs/how-to-write-a-protocol.md). A broken one is reported and left out.
 """
 
 import importlib
@@ -28,7 +28,7 @@ BUILT_IN_PROTOCOLS = {
     "free-decay": ("Free decay", "protocols.measurements.free_decay:FreeDecay"),
     "wiring-check": ("Wiring check", "protocols.measurements.wiring_check:WiringCheck"),
 }
-"""Title and place of the program's own protocols by name. Each is imported when it is asked for: a window opens with one."""
+"""Title and location of the built-in protocols by name. Each is imported on first use, for a fast start."""
 
 
 class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
@@ -39,7 +39,7 @@ class ProtocolRegistry(MutableMapping[str, type[Protocol]]):
         self._titles = {name: title for name, (title, _) in locations.items()}
 
     def title(self, name: str) -> str:
-        """The title of one; nothing is imported for it."""
+        """Return the title of a protocol without importing it."""
         kind = self._classes[name]
         return self._titles[name] if isinstance(kind, str) else kind.title
 
@@ -67,23 +67,23 @@ PROTOCOLS = ProtocolRegistry(BUILT_IN_PROTOCOLS)
 
 
 class ProtocolFileError(Exception):
-    """A file gives no protocol. The sentence says which and why."""
+    """A file defines no protocol; the message says which and why."""
 
 
 def load_plug_ins() -> list[str]:
-    """Add the protocols of installed packages; a sentence for each that is broken."""
+    """Register the protocols of installed packages; return a message for each broken one."""
     troubles = []
     for point in entry_points(group=ENTRY_POINT_GROUP):
         try:
             deprecated.install()
             _register(point.load(), f"plug-in {point.name!r}")
-        except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, it is named and left out
+        except Exception as error:  # noqa: BLE001 - a plug-in may raise anything; it is reported and left out
             troubles.append(f"the protocol plug-in {point.name!r} is left out: {type(error).__name__}: {error}")
     return troubles
 
 
 def load_protocol_file(path: Path) -> type[Protocol]:
-    """Add the one protocol that a Python file defines.
+    """Register the one protocol that a Python file defines.
 
     Raises:
         ProtocolFileError: the file is missing, does not run, or does not define exactly one protocol.

@@ -1,6 +1,6 @@
-"""The rehearsal: a protocol gone through before anything is armed, and what it will ask of bench, specimen and people.
+"""Rehearsal: checks a protocol against bench and disk before arming; duration, prompts, warnings.
 
-What cannot be is refused with a sentence; what a model only expects is told as a caution.
+What cannot be run is refused; what the model merely expects to go wrong is a caution.
 """
 
 import shutil
@@ -22,12 +22,12 @@ FILE_OVERHEAD_BYTES = 200_000
 
 
 class CannotRunError(BenchError):
-    """A protocol asks for what this bench, or this disk, does not have."""
+    """A protocol needs what this bench or disk does not have."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """What a run will ask of the bench, told before anything is armed."""
+    """Demands of a run, known before arming."""
 
     duration_s: float
     entries: int
@@ -36,9 +36,9 @@ class Rehearsal:
     lowest_specimen_v: float
     file_bytes: int
     worst: str
-    """The moment that comes closest to a limit, in words."""
+    """The moment closest to a limit."""
     cautions: tuple[str, ...] = ()
-    """What nobody could check, and what the model expects to go wrong."""
+    """What could not be checked, and what the model expects to go wrong."""
 
 
 def rehearse(
@@ -51,14 +51,14 @@ def rehearse(
     meters: Mapping[str, Meter] | None = None,
     folder: Path | None = None,
 ) -> Rehearsal:
-    """Check every drive of a protocol against the guard and the source, and tell what the run will ask of the bench.
+    """Check every drive of a protocol against the guard and the source; return what the run demands.
 
     Args:
-        protocol: what is to be run.
+        protocol: the protocol to run.
         amplifier: the guard; it knows what its source can play.
         channels: of the card that are kept.
         sensor: whose range the predicted stroke is held against, where there is also a `tactor` to predict it with.
-        tactor: what is believed of the specimen.
+        tactor: model of the specimen.
         meters: of the bench; None where they are not known yet.
         folder: where the run file will be; None where that is not known yet.
 
@@ -113,7 +113,7 @@ def rehearse(
 
 
 def check_disk_space(file_bytes: int, folder: Path) -> None:
-    """Refuse what the disk has no room for.
+    """Reject a file for which the disk has no space.
 
     Raises:
         CannotRun: it would leave less than the reserve that closing a run in order needs.
@@ -148,7 +148,7 @@ def _highest_slew(drives: PlannedDrives, amplifier: HvAmplifier) -> tuple[float,
 
 
 def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tuple[float, str]]:
-    """The drive that takes most of the amplifier's current, where that is known."""
+    """Return the drive with the largest current, if the amplifier's current limit is known."""
     if not drives or not amplifier.limits.has_current_limit:
         return []
     entry, drive = max(drives, key=lambda pair: amplifier.peak_current_a(pair[1]))
@@ -160,7 +160,7 @@ def _highest_current(drives: PlannedDrives, amplifier: HvAmplifier) -> list[tupl
 def _largest_travel(
     drives: PlannedDrives, amplifier: HvAmplifier, sensor: LaserSensor, tactor: Tactor
 ) -> tuple[float, str]:
-    """The moment at which the model's tactor is nearest to the end of the sensor's range."""
+    """Return the moment at which the modelled tactor is nearest to the end of the sensor's range."""
     from protocols.predicted_travel import predict_travel  # the model's numerics take a quarter of a second to import
 
     ends = sensor.displacement_m([sensor.valid_low_v, sensor.valid_high_v])
@@ -176,11 +176,11 @@ def _largest_travel(
 
 
 def _count_prompts(plan: Sequence[PlanEntry], high_voltage: bool) -> int:
-    """How often a person is asked: high voltage off and on, every set-up (with both around it), and what entries ask."""
-    asked, standing = (2 if high_voltage else 1), None
+    """Return the number of prompts: high voltage off and on, every set-up (with both around it), and those of entries."""
+    prompts, current_setup = (2 if high_voltage else 1), None
     for entry in plan:
-        if entry.setup is not None and entry.setup != standing:
-            standing = entry.setup
-            asked += 3 if high_voltage and standing.hands_on else 1
-        asked += entry.prompts
-    return asked
+        if entry.setup is not None and entry.setup != current_setup:
+            current_setup = entry.setup
+            prompts += 3 if high_voltage and current_setup.hands_on else 1
+        prompts += entry.prompts
+    return prompts

@@ -1,7 +1,7 @@
-"""Going on with a run that was stopped, failed or lost its program; or measuring some of its entries again.
+"""Resuming a run that was stopped, failed or crashed, or repeating some of its entries.
 
-The new file carries every point over, links to the raw data of the old one, and is one run to its readers. Before it
-goes on, the last good entry is measured again: what changed meanwhile - temperature, a bumped sensor, creep - shows.
+The new file carries over all points, links to the raw data of the old file, and is one run to its readers. The last good
+entry is first measured again, which shows drift: temperature, a bumped sensor, creep.
 """
 
 import contextlib
@@ -20,24 +20,24 @@ from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
 
 DRIFT_SIGMAS, DRIFT_FRACTION = 4.0, 0.02
-"""A change counts as drift if it is larger than both: than errors explain, and than would matter."""
+"""A change larger than both counts as drift: more than errors explain, and large enough to matter."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResumeState:
-    """What a run begins with: points by entry, which entry to check first, and which to measure again."""
+    """Start of a resumed run: points by entry, the entry for the drift check, and entries to repeat."""
 
     points: tuple[tuple[int, Any], ...] = ()
     drift_check_entry: int | None = None
     repeat_entries: frozenset[int] = frozenset()
     message: str = ""
     curves: tuple[ResultCurve, ...] = ()
-    """What the carried points' entries gave beside them."""
+    """Curves of the carried-over entries."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResumableRun:
-    """A run that can be gone on with."""
+    """A run that can be resumed."""
 
     path: Path
     protocol: Protocol
@@ -46,10 +46,10 @@ class ResumableRun:
 
 
 def protocol_of_run(run: Run, run_name: str) -> Protocol:
-    """The protocol of a run with its parameters; `run_name` is the run's name in what is said.
+    """Return the protocol of a run with its parameters; `run_name` names the run in messages.
 
     Raises:
-        RunError: it is not known here, or its parameters are none of this version's.
+        RunReadError: it is not known here, or this version rejects its parameters.
     """
     kind = PROTOCOLS.get(run.protocol)
     if kind is None:
@@ -61,10 +61,10 @@ def protocol_of_run(run: Run, run_name: str) -> Protocol:
 
 
 def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableRun:
-    """What `path` has measured, to go on with the rest, or to measure the entries `again` once more.
+    """Load a run to resume it, or to measure `repeat_entries` again.
 
     Raises:
-        RunError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
+        RunReadError: the file is no run, still being written, complete with nothing to do again, or of an unknown protocol.
     """
     with Run(path) as run, translate_read_errors(path):
         if run.status is RunStatus.RUNNING and not run.crashed:
@@ -78,7 +78,7 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
         points = {int(entry): point for entry, point in measured_points(run, protocol.point_type)}
         begun = run.entries()
         plan = extend_plan(protocol, protocol.plan(rest_v), points, rest_v)
-        # Entries that were added to a plan hang on points; where those were measured again, they may not be the same.
+        # Refinement entries depend on points; if those were measured again, the entries may differ.
         stale = [i for i in points if i >= len(plan) or (i in begun and begun[i].key != plan[i].key)]
         points = {i: point for i, point in points.items() if i not in stale}
         if unknown := [i for i in repeat_entries if not 0 <= i < len(plan)]:
@@ -98,16 +98,16 @@ def load_resumable(path: Path, repeat_entries: Sequence[int] = ()) -> ResumableR
 
 
 FLAGGED_ENTRIES = "flagged"
-"""What stands for all entries whose point no fit may use, or that have none."""
+"""Name of all entries without a usable point."""
 
 
 def find_entries(path: Path, entry_names: Sequence[str]) -> tuple[int, ...]:
-    """Entries of a run by what a person calls them: `155`, `2.54 mm`, `2.54 mm, 155 Hz`, or `flagged`.
+    """Return the entries of a run by their names: `155`, `2.54 mm`, `2.54 mm, 155 Hz`, or `flagged`.
 
     A number means all entries with a part of their label that begins with it.
 
     Raises:
-        RunError: the file is no run, or has no such entry; the sentence names those there are.
+        RunReadError: the file is not a run, or has no such entry; the message lists the entries.
     """
     with Run(path) as run:
         begun, columns = run.entries(), run.points()
@@ -150,7 +150,7 @@ def _label_matches(label: str, text: str) -> bool:
 
 
 def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tuple[str, Prompt | None]:
-    """What an entry measured twice says about the time between, and what to ask where it is too much."""
+    """Compare an entry measured twice; return a message, and a prompt if the drift is too large."""
     column = protocol.axes[1]
     old, new = float(getattr(first, column)), float(getattr(second, column))
     error = math.hypot(float(getattr(first, f"{column}_errors", 0.0)), float(getattr(second, f"{column}_errors", 0.0)))
@@ -166,7 +166,7 @@ def assess_drift(protocol: Protocol, label: str, first: Any, second: Any) -> tup
 
 
 def _recompute_curves(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -> tuple[ResultCurve, ...]:
-    """The curves of a run that never came to write them, from its raw data."""
+    """Recompute the curves of an unfinished run from its raw data."""
     if type(protocol).curves is Protocol.curves:
         return ()
     latest: dict[int, list[Recording]] = {}
@@ -183,7 +183,7 @@ def _recompute_curves(run: Run, protocol: Protocol, plan: Sequence[PlanEntry]) -
 
 
 def measured_points(run: Run, point_type: type) -> Sequence[tuple[int, Any]]:
-    """Points with their entries, in the order they were measured; a later one of the same entry counts."""
+    """Return points with their entries, in order of measurement; the last one of an entry is valid."""
     columns = run.points()
     entries = columns.pop(ENTRY_COLUMN)
     found = []

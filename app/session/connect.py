@@ -1,9 +1,4 @@
-"""The composition root: the one place that decides between real and simulated instruments.
-
-Opens whatever a bench file puts at the amplifier's input: a generator, an output of the card, or a DC supply.
-
-Opens the serial sensors of a bench file; on a simulated bench, first the simulated sensor and its port.
-"""
+"""Composition root: opens the real or simulated instruments of a bench file."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -36,10 +31,10 @@ SERVED_OUTPUT_WARNING = (
 def open_source(
     config: BenchConfig, clock: Clock, open_link: Callable[[float], Link], server: str, stack: ExitStack
 ) -> Source:
-    """The source, on its wire; it is let go with `stack`. `link` opens a wire, given how long an answer may take.
+    """Open the source; `stack` closes it. `open_link` opens a connection with a reply timeout.
 
     Raises:
-        InstrumentError: it is not there, or something else is.
+        InstrumentError: it does not answer, or another instrument does.
     """
     match config.source.kind:
         case "card-output":
@@ -63,7 +58,7 @@ def open_source(
 
 
 def source_options(config: BenchConfig, speed: float) -> dict[str, Any]:
-    """What the driver of the source is told beyond its wire and its clock; plain values, the watchdog needs them too."""
+    """Return the options of the source's driver as plain values, because the watchdog process needs them too."""
     match config.source.kind:
         case "card-output":
             return {
@@ -96,10 +91,10 @@ ReadDisplacement = Callable[[], float | None]
 def open_meters(
     tables: dict[str, MeterTable], clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None
 ) -> dict[str, Meter]:
-    """The meters by name; they are let go with `stack`. `see` is what a simulated sensor sees, None on a real bench.
+    """Open the meters, by name; `stack` closes them. `read_displacement` is None on a real bench.
 
     Raises:
-        InstrumentError: a port is not there, or something else answers on it.
+        InstrumentError: a port does not exist, or another instrument answers on it.
     """
     return {name: _open_meter(table, clock, stack, read_displacement) for name, table in tables.items()}
 
@@ -131,10 +126,10 @@ def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displaceme
 
 
 BLOCK_S = 0.05
-"""A block on a bench at real speed; at raised speed blocks grow, so that they stay worth their round trip."""
+"""Block duration at real speed; it grows with the speed, so that a block stays worth its round trip."""
 
 UNATTENDED_BLOCK_S = 0.2
-"""A block on the virtual clock where nobody watches: a quarter of the blocks is three times the speed."""
+"""Block duration on the virtual clock without a display: a quarter of the blocks triples the speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +143,7 @@ class BenchConnection:
 
 @contextmanager
 def connect(config: BenchConfig, speed: float | None = None, block_s: float = BLOCK_S) -> Iterator[BenchConnection]:
-    """Open the instruments of a bench; they are let go at the end, the source staying at rest.
+    """Open the instruments of a bench and close them at the end; the source stays at rest.
 
     Args:
         config: the bench file.
@@ -156,7 +151,7 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
         block_s: bench time of a block on the virtual clock.
 
     Raises:
-        BenchError: an instrument is not there.
+        BenchError: an instrument does not answer.
     """
     with ExitStack() as stack:
         if not config.simulated:
@@ -168,7 +163,7 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
             from sim_hardware.clock import VirtualClock
 
             virtual = SimulatedBench(config.simulation_parameters, VirtualClock())
-            if config.source.kind == "card-output":  # input and output are one card: both on its service, in its time
+            if config.source.kind == "card-output":  # input and output are one card, served in its own time
                 from sim_hardware.service.served_bench import ServedBench
 
                 server = stack.enter_context(ServedBench(virtual)).card.address
@@ -202,7 +197,7 @@ def _open_instruments(
     server: str,
     read_displacement: ReadDisplacement | None = None,
 ) -> BenchConnection:
-    """Instruments on their wires: the same code for a real bench and a served simulated one."""
+    """Open the instruments: the same code for a real bench and a served simulated one."""
     from drivers.transport.visa import VisaLink
 
     digitizer = _open_digitizer(config, clock, server, stack)
@@ -227,7 +222,7 @@ def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitS
 
 
 def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, source: Source) -> Watchdog:
-    """A process that opens the same driver on the same resource once more."""
+    """Return the watchdog: a process that opens the same driver on the same resource."""
     from drivers.watchdog.client import WatchdogClient
     from drivers.watchdog.config import WatchdogConfig
 
@@ -256,7 +251,7 @@ def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: Heart
 
 
 def _allows_second_connection(resource: str) -> bool:
-    """Whether the wire takes two who talk: on a serial or USB line they would read each other's answers."""
+    """Whether the connection allows two clients: on a serial or USB line they would read each other's replies."""
     return not resource.upper().startswith(("ASRL", "USB"))
 
 

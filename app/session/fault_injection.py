@@ -1,6 +1,6 @@
-"""Faults of a simulated bench, broken when they are due: for `run --fault`, for the window, for a lesson.
+"""Fault injection: switches faults of a simulated bench when they are due.
 
-A plan is put between the composition root and the session (`wrap`) and among the session's observers (itself).
+`FaultPlan.wrap` goes between the composition root and the session; the plan itself is an observer of the session.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,17 +21,17 @@ Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
 @dataclass(frozen=True, slots=True)
 class PlannedFault:
-    """What breaks, and how long after the run has begun, in bench seconds."""
+    """A fault and its time after the start of the run, in bench seconds."""
 
     name: str
     after_s: float = 0.0
 
 
 def parse_planned_fault(text: str) -> PlannedFault:
-    """The fault that `NAME` or `NAME@SECONDS` means.
+    """Parse `NAME` or `NAME@SECONDS`.
 
     Raises:
-        UsageError: there is no such fault, or the seconds are no number from 0 on.
+        UsageError: there is no such fault, or the seconds are not a number from 0 on.
     """
     name, at, seconds = text.partition("@")
     if name not in FAULT_DESCRIPTIONS:
@@ -48,17 +48,17 @@ def parse_planned_fault(text: str) -> PlannedFault:
 
 
 class FaultPlan:
-    """Breaks each fault once, at the first event after it is due. Blocks are events, so that is within a block."""
+    """Injects each fault once, at the first event after it is due. Blocks are events, so that is within a block."""
 
     def __init__(self, faults: Sequence[PlannedFault] = ()) -> None:
         self._pending = sorted(faults, key=lambda fault: fault.after_s)
         self._connection: ConnectedBench | None = None
         self._begin_s: float | None = None
         self.on_switched: Callable[[InjectedFaultChanged], object] = lambda _: None
-        """Told what was broken or mended, in the thread that did it: `Session.inject_event`, for the run's file and the log."""
+        """Called when a fault was injected or cleared, in that thread; usually `Session.inject_event`."""
 
     def wrap(self, connect: Connect) -> Connect:
-        """The same way to a bench, known to this plan from then on."""
+        """Return `connect` wrapped so that this plan knows the connected bench."""
 
         @contextmanager
         def connected() -> Iterator[ConnectedBench]:
@@ -72,10 +72,10 @@ class FaultPlan:
         return connected
 
     def inject(self, name: str) -> None:
-        """Break something now; it may take as long as the bench takes to answer.
+        """Inject a fault now; waits for the bench's reply.
 
         Raises:
-            UsageError: the bench is not open, or is a real one.
+            UsageError: the bench is not open, or is real.
             BenchError: the simulated bench has died.
         """
         controls = self._controls()
@@ -85,7 +85,7 @@ class FaultPlan:
             self._report_switched(name, active=True)
 
     def clear(self, name: str | None = None) -> None:
-        """Mend one fault, or all. As `inject`."""
+        """Clear one fault, or all; raises as `inject`."""
         controls = self._controls()
         before = controls.active_faults()
         controls.clear(name)
@@ -94,7 +94,7 @@ class FaultPlan:
                 self._report_switched(each, active=False)
 
     def active_faults(self) -> tuple[str, ...]:
-        """What is broken now, as the bench itself says; nothing where none is open."""
+        """Return the active faults reported by the bench; empty if none is open."""
         return () if self._connection is None else self._controls().active_faults()
 
     def __call__(self, event: SessionEvent) -> None:
@@ -105,7 +105,7 @@ class FaultPlan:
             if self._begin_s is None:
                 self._begin_s = now_s
             for name in self.active_faults() if self._connection.control is not None else ():
-                self._report_switched(name, active=True)  # this run, too, is told what is broken
+                self._report_switched(name, active=True)  # recorded in this run's file, too
         while self._begin_s is not None and self._pending and now_s - self._begin_s >= self._pending[0].after_s:
             self.inject(self._pending.pop(0).name)
 

@@ -1,8 +1,6 @@
-"""A session with one bench: a thread that owns the instruments, connects, runs what it is told, and lets go.
+"""Bench session: thread that owns the instruments, runs requests in turn and publishes events.
 
-Front ends (window, command line, tests) start it, ask for runs, stop them, and observe. Nothing here knows who asks.
-
-A run that a session was asked for, and what its file says before it begins.
+Independent of the front end (window, command line, Python API, tests).
 """
 
 import logging
@@ -29,7 +27,7 @@ log = logging.getLogger(__name__)
 
 
 class SessionState(StrEnum):
-    """What the session is doing, in a word a person understands."""
+    """State of the session, as shown to the operator."""
 
     CONNECTING = "connecting"
     IDLE = "at rest"
@@ -40,7 +38,7 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BenchOpened:
-    """The instruments answer; `identities` by role."""
+    """The bench is open; `identities` by role."""
 
     kind: ClassVar[str] = "BenchOpened"
     name: str
@@ -50,7 +48,7 @@ class BenchOpened:
 
 @dataclass(frozen=True, slots=True)
 class BenchFailed:
-    """The bench cannot be used; the sentence says why and what to do."""
+    """The bench cannot be used; `words` is the reason and the remedy."""
 
     kind: ClassVar[str] = "BenchFailed"
     words: str
@@ -58,7 +56,7 @@ class BenchFailed:
 
 @dataclass(frozen=True, slots=True)
 class RunRejected:
-    """A run was not even begun: its file could not be created, or the one it goes on with not be read."""
+    """A run was not started: its file cannot be created, or the run to resume cannot be read."""
 
     kind: ClassVar[str] = "Refused"
     words: str
@@ -69,21 +67,21 @@ Observer = Callable[[SessionEvent], object]
 
 
 class BuiltInOperator(Operator, Protocol):
-    """An operator that the bench brings along."""
+    """Operator that belongs to the bench, such as the simulated one."""
 
     def clear_specimen(self) -> None:
-        """Take off what a run that was stopped left on the specimen. Raises BenchError where the bench is gone."""
+        """Remove what a stopped run left on the specimen. Raises BenchError if the bench is gone."""
 
 
 class ConnectedBench(Protocol):
-    """What the composition root hands over."""
+    """Open bench as the composition root provides it."""
 
     @property
     def bench(self) -> Bench: ...
 
     @property
     def operator(self) -> BuiltInOperator | None:
-        """Answers prompts by itself (a simulated operator), or None where a person must."""
+        """The simulated operator; None if a person answers prompts."""
 
     @property
     def control(self) -> "BenchControls | None":
@@ -95,8 +93,8 @@ class Session:
 
     Args:
         connect: opens the bench; a context manager that also closes it.
-        observers: told every event, in the session's thread.
-        operator: answers prompts where the bench brings no operator of its own.
+        observers: called with every event, in the session's thread.
+        operator: answers prompts if the bench has no operator of its own.
     """
 
     def __init__(
@@ -114,15 +112,15 @@ class Session:
         self.outcome: tuple[RunStatus, str] | None = None
         self.path: Path | None = None
         self.finished = threading.Event()
-        """Set when the run that was asked for has ended, or will never begin because there is no bench."""
+        """Set when the requested run has ended, or cannot start because there is no bench."""
         self.bench: Bench | None = None
 
     def start(self) -> None:
-        """Begin to connect; returns at once."""
+        """Start connecting; returns immediately."""
         self._thread.start()
 
     def run(self, request: RunRequest) -> None:
-        """Queue a run; returns at once."""
+        """Queue a run; returns immediately."""
         self._enqueue(lambda: request)
 
     def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None:
@@ -149,29 +147,29 @@ class Session:
 
     @property
     def pause_requested(self) -> bool:
-        """Whether the present run shall be at rest and wait."""
+        """Whether a pause is requested."""
         return self._control.pause.is_set()
 
     def stop(self) -> None:
-        """Ask the present run to go to rest and end; returns at once."""
+        """Request the current run to go to rest and end; returns immediately."""
         self._control.cancel.set()
 
     def pause(self) -> None:
-        """Ask the present run to go to rest and wait there; returns at once."""
+        """Request the current run to go to rest and wait; returns immediately."""
         self._control.pause.set()
 
     def resume(self) -> None:
-        """Let a paused run go on; returns at once."""
+        """Resume a paused run; returns immediately."""
         self._control.pause.clear()
 
     def inject_event(self, event: Event) -> None:
-        """Something happened to the bench from outside: into the file of the run that goes on, and told. From any thread."""
+        """Publish an external event, and store it in the file of the current run. Callable from any thread."""
         self._control.external_events.put(event)
         if self.state is not SessionState.RUNNING:
             self._forward_injected()
 
     def close(self, timeout_s: float | None = None) -> bool:
-        """Stop, go to rest, let go of the bench; whether the thread has ended within `timeout_s`."""
+        """Stop, go to rest and release the bench; return whether the thread ended within `timeout_s`."""
         self.stop()
         self._requests.put(None)
         if self._thread.is_alive():
@@ -199,7 +197,7 @@ class Session:
             self.finished.set()
 
     def _run(self, connection: ConnectedBench, load: Callable[[], RunRequest]) -> None:
-        # HDF5 and what comes with it: not before the window is painted, and not in its thread.
+        # HDF5 is slow to import: neither before the window is painted nor in its thread.
         from protocols.runfile.errors import StorageError
         from protocols.runfile.open import RunReadError
         from protocols.runner.runner import Runner
@@ -241,5 +239,5 @@ class Session:
 
 
 def unreported_watchdog_messages(folder: Path) -> list[LogMessage]:
-    """What the watchdog of an earlier program left to be told beside these runs; told once."""
+    """Return log messages that the watchdog of an earlier program left in `folder`, once."""
     return [LogMessage(f"Since the last start the watchdog wrote: {line}") for line in take_unreported_lines(folder)]

@@ -1,4 +1,4 @@
-"""What happens in a run, as values: stored first, then told to every observer, in this order."""
+"""Run events: frozen values, stored in the run file first and then published to the observers."""
 
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -12,7 +12,7 @@ from protocols.base.steps import Prompt
 
 
 class RunStatus(StrEnum):
-    """How a run stands. A file that still says `running` while its program is gone tells of a crash."""
+    """Status of a run. A file with `running` whose program is gone is a crashed run."""
 
     RUNNING = "running"
     COMPLETED = "completed"
@@ -35,7 +35,7 @@ class RunStarted:
 
 @dataclass(frozen=True, slots=True)
 class StreamStarted:
-    """The card runs."""
+    """The acquisition has started."""
 
     kind: ClassVar[str] = "StreamStarted"
     rate_hz: float
@@ -44,7 +44,7 @@ class StreamStarted:
 
 @dataclass(frozen=True, slots=True)
 class BenchArmed:
-    """The source rests, as measured; high voltage is on, says the operator, or stays off where none is needed."""
+    """The source is at measured rest; the operator confirmed high voltage, or it stays off if not needed."""
 
     kind: ClassVar[str] = "Armed"
     high_voltage: bool = True
@@ -61,7 +61,7 @@ class BlockStored:
 
 @dataclass(frozen=True, slots=True)
 class BlockDiscarded:
-    """A block that nobody keeps, taken while a person takes their time. Told, never stored."""
+    """A block read while waiting for the operator; published, never stored."""
 
     kind: ClassVar[str] = "BlockSeen"
     block: Block
@@ -79,7 +79,7 @@ class EntryStarted:
 
 @dataclass(frozen=True, slots=True)
 class DriveStarted:
-    """The guard admitted a drive and the source began it."""
+    """The guard admitted a drive and the source started it."""
 
     kind: ClassVar[str] = "Playing"
     drive: Drive
@@ -87,7 +87,7 @@ class DriveStarted:
 
 @dataclass(frozen=True, slots=True)
 class SettlingFinished:
-    """The wait before a recording is over: the response became steady, the limit came first, or a fixed wait has passed."""
+    """The wait before a recording is over: response steady, time limit reached, or fixed wait passed."""
 
     kind: ClassVar[str] = "SettleEnded"
     settled: bool
@@ -96,7 +96,7 @@ class SettlingFinished:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFinished:
-    """Samples were kept under a drive: these rows of the file."""
+    """A recording under a drive is complete: these rows of the file."""
 
     kind: ClassVar[str] = "Recorded"
     index: int
@@ -119,9 +119,9 @@ class PointMeasured:
 
 @dataclass(frozen=True, slots=True)
 class CurveReady:
-    """An entry gave a curve, as a frequency response with its errors; told after its point and again if it is measured again.
+    """An entry gave a curve, such as a frequency response; published after its point, and again after a repeat.
 
-    Told, never stored: a run's file gets its curves when it is finished, and its raw data has them always.
+    Published, never stored as an event: the curves are written when the run ends.
     """
 
     kind: ClassVar[str] = "CurveReady"
@@ -130,7 +130,7 @@ class CurveReady:
 
 @dataclass(frozen=True, slots=True)
 class RunPaused:
-    """Somebody paused the run: the source rests, as measured. High voltage is as the run has it."""
+    """The run is paused at measured rest; high voltage is unchanged."""
 
     kind: ClassVar[str] = "Paused"
     words: str
@@ -139,7 +139,7 @@ class RunPaused:
 
 @dataclass(frozen=True, slots=True)
 class RunResumed:
-    """The run goes on, with the entry that was interrupted."""
+    """The run is resumed with the interrupted entry."""
 
     kind: ClassVar[str] = "Resumed"
 
@@ -157,7 +157,7 @@ class ProgressUpdated:
 
 @dataclass(frozen=True, slots=True)
 class PromptShown:
-    """A person must do something."""
+    """The operator is asked to act."""
 
     kind: ClassVar[str] = "Asked"
     ask_id: int
@@ -166,7 +166,7 @@ class PromptShown:
 
 @dataclass(frozen=True, slots=True)
 class PromptAnswered:
-    """A person has answered."""
+    """The operator has answered."""
 
     kind: ClassVar[str] = "Answered"
     ask_id: int
@@ -175,7 +175,7 @@ class PromptAnswered:
 
 @dataclass(frozen=True, slots=True)
 class LogMessage:
-    """A remark."""
+    """A log message."""
 
     kind: ClassVar[str] = "Noted"
     text: str
@@ -183,7 +183,7 @@ class LogMessage:
 
 @dataclass(frozen=True, slots=True)
 class InjectedFaultChanged:
-    """Something of a simulated bench was broken on purpose, or mended: what a run measured then is a lesson."""
+    """A fault of a simulated bench was injected or cleared."""
 
     kind: ClassVar[str] = "FaultSwitched"
     fault: str
@@ -195,14 +195,14 @@ class InjectedFaultChanged:
 
 @dataclass(frozen=True, slots=True)
 class ShutdownStarted:
-    """The way out has begun; nothing is measured any more."""
+    """The shutdown has started; nothing is measured any more."""
 
     kind: ClassVar[str] = "GoingToRest"
 
 
 @dataclass(frozen=True, slots=True)
 class RestMeasured:
-    """What the card saw of the drive at the end."""
+    """The drive as measured by the card at the end."""
 
     kind: ClassVar[str] = "AtRest"
     confirmed: bool
@@ -212,7 +212,7 @@ class RestMeasured:
 
 @dataclass(frozen=True, slots=True)
 class RunEnded:
-    """The last event of every run, also of one whose disk is full. `estimates` are what was identified."""
+    """The last event of every run, even if the disk is full. `estimates` are the identified quantities."""
 
     kind: ClassVar[str] = "RunEnded"
     status: RunStatus
@@ -250,7 +250,7 @@ EVENTS: dict[str, type[Event]] = {event.kind: event for event in get_args(Event)
 
 
 def event_record(event: Any) -> dict[str, Any]:
-    """The fields of an event (any frozen dataclass) as plain values, for the file and for `--json`."""
+    """Return the fields of an event (any frozen dataclass) as JSON types, for the file and for `--json`."""
     return {field.name: _field_to_jsonable(getattr(event, field.name)) for field in fields(event)}
 
 

@@ -1,4 +1,4 @@
-"""Values as JSON has them: for the rows of a run file and for every `--json`."""
+"""Conversion of values to JSON types, for the events of a run file and for `--json`."""
 
 import math
 from dataclasses import fields, is_dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def to_jsonable(value: Any) -> Any:
-    """The value as dicts, lists, numbers and texts. A number that is none (NaN, infinite) is None: JSON has no such."""
+    """Return the value as dicts, lists, numbers and texts; NaN and infinity become None."""
     match value:
         case None | bool() | str() | int() if not isinstance(value, Enum):
             return value

@@ -1,4 +1,4 @@
-"""Who answers a prompt: the window, the console, a test's script, or the simulated operator."""
+"""Operator interface: shows prompts and returns answers (window, console, test, simulated operator)."""
 
 from typing import Protocol
 
@@ -6,13 +6,13 @@ from protocols.base.steps import Prompt
 
 
 class Operator(Protocol):
-    """Shown a prompt, polled for the answer. Ids are unique, so a stale answer cannot be mistaken for a new one."""
+    """Shows prompts and is polled for answers. Ids are unique, so that a stale answer is never taken for a new one."""
 
     def show(self, ask_id: int, prompt: Prompt) -> None:
         """Show a prompt; must not wait."""
 
     def answer(self, ask_id: int) -> str | None:
-        """The answer, or None while there is none. Called many times a second; must not wait."""
+        """Return the answer, or None if there is none yet. Called many times a second; must not wait."""
 
 
 DISABLE_HIGH_VOLTAGE = Prompt(

@@ -1,4 +1,4 @@
-"""What is wrong with a measured value, as flags that travel with it into files, plots, fits and exports."""
+"""Quality flags of measured values in files, plots, fits and exports."""
 
 from collections.abc import Iterable
 from enum import IntFlag
@@ -11,13 +11,13 @@ from drivers.deprecated import renamed
 
 @renamed(words="description")
 class Quality(IntFlag):
-    """No flag set means good. `SIMULATED` and `IMPORTED` are facts, not faults."""
+    """No flag means good. `SIMULATED` and `IMPORTED` are facts, not faults."""
 
     GOOD = 0
     CLIPPED = 1
-    """The card's converter stood at a rail."""
+    """The card's converter was at a rail."""
     UNSETTLED = 2
-    """The response still changed when it was recorded."""
+    """The response was still changing when recorded."""
     OUT_OF_RANGE = 4
     """The displacement sensor said 'out of range'."""
     DROPPED = 8
@@ -26,17 +26,17 @@ class Quality(IntFlag):
     """The drive read back is not the drive commanded."""
     SIMULATED = 32
     CALIBRATION_EXPIRED = 64
-    """The displacement sensor's calibration was past its day: a warning, the value stays usable."""
+    """The displacement sensor's calibration had expired: a warning, the value stays usable."""
     SUPERSEDED = 128
     """The same entry was measured again later; that value counts."""
     NO_RESPONSE = 256
-    """What was measured lies within 5 standard uncertainties of nothing."""
+    """The response is less than 5 standard uncertainties."""
     IMPORTED = 512
-    """Taken over from somebody's table: no raw samples stand behind it here. A fact, not a fault."""
+    """Imported from a table, without raw samples. A fact, not a fault."""
 
     @property
     def description(self) -> str:
-        """The flags in words, e.g. `unsettled, simulated`; `good` where there are none."""
+        """The flags as text, e.g. `unsettled, simulated`; `good` if there are none."""
         return ", ".join((flag.name or "").lower().replace("_", " ") for flag in self) or "good"
 
     @property
@@ -46,5 +46,5 @@ class Quality(IntFlag):
 
 
 def usable_mask(flags: Iterable[float]) -> NDArray[np.bool_]:
-    """Which of many values, told by their flags as a file keeps them, fits and summaries may use; (N,)."""
+    """Return which values, by their stored flags, fits and summaries may use; (N,)."""
     return np.array([Quality(int(each)).usable for each in flags], bool)

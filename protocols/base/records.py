@@ -1,4 +1,4 @@
-"""The values a run is made of: an entry of its plan, a recording of samples, an estimate."""
+"""Records of a run: plan entry, recording, result curve."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 
 MAX_RECORDING_SCANS = 50_000_000
-"""Scans of one recording, which its analysis holds in memory whole: a gigabyte."""
+"""Limit of one recording, which its analysis holds in memory: a gigabyte."""
 
 STREAMED_RECORDING_SCANS = 1 << 15
-"""A recording from so many scans on is left in the run's file."""
+"""A recording from this many scans on stays in the run file."""
 
 
 def recording_too_long_message(scans: float) -> str:
-    """Why so many scans are not recorded at once."""
+    """Return the error message for too long a recording."""
     return (
         f"a recording of {scans / 1e6:.0f} million scans does not fit into memory (limit {MAX_RECORDING_SCANS / 1e6:.0f} million); "
         "record for a shorter time or lower sample_rate_hz"
@@ -32,10 +32,10 @@ def recording_too_long_message(scans: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Samples kept under one drive, in physical units, and what is known against them.
+    """Samples recorded under one drive, in SI units, and their quality.
 
     `rows` are the first and one past the last row of the run file's raw data. `drive_v` is at the amplifier's input,
-    `displacement_m` the tactor's centre as the sensor tells it, both (samples,). `sensor_delay_s` is how late the
+    `displacement_m` the tactor's centre as measured by the sensor, both (samples,). `sensor_delay_s` is how late the
     displacement is against the drive: the sensor's delay less the time between the card's conversions of the two.
     """
 
@@ -52,10 +52,10 @@ class Recording:
 
 
 class StreamedRecording(Recording):
-    """A recording whose samples are read from the run's file each time they are looked at: entries of any length cost nothing.
+    """A recording whose samples are read from the run file at each access, so that a long entry needs no memory.
 
     Args:
-        read: the samples of a channel in physical units, (samples,): the drive for True, else the displacement.
+        read_channel: returns the samples of a channel in SI, (samples,): the drive for True, else the displacement.
         fields: the other fields.
     """
 
@@ -73,13 +73,13 @@ class StreamedRecording(Recording):
 
     @property
     def displacement_m(self) -> Array:
-        """(samples,), as the sensor tells it."""
+        """(samples,), metres as measured by the sensor."""
         return self._read(False)
 
 
 @dataclass(frozen=True, slots=True)
 class CurveColumn:
-    """One column of a curve: (N,) values in `unit`, and what they are."""
+    """One column of a curve: (N,) values in `unit`, and their description."""
 
     values: Array
     unit: str
@@ -88,10 +88,10 @@ class CurveColumn:
 
 @dataclass(frozen=True, slots=True)
 class ResultCurve:
-    """What an entry gives beside its point: a frequency response, a decay.
+    """A curve measured by an entry, such as a frequency response or a decay.
 
     Attributes:
-        label: what tells it from the run's other curves; with `name` it names the group in the file.
+        label: distinguishes it from the run's other curves; with `name` it names the group in the file.
         x, y: the columns that are drawn; the error of y is the column `<y>_errors`.
         columns: by name, all of the same length.
         entry: the entry of the plan it belongs to.
@@ -107,15 +107,15 @@ class ResultCurve:
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """One entry of a protocol's plan: what gives one point, and is measured whole or not at all.
+    """One entry of a protocol's plan: gives one point and is measured whole or not at all.
 
     Attributes:
-        label: the entry in a few words.
-        drives: every drive it will play; empty where nothing moves.
-        expected_s: about how long it takes, without the operator's time.
-        key: what tells this entry from the others, as plain values: a frequency, a mass, a repeat. Kept in the file.
-        setup: what a person must have set up before; asked for where it differs from the entry before.
-        prompts: how many more prompts the entry has.
+        label: short description.
+        drives: all drives it will play; empty if nothing moves.
+        expected_s: approximate duration without the operator's time.
+        key: identifies the entry by plain values: a frequency, a mass, a repeat. Stored in the file.
+        setup: set-up by the operator; prompted if it differs from that of the previous entry.
+        prompts: number of further prompts.
     """
 
     label: str

@@ -1,4 +1,4 @@
-"""What a protocol may ask of the runner: a closed union of steps, and what each is answered with."""
+"""Steps: what a protocol may request of the runner, and the result of each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from drivers.drive import Drive
 
 @dataclass(frozen=True, slots=True)
 class Settle:
-    """Play a drive and watch until the response repeats from one window to the next. Answered with `SettlingResult`.
+    """Play a drive until the response repeats from one window to the next. Returns `SettlingResult`.
 
     `window_s` is the length of one window (whole cycles of a sine), `tolerance` the relative change of the response
     between successive windows that counts as steady, `limit_s` the time after which waiting ends unsettled.
@@ -36,7 +36,7 @@ class SettlingResult:
 
 @dataclass(frozen=True, slots=True)
 class Play:
-    """Play a drive and let `wait_s` pass, whatever the response does. Answered with `SettlingResult`."""
+    """Play a drive for `wait_s`, whatever the response. Returns `SettlingResult`."""
 
     drive: Drive
     wait_s: float
@@ -44,10 +44,10 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Keep the next `duration_s` of samples, under the drive that plays or at rest. Answered with a `Recording`.
+    """Record `duration_s` of samples under the current drive or at rest. Returns a `Recording`.
 
-    With `drive`, that drive is begun once `lead_s` were recorded (one block at least), so that its start and what was
-    before it are in the recording; `duration_s` counts from its beginning, which is the end of the ramp for a `Hold`.
+    With `drive`, that drive starts once `lead_s` are recorded (one block at least), so that its start is in the
+    recording; `duration_s` counts from its start, which is the end of the ramp for a `Hold`.
     """
 
     duration_s: float
@@ -57,15 +57,15 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """Something only a person can do.
+    """An action for the operator.
 
     Attributes:
         action: its name, for a simulated operator and for a drawing of the set-up.
-        text: what a person reads.
+        text: shown to the operator.
         values: the action's numbers by name, for a simulated operator, e.g. `{"mass_kg": 0.05}`.
-        choices: possible answers, the expected one first; each begins with another letter, its key.
-        hands_on: whether the specimen must be touched; then rest is measured and high voltage switched off before,
-            and both again before anything moves.
+        choices: possible answers, the expected one first; each has a different initial letter, its key.
+        hands_on: whether the specimen must be touched; rest is then measured and high voltage switched off before,
+            and both are checked again before anything moves.
     """
 
     action: str
@@ -77,23 +77,23 @@ class Prompt:
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Wait until the operator has done what the prompt says. Answered with the operator's words."""
+    """Wait for the operator. Returns the operator's answer."""
 
     prompt: Prompt
 
 
 class Detector(Protocol):
-    """Watches drive (V) and displacement (m), block by block, until it has seen what it looks for."""
+    """Detects an event in drive (V) and displacement (m), block by block."""
 
     def feed(self, drive_v: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> bool:
-        """Take more samples; True once it has seen it."""
+        """Process samples; return True once the event is detected."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaitForDetection:
-    """Show a prompt and watch the laser until `detector` has seen what was asked for, or the operator answers.
+    """Show a prompt and wait until `detector` detects the action, or the operator answers.
 
-    Answered with `DetectionResult`. What the card sees meanwhile is not kept: a person may take an hour.
+    Returns `DetectionResult`. The samples are not stored: an operator may take an hour.
     """
 
     prompt: Prompt
@@ -103,7 +103,7 @@ class WaitForDetection:
 @renamed(seen="detected", words="answer")
 @dataclass(frozen=True, slots=True)
 class DetectionResult:
-    """How an `WaitForDetection` ended: seen by the laser (`words` is None), or answered by the operator."""
+    """Result of `WaitForDetection`: detected by the laser (`answer` is None), or answered by the operator."""
 
     detected: bool
     answer: str | None
@@ -111,14 +111,14 @@ class DetectionResult:
 
 @dataclass(frozen=True, slots=True)
 class ReadMeter:
-    """One reading of a meter of the bench, by its name. Answered with a `Reading`."""
+    """Read a meter of the bench by its name. Returns a `Reading`."""
 
     meter: str
 
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A remark for the log and the file."""
+    """Write a message to the log and the file."""
 
     text: str
 
@@ -127,11 +127,11 @@ Step = Settle | Play | Record | Ask | WaitForDetection | ReadMeter | Log
 
 
 class Repeat(Enum):
-    """What `Protocol.measure` may return to have something measured again."""
+    """Request to measure again, returned by `Protocol.measure`."""
 
     THIS = "this entry"
     PREVIOUS = "the entry before, then this one"
 
 
 StepResult = Any
-"""What a step is answered with, as its docstring says."""
+"""Result of a step, as in its docstring."""

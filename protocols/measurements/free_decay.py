@@ -1,7 +1,7 @@
-"""Free decay: a small step, and how the tactor rings after it; resonance and damping at an amplitude of their own.
+"""Free decay: ringing after a small step; resonance and damping at small amplitude.
 
-A quick look where no sweep is wanted, or where damping shall be known at small amplitude: the drive stands still while the
-tactor rings, so neither the amplifier's two slopes nor a clock has a part in it.
+Quicker than a sweep. The drive is constant while the tactor rings, so neither the amplifier's two slopes nor a clock
+error enters the result.
 """
 
 import math
@@ -30,7 +30,7 @@ from protocols.base import (
 SOURCE = "free decay after a step"
 
 SKIPPED_AFTER_EDGE_S = 2e-3
-"""Left out after the edge, until the drive stands and the second mode, at 2.3 kHz, has died."""
+"""Left out after the edge, until the drive is constant and the second mode, at 2.3 kHz, has decayed."""
 
 
 @dataclass(frozen=True, slots=True)

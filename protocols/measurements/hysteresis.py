@@ -1,7 +1,7 @@
-"""Hysteresis: loops of displacement over voltage at several rates, each gone through several times.
+"""Hysteresis: displacement-voltage loops at several frequencies, several cycles each.
 
-A loop has two causes. Hysteresis proper does not care how fast it is gone through; damping makes a loop that grows with the
-frequency. The line through the widths at several frequencies tells them apart: what is left at frequency zero is hysteresis.
+A loop has two causes: rate-independent hysteresis, and damping, whose loop grows with the frequency. A line through the
+loop widths at several frequencies separates them: the width at frequency zero is hysteresis.
 """
 
 import math
@@ -148,18 +148,18 @@ class Hysteresis(Protocol):
         return FoldedCycles(frequency, *cycles)
 
     def _loop_curve(self, key: tuple[float | str, ...], folded: FoldedCycles) -> ResultCurve:
-        """The mean loop, closed; its errors are those of its shape, for where it stands drifts from cycle to cycle."""
+        """Return the closed mean loop; its errors are those of the shape, because its position drifts between cycles."""
         centre = folded.displacement_m.mean()
         shapes = folded.displacement_m - folded.displacement_m.mean(axis=1, keepdims=True)
         errors = shapes.std(axis=0, ddof=1) / math.sqrt(len(shapes))
-        told = {
+        columns = {
             "drive": CurveColumn(_close_loop(folded.drive_v.mean(axis=0)), "V", "volts at the amplifier's input"),
             "displacement": CurveColumn(
                 _close_loop(centre + shapes.mean(axis=0)), "m", "displacement, mean of the cycles"
             ),
             "displacement_errors": CurveColumn(_close_loop(errors), "m", "standard error of the loop's shape"),
         }
-        return ResultCurve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", told)
+        return ResultCurve("loop", f"{float(key[0]):g} Hz", "drive", "displacement", columns)
 
     def _loop_point(self, recording: Recording, folded: FoldedCycles, simulated: bool) -> LoopPoint:
         drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz

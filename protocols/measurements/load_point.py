@@ -1,9 +1,4 @@
-"""One weight on one side of a tactor, from the three recordings of it: zero, weight on, zero again.
-
-What the deflections under many weights say together: compliance of each side, their mean, and the departure from a line.
-
-What the person who puts the weights on is asked, and how the laser tells that it was done.
-"""
+"""Load point: deflection under one weight (zero, loaded, zero), operator prompts, and compliance fit."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -29,7 +24,7 @@ ValueWithError = tuple[float, float]
 
 
 def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]:
-    """Everything that good points of a static loading tell; what they do not suffice for is left out."""
+    """Return all quantities identified from the usable points; those without enough points are left out."""
     by_side = {side: [p for p in points if p.side == side] for side in SIDE_LABELS}
     lines = {side: line for side, group in by_side.items() if (line := compliance(group)) is not None}
     found = [
@@ -151,7 +146,7 @@ def load_point(
     drift = after.value - before.value
     deflection = under.value - (before.value + after.value) / 2
     zero_error = math.hypot(before.standard_error, after.standard_error) / 2
-    # When the zero moved in between nobody knows: anywhere from one to the other, a rectangle.
+    # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
     error = math.hypot(under.standard_error, zero_error, drift / math.sqrt(12))
     quality = Quality.SIMULATED if simulated else Quality.GOOD
     for part in parts:

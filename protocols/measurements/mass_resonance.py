@@ -1,7 +1,8 @@
-"""Mass resonance: added masses, a slow linear sweep for each, the peak of the displacement's spectrum (paper, Sec. IV-1).
+"""Mass resonance: peak of the displacement spectrum for several added masses (paper, Sec. IV-1).
 
-A sweep that no waveform memory holds is played in pieces, from rest to rest, each over its share of the band at the same
-pace; the pieces' responses overlap and make one. A card's analogue output plays it in one (`piece_s` = `sweep_s`).
+A sweep too long for the waveform memory is played in pieces, from rest to rest, each over its share of the band at the
+same sweep rate; the responses of the pieces overlap and are joined. A card's analogue output plays it in one piece
+(`piece_s` = `sweep_s`).
 """
 
 import itertools
@@ -206,7 +207,7 @@ class MassResonance(Protocol):
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-        """None of its own: what the curve against mass tells (k2) needs the model, see `identify`."""
+        """None: identifying k2 from resonance against mass needs the model, see `identify`."""
         return ()
 
     @property

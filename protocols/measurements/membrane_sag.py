@@ -1,7 +1,7 @@
-"""Sag of the membrane under its own weight, for the modulus of its rubber (paper, Supplementary Information; E_m of Table I).
+"""Membrane sag under its own weight, for the modulus E_m (paper, Supplementary Information; Table I).
 
-The sag, some millimetres, is more than a fine laser sensor sees. It is measured against a reference surface that lies a known
-depth below the line of the clamps, under the sensor: sag = depth + what the sensor sees between surface and membrane.
+The sag, some millimetres, exceeds the range of a fine laser sensor. It is measured against a reference surface at a known
+depth below the line of the clamps: sag = depth + displacement between the surface and the membrane.
 """
 
 import math
@@ -140,7 +140,7 @@ class MembraneSag(Protocol):
                 )
             )
         except ParameterError:
-            pass  # no modulus explains this sag; the sag itself is told all the same
+            pass  # no modulus explains this sag; the sag itself is reported
         return tuple(found)
 
     def mean_sag(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:

@@ -1,7 +1,7 @@
-"""Membrane series: the sine dwell at several elongations of the membrane that stands for skin (paper, Sec. IV-4).
+"""Membrane series: sine dwells at several elongations of the skin membrane (paper, Sec. IV-4).
 
-The free tactor is measured before and after: what changed between the two is drift, not skin. A membrane can only stiffen
-the tactor, and more so the further it is stretched; where the response says otherwise, somebody is told.
+The free tactor is measured before and after; the change between the two is drift. A membrane can only stiffen the tactor,
+and more so the further it is stretched; a response that contradicts this gives a warning.
 """
 
 import math
@@ -111,7 +111,7 @@ class MembraneSeries(SineDwell):
 
     def warnings(self, points: Sequence[Any]) -> tuple[str, ...]:
         """What complete passes say against the way the membrane was stretched, and about drift."""
-        told = []
+        warnings = []
         parts = [p.part for p in points]
         passes = _group_passes([p for p in points if parts.count(p.part) == len(self.frequencies_hz)])
         by_elongation = sorted(((e, p) for _, e, p in passes if e is not None), key=lambda pair: pair[0])
@@ -124,18 +124,18 @@ class MembraneSeries(SineDwell):
                 continue
             change, error = _relative_change(looser, stretched, lowest_octave=True)
             if change > SIGNIFICANCE_SIGMAS * error and change > DRIFT_LIMIT / 2:
-                told.append(
+                warnings.append(
                     f"At {elongation_label(elongation)} the tactor moves {100 * change:.1f} % further at low frequencies than at {where}: a "
                     "membrane that is stretched more can only be stiffer. Was it stretched the wrong way, or did it slip?"
                 )
         if len(free) == 2:
             change, error = _relative_change(free[0], free[1])
             if abs(change) > max(SIGNIFICANCE_SIGMAS * error, DRIFT_LIMIT):
-                told.append(
+                warnings.append(
                     f"The free tactor moves {100 * change:+.1f} % after the series against before: something drifted or was "
                     "touched; what lies between is known no better than that"
                 )
-        return tuple(told)
+        return tuple(warnings)
 
     def _setup_prompt(self, elongation: float | None) -> Prompt:
         if elongation is None:

@@ -1,4 +1,4 @@
-"""A frequency response as a curve of the run file, and whether there is any response in it at all."""
+"""Frequency response as a result curve, with a check that there is a response at all."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from protocols.base import CurveColumn, ResultCurve
 from protocols.signals.response import FrequencyResponse
 
 MIN_RESPONSE_SIGMAS = 5.0
-"""A response whose strongest lines stand out by less than this is none."""
+"""A response with weaker lines counts as no response."""
 
 
 def frequency_response_curve(response: FrequencyResponse, label: str = "") -> ResultCurve:
@@ -32,7 +32,7 @@ def check_response_present(response: FrequencyResponse) -> None:
     """Refuse to find a resonance in noise.
 
     Raises:
-        ValueError: hardly a line stands out of its own error.
+        ValueError: hardly a line exceeds its own error.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         seen = np.nan_to_num(response.modulus / response.standard_error)

@@ -1,11 +1,7 @@
-"""Sine dwell: one frequency at a time, settled, whole cycles (paper, Sec. IV-3).
+"""Sine dwell: settled response at one frequency after the other; resonance (paper, Sec. IV-3).
 
-Each point carries the paper's amplitude, max - min, beside the fundamental of a least-squares sine fit: the
-amplifier's two slopes make harmonics, and near half the resonance the two differ by a fifth.
-
-One frequency of a sine dwell: its point, from one recording or the average of several under the same sine.
-
-Resonance frequency and damping ratio from the points of a sine dwell.
+A point has the paper's amplitude, max - min, and the fundamental of a least-squares sine fit: the amplifier's two slopes
+make harmonics, and near half the resonance the two differ by a fifth. Several recordings under one sine are averaged.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Static loading: weights on the tactor's centre, both sides, electrodes shorted, no high voltage (paper, Sec. IV-1).
+"""Static loading: weights on both sides of the shorted tactor, no high voltage (paper, Sec. IV-1).
 
-Every weight is one entry: zero, weight on, zero again. The laser sees the weight land and leave, so that both hands are free;
-what is on the tactor is held against what that weight should do, and what does not fit is asked about at once.
+Each entry is one weight: zero, weight on, zero again. The laser detects placing and removing, so that the operator has
+both hands free; a deflection that does not fit the weight is queried immediately.
 """
 
 from collections.abc import Generator, Iterable, Sequence

@@ -1,8 +1,8 @@
-"""Sweep: the whole frequency response within seconds, with coherence and error bars; Q and decay time for what follows.
+"""Sweep: frequency response within seconds, with coherence, standard errors, Q and decay time.
 
-A fast linear sweep is repeated without a pause, every other time upside down. What answers to both alike - the amplifier's
-second harmonic above all, 21 % of the fundamental - falls between the lines of the response and cannot spoil them. The first
-period, in which the response becomes periodic, is recorded and not used; the spread of the others gives the error bars.
+A fast linear sweep is repeated without a pause, every other time inverted. Even-order products - above all the amplifier's
+second harmonic, 21 % of the fundamental - fall between the lines of the response. The first period, in which the response
+becomes periodic, is recorded but not used; the spread of the others gives the standard errors.
 """
 
 import math
@@ -32,7 +32,7 @@ from protocols.signals.response import FrequencyResponse
 SOURCE = "one mode fitted to the response of a periodic sweep"
 
 DRIVE_MARGIN_S = 0.5
-"""How much longer than the recording the drive lasts: until it is begun, and until the card has told."""
+"""How much longer than the recording the drive lasts: until it has started, and until the card has delivered."""
 
 DRIVE_TOLERANCE = 0.05
 FIT_BAND = (0.5, 1.8)
@@ -41,7 +41,7 @@ FIT_BAND = (0.5, 1.8)
 
 @dataclass(frozen=True, slots=True)
 class SweepPoint:
-    """What one sweep tells of the resonance. Uncertainties are standard, and include what one mode leaves unexplained."""
+    """Resonance from one sweep. Uncertainties are standard, and include what one mode leaves unexplained."""
 
     repeat: Annotated[float, Unit("1"), "which of the repeats, from 1"]
     resonance: Annotated[float, Unit("Hz"), "undamped natural frequency"]

@@ -1,9 +1,7 @@
-"""Voltage steps: held levels at the amplifier's input, each against rest zeroed just before (paper, Sec. IV-2).
+"""Voltage steps: held levels against rest, creep, repeatability and loop width (paper, Sec. IV-2).
 
-Creep is logarithmic in time: a deflection under a held voltage has no end value, so the time at which it is read belongs to
-the number. That time counts from the end of the guard's ramp to the level, as the card saw it.
-
-What the deflections of many voltage steps say together: slope, creep, repeatability, and the width of the loop.
+Creep is logarithmic in time: the deflection under a held voltage has no final value, so the reading time is part of the
+result. It counts from the end of the guard's ramp to the level, as recorded by the card.
 """
 
 import math
@@ -42,13 +40,13 @@ def deflection_per_volt(points: Sequence[Any]) -> tuple[float, float] | None:
 
 def relative_creep(points: Sequence[Any]) -> tuple[float, float] | None:
     """Creep per decade over the deflection, weighted, and its error from the scatter over the levels."""
-    told = [p for p in points if abs(p.drive_step) > LEVEL_TOLERANCE_V and p.creep_errors > 0]
-    if len(told) < 3:
+    with_creep = [p for p in points if abs(p.drive_step) > LEVEL_TOLERANCE_V and p.creep_errors > 0]
+    if len(with_creep) < 3:
         return None
-    share = np.array([p.creep / p.deflection for p in told])
-    weight = np.array([(p.deflection / p.creep_errors) ** 2 for p in told])
+    share = np.array([p.creep / p.deflection for p in with_creep])
+    weight = np.array([(p.deflection / p.creep_errors) ** 2 for p in with_creep])
     mean = float(weight @ share / weight.sum())
-    scatter = float(weight @ (share - mean) ** 2 / weight.sum()) / (len(told) - 1)
+    scatter = float(weight @ (share - mean) ** 2 / weight.sum()) / (len(with_creep) - 1)
     return mean, math.sqrt(max(scatter, 1 / float(weight.sum())))
 
 
@@ -257,7 +255,7 @@ class VoltageSteps(Protocol):
         return self.window_s + 0.05
 
     def _creep(self, moved: Any, rate: float, ramp: DetectedRamp, zero: float) -> tuple[float, float]:
-        """Growth per decade and its error; NaN where the hold is too short to tell."""
+        """Return growth per decade and its error; NaN if the hold is too short."""
         first = math.ceil((ramp.end_s + RINGDOWN_S) * rate)
         since_s = np.arange(first, moved.size) / rate - ramp.end_s
         try:

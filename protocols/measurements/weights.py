@@ -1,4 +1,4 @@
-"""Calibrated weights: how far one of an OIML class may be from its nominal mass (OIML R 111-1, Table 1)."""
+"""Weight classes: maximum permissible errors of calibrated weights (OIML R 111-1, Table 1)."""
 
 import math
 from typing import Literal, get_args
@@ -6,7 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 
 WeightClass = Literal["F1", "F2", "M1", "M2", "M3", "own"]
-"""`own`: the uncertainties are given, as a calibration certificate tells them."""
+"""`own`: the uncertainties are given, as in a calibration certificate."""
 
 NOMINAL_KG = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 MAX_ERROR_MG = {

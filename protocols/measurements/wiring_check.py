@@ -1,7 +1,7 @@
-"""The wiring check: is every wire where the bench file says, seen with a tenth of a volt before anybody drives five.
+"""Wiring check: verifies cables, gains and noise of the bench with a tenth of a volt.
 
-Rest, a small step to either side and a small sine are recorded. What they tell is compared with limits that are
-parameters like any other; `verdicts` is the table that `tactor-bench check` prints.
+Rest, a small step to either side and a small sine are recorded and compared with limits, which are parameters;
+`verdicts` is the table that `tactor-bench check` prints.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Errors of writing a run or study file: what HDF5 raises, as one sentence."""
+"""Storage errors: what HDF5 raises while writing a run or study file, as one message."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Opening a run file to read it, whatever state it is in; what is wrong with it becomes a sentence."""
+"""Opening a run file for reading in any state: finished, growing, crashed or damaged."""
 
 import ctypes
 import os
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     import h5py
 
 READ_ATTEMPTS = 24
-"""At reading a piece of a growing file; together they take some ten milliseconds."""
+"""For a piece of a growing file; together they take some ten milliseconds."""
 
 
 class RunReadError(Exception):
-    """A file cannot be read as a run. The sentence says which and why."""
+    """A file cannot be read as a run; the message says which and why."""
 
 
 class NotARunError(RunReadError):
@@ -32,7 +32,7 @@ class NewerFormatError(RunReadError):
 
 @contextmanager
 def translate_read_errors(path: Path) -> Iterator[None]:
-    """Around all that reads a run: what a damaged file raises, wherever it is touched, becomes a RunError."""
+    """Raise RunReadError for anything that reading a damaged file raises."""
     try:
         yield
     except (
@@ -49,15 +49,15 @@ def translate_read_errors(path: Path) -> Iterator[None]:
 
 
 def open_run(path: Path) -> "h5py.File":
-    """The file, read-only: finished, being written, or left behind by a crash.
+    """Open the file read-only, whether finished, being written, or left behind by a crash.
 
     Raises:
-        RunError: it is missing, no HDF5 file, cut off, or damaged.
+        RunReadError: it is missing, not an HDF5 file, cut off, or damaged.
     """
     _check_readable(path)
-    import h5py  # the window is painted, and many a command done, before a file is opened
+    import h5py  # slow to import, and the window is painted first
 
-    # A finished run opens plainly, and one that was cut off is told at once. A run that is being written, or was left by a
+    # A finished run opens directly, and a cut-off file is reported. A run that is being written, or was left by a
     # crash, opens for a SWMR reader only. No locks: a reader must never keep the writer from closing its file in order.
     try:
         return h5py.File(path, "r", libver="latest", locking=False)
@@ -72,13 +72,13 @@ def open_run(path: Path) -> "h5py.File":
         file = h5py.File(
             h5py.h5f.open(os.fsencode(path), h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ, _bounded_retry_access())
         )
-        # A full disk leaves a short file too, but never one that says it ended in order.
+        # A full disk leaves a short file too, but never one whose status is that of a regular end.
         if not cut_off or file["entry/status"][()].decode() in (RunStatus.RUNNING, RunStatus.FAILED):
             return file
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         failure = failure if cut_off else error
     if file is not None:
-        file.close()  # HDF5 would give it again, damaged as it is, to whoever opens it next
+        file.close()  # else HDF5 returns the same damaged file at the next opening
     if cut_off:
         have, want = cut_off.groups()
         raise RunReadError(
@@ -88,7 +88,7 @@ def open_run(path: Path) -> "h5py.File":
 
 
 def _check_readable(path: Path) -> None:
-    """Refuse what HDF5 need not be asked about."""
+    """Reject what can be checked without HDF5."""
     if not os.path.exists(path):  # noqa: PTH110 - Path.exists raises where a name is too long
         raise RunReadError(f"there is no file {path}")
     if not path.is_file():
@@ -102,9 +102,9 @@ def _check_readable(path: Path) -> None:
 
 
 def _bounded_retry_access() -> "h5py.h5p.PropFAID":
-    """How a growing file is read: what does not fit together is read again a few times, and then given up.
+    """Return access properties that retry inconsistent metadata of a growing file a few times only.
 
-    HDF5's own hundred attempts, each twice as long as the one before, take for ever on a file that was cut off.
+    HDF5's default of a hundred attempts, each twice as long as the previous, never ends on a cut-off file.
     """
     import h5py
 

@@ -1,4 +1,4 @@
-"""Reading a run: finished, still being written, or left behind by a crash."""
+"""Run file reader: a run that is finished, still being written, or left behind by a crash."""
 
 import json
 import os
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LoggedEvent:
-    """One event as the file tells it."""
+    """One event as stored in the file."""
 
     time_s: float
     row: int
@@ -39,7 +39,7 @@ class LoggedEvent:
 
 @dataclass(frozen=True, slots=True)
 class StartedEntry:
-    """An entry of the plan as it was begun."""
+    """A started entry of the plan."""
 
     label: str
     key: tuple[float | str, ...]
@@ -49,7 +49,7 @@ class Run(Closeable):
     """An open run file, read-only.
 
     Raises:
-        RunError: the file is missing, is no run, or comes from a newer version of this program.
+        RunReadError: the file is missing, is no run, or comes from a newer version of this program.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,62 +70,62 @@ class Run(Closeable):
             )
 
     def close(self) -> None:
-        """Close the file; nothing can be read of it then."""
+        """Close the file."""
         self._file.close()
 
     @property
     def status(self) -> RunStatus:
-        """How it stands, as the file says."""
+        """Status as stored in the file."""
         return RunStatus(self._text("status"))
 
     @property
     def crashed(self) -> bool:
-        """Whether the file says `running` but the program that wrote it is gone (told on the same computer only)."""
+        """Whether the status is `running` but the writing process is gone (known on the same computer only)."""
         if self.status is not RunStatus.RUNNING or self._text("host") != socket.gethostname():
             return False
         return not _process_is_alive(int(self._entry["process_id"][()]))
 
     @property
     def state(self) -> str:
-        """The status in words, a crash included; `imported` where nothing was run."""
+        """The status as text, including `crashed`; `imported` for an imported run."""
         if self.imported and self.status is RunStatus.COMPLETED:
             return "imported"
         return "crashed" if self.crashed else str(self.status)
 
     @property
     def imported(self) -> dict[str, Any]:
-        """Source files, hashes and columns of a run that was imported; empty for one that was measured."""
+        """Source files, hashes and columns of an imported run; empty for a measured one."""
         return dict(json.loads(self._text("imported"))) if "imported" in self._entry else {}
 
     @property
     def reason(self) -> str:
-        """How it ended and why, in a sentence; empty until then."""
+        """How and why it ended; empty until then."""
         return self._text("reason")
 
     @property
     def resumed_from(self) -> Path | None:
-        """The run this one goes on with."""
+        """The run that this one resumed."""
         earlier = self._text("continues") if "continues" in self._entry else ""
         return self.path.parent / earlier if earlier else None
 
     @property
     def protocol(self) -> str:
-        """The name of its protocol."""
+        """Name of the protocol."""
         return self._text("protocol")
 
     @property
     def specimen(self) -> str:
-        """What was measured."""
+        """Name of the specimen."""
         return self._text("specimen")
 
     @property
     def title(self) -> str:
-        """What was measured of what, in words."""
+        """Title: protocol and specimen."""
         return self._text("title")
 
     @property
     def start_time(self) -> str:
-        """When it began, ISO 8601, UTC."""
+        """Start time, ISO 8601, UTC."""
         return self._text("start_time")
 
     @property
@@ -135,7 +135,7 @@ class Run(Closeable):
 
     @property
     def configuration(self) -> dict[str, Any]:
-        """The bench file's tables as they were then."""
+        """The bench file's tables at the time of the run."""
         return dict(json.loads(self._text("configuration")))
 
     @property
@@ -146,12 +146,12 @@ class Run(Closeable):
 
     @property
     def software(self) -> dict[str, str]:
-        """Versions of everything that had a hand in the numbers, by name."""
+        """Versions of the software that computed the results, by name."""
         return dict(json.loads(self._text("software")))
 
     @property
     def simulated(self) -> bool:
-        """Whether the bench was."""
+        """Whether the bench was simulated."""
         return bool(self._entry["simulated"][()])
 
     @property
@@ -161,27 +161,27 @@ class Run(Closeable):
 
     @property
     def trace(self) -> RunTrace:
-        """What the card sampled."""
+        """The sampled data."""
         return RunTrace(self._entry, lambda: self.sensor)
 
     def recordings(self) -> Iterator[Recording]:
-        """What was kept, in order, exactly as the live run had it; first that of the run this one goes on with."""
+        """Yield the recordings, in order, exactly as in the live run; those of the resumed run first."""
         if (earlier := self.resumed_from) is not None and earlier.exists():
             with Run(earlier) as before:
                 yield from before.recordings()
         yield from self.trace.recordings()
 
     def points(self) -> dict[str, Array]:
-        """The points' columns by name, all of the same length; `entry` tells the entry of the plan each belongs to."""
+        """Return the points' columns by name, of equal length; `entry` is the plan entry each belongs to."""
         datasets = _columns(self._entry["points"])
         length = min((data.shape[0] for data in datasets.values()), default=0)
         columns = {name: np.asarray(data[:length]) for name, data in datasets.items()}
-        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: one after the other
+        columns.setdefault(ENTRY_COLUMN, np.arange(length))  # format 1: in order
         return columns
 
     @property
     def point_count(self) -> int:
-        """How many points there are, without reading any."""
+        """Number of points, without reading them."""
         return next((int(column.shape[0]) for column in _columns(self._entry["points"]).values()), 0)
 
     @property
@@ -192,16 +192,16 @@ class Run(Closeable):
 
     @property
     def axes(self) -> tuple[str, str]:
-        """The columns of the points that are drawn: x and y."""
+        """The columns that are plotted: x and y."""
         group = self._entry["points"]
         return str(group.attrs["axes"][0]), str(group.attrs["signal"])
 
     def units(self) -> dict[str, str]:
-        """Units of the points' columns."""
+        """Return the units of the points' columns."""
         return {name: str(data.attrs["units"]) for name, data in _columns(self._entry["points"]).items()}
 
     def events(self) -> Iterator[LoggedEvent]:
-        """What happened, in order."""
+        """Yield the logged events, in order."""
         pending: tuple[Any, bytes] | None = None
         for row in self._entry["events"][:]:
             if row["kind"] == b"+" and pending:
@@ -214,7 +214,7 @@ class Run(Closeable):
             yield _logged_event(*pending)
 
     def entries(self) -> dict[int, StartedEntry]:
-        """The entries that were begun, by their place in the plan, those of the run this one goes on with included."""
+        """Return the started entries by their index in the plan, including those of the resumed run."""
         found: dict[int, StartedEntry] = {}
         if (earlier := self.resumed_from) is not None and earlier.exists():
             with Run(earlier) as before:
@@ -225,7 +225,7 @@ class Run(Closeable):
         return found
 
     def curves(self) -> tuple[ResultCurve, ...]:
-        """What entries gave beside their points; none in a run that was never finished."""
+        """Return the result curves; none in a run that was never finished."""
         return tuple(
             ResultCurve(
                 name=str(group.attrs["name"]),

@@ -1,8 +1,8 @@
-"""A parameter study on disk: one HDF5 file, NeXus at heart, written chunk by chunk.
+"""Study file: values of a parameter study in one HDF5 file, written chunk by chunk.
 
-`/entry/data` (NXdata) holds the values over their named axes, units on each, so that a NeXus viewer opens it to a plot;
-`/entry/parameters` holds what was not varied, `/entry/process` the program, its versions and the study's description. While
-computing, the file has another name: one that bears its name is whole.
+`/entry/data` (NXdata) holds the values over their named axes, with units, so that a NeXus viewer opens it to a plot;
+`/entry/parameters` holds what was not varied, `/entry/process` the program, its versions and the study's description. The
+file has a working name while it is computed; a file under its final name is complete.
 """
 
 import json
@@ -30,7 +30,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class StudyParameter:
-    """One parameter that was not varied: SI value, unit, meaning."""
+    """A parameter that was not varied: SI value, unit, description."""
 
     name: str
     value: float
@@ -40,7 +40,7 @@ class StudyParameter:
 
 @dataclass(frozen=True, slots=True)
 class StudyHeader:
-    """What a study is, known before it is computed."""
+    """Metadata of a study, known before it is computed."""
 
     title: str
     signal: str
@@ -77,13 +77,13 @@ class StudyHeader:
 
 
 class StudyFileWriter:
-    """The writer, a context manager: left in order it puts the file in place, left by an error it leaves nothing."""
+    """Writes a study file as a context manager; an error leaves no file."""
 
     def __init__(self, path: Path, header: StudyHeader) -> None:
         """Create the file under its working name.
 
         Raises:
-            StoreError: the folder, the disk or what stands there already does not allow it.
+            StorageError: the folder, the disk or an existing file does not allow it.
         """
         check_output_path(path)
         names = [header.signal, *(axis.name for axis in header.axes)]
@@ -118,7 +118,7 @@ class StudyFileWriter:
         """Store rows `start`.. of the values seen as (sets, last axis), in the order of their index.
 
         Raises:
-            StoreError: the disk does not take it.
+            StorageError: the disk rejects the data.
         """
         with translate_write_errors("study", self.path, "choose another place"):
             row = 0
@@ -155,7 +155,7 @@ class StudyFileWriter:
 
 @dataclass(frozen=True, slots=True)
 class LoadedStudy:
-    """A study as it was read: values over `axes`, the last of them frequency."""
+    """A study as read: values over `axes`, the last of them frequency."""
 
     title: str
     signal: str
@@ -168,10 +168,10 @@ class LoadedStudy:
 
 
 def read_study(path: Path) -> LoadedStudy:
-    """All of a study file.
+    """Read a study file.
 
     Raises:
-        StoreError: there is none, it is damaged, or it is of another kind or of a newer version.
+        StorageError: it is missing, damaged, of another kind or of a newer version.
     """
     try:
         with h5py.File(path) as file:
@@ -203,10 +203,10 @@ def read_study(path: Path) -> LoadedStudy:
 
 
 def check_output_path(path: Path) -> None:
-    """Refuse a place where a study cannot go: no folder, or a file there that is none (a run is never overwritten).
+    """Reject an output path without a folder, or with an existing file that is not a study.
 
     Raises:
-        StoreError: why not, and what to do.
+        StorageError: the reason and the remedy.
     """
     if not path.parent.is_dir():
         raise StorageError(f"{path} cannot be written: there is no folder {path.parent}; create it or choose another")
@@ -221,7 +221,7 @@ def check_output_path(path: Path) -> None:
 
 
 def index_slices(start: int, stop: int, shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
-    """The flat indices start..stop of an array as few slices of it, in order."""
+    """Yield the flat indices start..stop of an array as few slices, in order."""
     if start >= stop:
         return
     if not shape:

@@ -1,4 +1,4 @@
-"""What the card sampled in a run, read from its file: counts, volts, metres, and the recordings cut from them."""
+"""Run trace: samples of a run file as counts, volts and metres, and its recordings."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def read_sensor(entry: "h5py.Group") -> LaserSensor:
-    """The displacement sensor as a run's file has it."""
+    """Return the displacement sensor of a run file."""
     group = entry["instrument/displacement_sensor"]
     number = {name: float(group[name][()]) for name in ("gain", "zero", "delay", "gain_relative_uncertainty")}
     return LaserSensor(
@@ -42,7 +42,7 @@ class RunTrace:
 
     Args:
         entry: the file's /entry.
-        sensor: by whose calibration volts become metres.
+        sensor: calibration from volts to metres.
     """
 
     def __init__(self, entry: "h5py.Group", sensor: Callable[[], LaserSensor]) -> None:
@@ -50,7 +50,7 @@ class RunTrace:
 
     @property
     def rate_hz(self) -> float:
-        """Scans a second; 0 in a run whose card never ran."""
+        """Scans per second; 0 if the card never ran."""
         return float(self._entry["trace/sample_rate"][()])
 
     @property
@@ -60,23 +60,23 @@ class RunTrace:
 
     @property
     def duration_s(self) -> float:
-        """How much was sampled; where nothing was kept no time passes."""
+        """Sampled time; gaps without stored samples do not count."""
         rate_hz = self.rate_hz
         return self.sample_count / rate_hz if rate_hz else 0.0
 
     def channel_scale(self, channel: str) -> Scale:
-        """From the card's counts to volts."""
+        """Return the scaling of counts to volts."""
         coefficients = tuple(self._entry[f"trace/{channel}_scaling_coefficients"][:].tolist())
         skew = f"trace/{channel}_skew"  # not in files of format 1
         return Scale(coefficients, skew_s=float(self._entry[skew][()]) if skew in self._entry else 0.0)
 
     def read_raw(self, channel: str, start: int = 0, stop: int | None = None) -> NDArray[np.int16]:
-        """Integers as the card gave them, rows start..stop, (N,)."""
+        """Return raw counts, rows start..stop, (N,)."""
         stop = self.sample_count if stop is None else min(stop, self.sample_count)
         return np.asarray(self._entry[f"trace/{channel}"][start:stop], np.int16)
 
     def time_s(self, start: int = 0, stop: int | None = None) -> Array:
-        """When rows start..stop were scanned, seconds since the stream began, (N,); where nothing was kept it jumps."""
+        """Return scan times of rows start..stop, seconds since the stream began, (N,); gaps are jumps."""
         rows = np.arange(start, self.sample_count if stop is None else min(stop, self.sample_count))
         blocks = self._entry["blocks"][:]
         if not len(blocks):
@@ -85,16 +85,16 @@ class RunTrace:
         return np.asarray((blocks["scan"][at] + rows - blocks["row"][at]) / self.rate_hz)
 
     def drive_v(self, start: int = 0, stop: int | None = None) -> Array:
-        """Volts at the amplifier's input, rows start..stop, (N,)."""
+        """Return volts at the amplifier's input, rows start..stop, (N,)."""
         return ChannelCalibration(self.channel_scale("drive")).to_si(self.read_raw("drive", start, stop))
 
     def displacement_m(self, start: int = 0, stop: int | None = None) -> Array:
-        """Displacement as the sensor tells it, (N,); a Recording's quality says where not to believe it."""
+        """Return the displacement, m, (N,); a Recording's quality states where it is not valid."""
         channel = ChannelCalibration(self.channel_scale("displacement"), self._sensor())
         return channel.to_si(self.read_raw("displacement", start, stop))
 
     def recordings(self) -> Iterator[Recording]:
-        """What was recorded in this very file, in order, exactly as the live run had it."""
+        """Yield the recordings of this file, in order, exactly as in the live run."""
         delay_s = self._displacement_delay_s()
         for index, row in enumerate(self._entry["recordings"][:]):
             yield self._recording(index, row, delay_s)
@@ -111,11 +111,11 @@ class RunTrace:
         )
 
     def last_recording(self) -> Recording | None:
-        """The last of what was recorded, without reading the rest; None where nothing was."""
+        """Return the last recording without reading the others; None if there is none."""
         return self.recording(-1) if self.recording_count else None
 
     def _displacement_delay_s(self) -> float:
-        """How late displacement is against the drive: the sensor's delay, less what the card converts it later."""
+        """Return the delay of displacement against drive: the sensor's delay less the card's skew."""
         return self._sensor().delay_s - channel_skew_s([self.channel_scale(name) for name in CHANNELS])
 
     def _recording(self, index: int, row: Any, delay_s: float) -> Recording:

@@ -1,12 +1,8 @@
-"""Writing a run: one HDF5 file, open before the first volt and readable at every moment.
+"""Run file writer: one HDF5 file, created before the first volt and readable at every moment.
 
 What survives `kill -9` was measured (docs/decisions/0004-run-file.md): every dataset is created first, then SWMR is
-switched on, then rows are only appended and each block is flushed. Nothing raw is ever rewritten or compressed while
-running. Status and results go in when the run ends.
-
-What a run file holds before its first sample: who measures what with which bench, and every dataset that will grow.
-
-What is found in a run after it was measured, appended to its finished file; raw data is not touched.
+switched on, then rows are only appended and each block is flushed. Raw data is never rewritten, nor compressed while
+running. Status, curves and estimates are written when the run ends.
 """
 
 import contextlib
@@ -54,7 +50,7 @@ TABLE_CHUNK = 64
 
 @dataclass(frozen=True, slots=True)
 class RunMetadata:
-    """What a run is, known before it begins."""
+    """Metadata of a run, known before it starts."""
 
     protocol: str
     title: str
@@ -66,15 +62,15 @@ class RunMetadata:
     simulated: bool
     specimen: str = "unnamed"
     resumed_from: Path | None = None
-    """The run this one goes on with: its points are carried over, its raw data is linked to."""
+    """The resumed run: its points are carried over, its raw data is linked."""
     imported: Mapping[str, Any] = field(default_factory=dict)
-    """Where the points come from if no bench measured them for this file: source files, hashes, columns."""
+    """Source files, hashes and columns of an imported run; empty for a measured one."""
     started_at: datetime | None = None
-    """When it was measured, if not now."""
+    """Time of the measurement, if not now."""
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of everything that had a hand in the numbers."""
+    """Return the versions of the software that computed the results."""
     packages = ("tactor-bench", "numpy", "scipy", "h5py", "nidaqmx", "pyvisa", "pyvisa-py")
     return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
 
@@ -90,7 +86,7 @@ def _version(package: str) -> str:
 def create_datasets(
     file: h5py.File, path: Path, metadata: RunMetadata, point_columns: Mapping[str, tuple[str, str, int]]
 ) -> None:
-    """Fill a new file at `path`; `points` are the columns of its points (protocols.runfile.schema.point_columns)."""
+    """Create all datasets of a new file; `point_columns` as of protocols.runfile.schema.point_columns."""
     file.attrs.update(
         {"default": "entry", "creator": "tactor-bench", "format": FORMAT, "format_version": FORMAT_VERSION}
     )
@@ -183,7 +179,7 @@ def _create_instrument(entry: h5py.Group, metadata: RunMetadata) -> None:
 
 
 def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
-    """A new group of a NeXus class."""
+    """Create a group of a NeXus class."""
     made = parent.create_group(name)
     made.attrs["NX_class"] = nx_class
     made.attrs.update(attributes)
@@ -191,10 +187,10 @@ def create_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any
 
 
 def append_curves(path: Path, curves: Sequence[ResultCurve], locking: bool = True) -> None:
-    """Append curves to a finished run, each a group that a NeXus viewer draws.
+    """Append curves to a finished run, each an NXdata group.
 
     Raises:
-        StoreError: the file cannot be written.
+        StorageError: the file cannot be written.
     """
     if not curves:
         return
@@ -214,7 +210,7 @@ def append_estimates(path: Path, estimates: Sequence[EstimatedQuantity], locking
     """Append identified quantities to a finished run.
 
     Raises:
-        StoreError: the file cannot be written.
+        StorageError: the file cannot be written.
     """
     if not estimates:
         return
@@ -228,13 +224,13 @@ def append_estimates(path: Path, estimates: Sequence[EstimatedQuantity], locking
 
 
 class RunFileWriter:
-    """The writer. Create it, `begin` when the card runs, append, `finish`. Every error is a StoreError."""
+    """Writes one run file: create, `start_stream` when the card runs, append, `finish`. Errors are StorageError."""
 
     def __init__(self, path: Path, metadata: RunMetadata) -> None:
-        """Create the file and every dataset it will ever append to.
+        """Create the file with all its datasets.
 
         Raises:
-            StoreError: no permission, no space, or the folder is none.
+            StorageError: no permission, no space, or not a folder.
         """
         self.path = path
         self.row_count = 0
@@ -242,7 +238,7 @@ class RunFileWriter:
         self._point_count = 0
         self._closed = False
         self._dataset_ids: dict[str, Any] = {}
-        """Identifiers of the datasets that grow with every block."""
+        """HDF5 identifiers of the growing datasets."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = h5py.File(path, "x", libver="latest")
@@ -255,10 +251,10 @@ class RunFileWriter:
 
     @classmethod
     def new(cls, folder: Path, metadata: RunMetadata) -> Self:
-        """A new file in `folder`, named by time, specimen and protocol; a second one within a second gets a number.
+        """Create a file in `folder`, named by time, specimen and protocol; numbered within the same second.
 
         Raises:
-            StoreError: it cannot be created.
+            StorageError: it cannot be created.
         """
         wanted = run_path(folder, metadata.specimen, metadata.protocol, metadata.started_at or datetime.now(UTC))
         for attempt in range(1, 1000):
@@ -268,7 +264,7 @@ class RunFileWriter:
         raise StorageError(f"the folder {folder} holds a thousand runs of this second; choose another folder")
 
     def start_stream(self, rate_hz: float, scales: Sequence[Scale]) -> None:
-        """Note the card's true rate and scaling; from here on rows are only appended."""
+        """Store the card's true rate and scaling; afterwards rows are only appended."""
         with translate_write_errors("run", self.path):
             trace = self._file["entry/trace"]
             trace["sample_rate"][()] = rate_hz
@@ -284,10 +280,10 @@ class RunFileWriter:
             self._file.swmr_mode = True
 
     def append_block(self, block: Block, time_s: float) -> int:
-        """Append a block, counts of both channels, and flush it; the row of its first scan.
+        """Append a block, counts of both channels, and flush it; return the row of its first scan.
 
         Raises:
-            StoreError: the disk is as good as full, or the file cannot be written.
+            StorageError: the disk is nearly full, or the file cannot be written.
         """
         row = self.row_count
         free = shutil.disk_usage(self.path.parent).free
@@ -304,12 +300,12 @@ class RunFileWriter:
         return row
 
     def read_raw(self, channel: str, rows: tuple[int, int]) -> np.ndarray:
-        """The integers of a channel in rows that were appended, (stop - start,)."""
+        """Return the raw counts of a channel in appended rows, (stop - start,)."""
         with translate_write_errors("run", self.path):
             return np.asarray(self._file[f"entry/trace/{channel}"][slice(*rows)])
 
     def append_event(self, event: Event, time_s: float) -> None:
-        """Append what happened, as JSON; a long text goes on in further rows."""
+        """Append an event as JSON; a long text continues in further rows."""
         text = json.dumps(event_record(event), ensure_ascii=False, allow_nan=False).encode()
         with translate_write_errors("run", self.path):
             for start in range(0, len(text), MAX_TEXT_BYTES):
@@ -319,14 +315,14 @@ class RunFileWriter:
                 )
 
     def append_recording(self, rows: tuple[int, int], quality: int, drive: Drive, entry: int = 0) -> None:
-        """Append what was recorded: rows from start to stop, flags of its quality, its drive, its entry of the plan."""
+        """Append a recording: rows start..stop, quality flags, drive, entry of the plan."""
         with translate_write_errors("run", self.path):
             self._append_row(
                 "recordings", np.array((*rows, quality, entry, json.dumps(as_record(drive))), RECORDING_DTYPE)
             )
 
     def append_point(self, point: Any, entry: int = 0) -> int:
-        """Append one row to every column of the points; its index."""
+        """Append one row to every column of the points; return its index."""
         row = self._point_count
         with translate_write_errors("run", self.path):
             for name in self._columns:
@@ -336,7 +332,7 @@ class RunFileWriter:
         return row
 
     def flag_superseded(self, row: int) -> None:
-        """Flag a point whose entry was measured again. The one thing that is ever changed in place: a flag."""
+        """Flag a point whose entry was measured again: the only value ever changed in place."""
         if "quality" in self._columns:
             with translate_write_errors("run", self.path):
                 quality = self._file["entry/points/quality"]
@@ -350,16 +346,16 @@ class RunFileWriter:
         estimates: Sequence[EstimatedQuantity] = (),
         curves: Sequence[ResultCurve] = (),
     ) -> str:
-        """Say how the run ended and append curves and what was identified. The file is closed whatever happens.
+        """Store the status, append curves and estimates, and close the file in any case.
 
-        Returns the reason as it stands in the file. Everything measured is in it by then; where curves and estimates, which
-        can be found again, cannot be appended, the status stands and the reason says so.
+        Returns the reason as stored. All measured data is in the file by then; if curves and estimates, which can be
+        recomputed, cannot be appended, the status is kept and the reason states it.
         """
         if self._closed:
             return reason
         try:
             with translate_write_errors("run", self.path):
-                # First where a reader of the still open file sees it; the rest needs the file out of SWMR.
+                # First, where a reader of the open file sees it; curves and estimates need the file out of SWMR mode.
                 self._file["entry/status"][()] = str(status)
                 self._file["entry/reason"][()] = truncate_utf8(reason, MAX_TEXT_BYTES)
                 self._file["entry/end_time"][()] = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -368,7 +364,7 @@ class RunFileWriter:
             self._close()
         try:
             append_curves(self.path, curves, locking=False)
-            append_estimates(self.path, estimates, locking=False)  # a reader of ours or not must not stand in the way
+            append_estimates(self.path, estimates, locking=False)  # a reader must not block the writer
         except StorageError as error:
             reason += f"; what was identified could not be stored: {error}"
             with (
@@ -380,7 +376,7 @@ class RunFileWriter:
         return reason
 
     def close_after_error(self) -> None:
-        """Close after a store error, keeping whatever reached the disk."""
+        """Close after a storage error, keeping what reached the disk."""
         if not self._closed:
             self._close()
 
@@ -393,7 +389,7 @@ class RunFileWriter:
             raise StorageError(f"the run file {self.path} could not be closed: {os_error_text(error)}") from error
 
     def _append_rows(self, name: str, rows: np.ndarray) -> None:
-        """Append rows, (N, ...), by HDF5's own calls: they take a sixth of the time of h5py's indexing, many times a second."""
+        """Append rows, (N, ...), by low-level calls, which take a sixth of the time of h5py's indexing."""
         data = self._dataset_ids.get(name)
         if data is None:
             data = self._dataset_ids[name] = self._file[f"entry/{name}"].id
@@ -409,8 +405,8 @@ class RunFileWriter:
 
 
 def has_unclosable_file() -> bool:
-    """Whether HDF5 holds a file it cannot close (its disk vanished or filled up against all care).
+    """Whether HDF5 holds a file it cannot close, because its disk vanished or filled up.
 
-    The library then crashes when the interpreter tears it down; a program in that state leaves without tearing down.
+    The library then crashes at interpreter shutdown; the program must exit without it.
     """
     return bool(h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_ALL))

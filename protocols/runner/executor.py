@@ -97,28 +97,28 @@ def _to_si(channels: Sequence[ChannelCalibration], raw: NDArray[np.int16]) -> tu
 
 
 BLOCK_LATENCY_S = 0.05
-"""After a drive begins, scans older than this may still be on their way to us."""
+"""After a drive starts, scans older than this may still be in transfer."""
 
 DRIVE_READBACK_TOLERANCE_V = 0.25
-"""A drive that the card sees further off than this does not reach the amplifier; nothing is measured under it."""
+"""A larger deviation means that the drive does not reach the amplifier; nothing is measured then."""
 
 ANALYSIS_TIMEOUT_S = 20.0
-"""How long the run thread may work on numbers, while what plays plays on, before the watchdog takes it for hung."""
+"""How long an analysis may take, while the drive continues, before the watchdog takes the program for hung."""
 
 ANALYSIS_POLL_S = 0.01
-"""How long it waits for numbers before it looks after the card."""
+"""Interval at which the card is read during an analysis."""
 
 _PROMPT_IDS = itertools.count(1)
-"""Unique in the program, so that a late answer to an earlier run's prompt is never taken for one of this run."""
+"""Unique in the process, so that a late answer to an earlier run's prompt is never taken for one of this run."""
 
 
 class StepExecutor:
-    """The steps of one run, entry by entry.
+    """Executes the steps of a run, entry by entry.
 
     Args:
-        events: stores what happens, and tells it.
-        interrupted: called after every block and in every wait; raises where the run shall not go on.
-        expired: why the sensor's calibration is out of date; empty where it is not.
+        recorder: stores and publishes events.
+        check_interrupts: called after every block and in every wait; raises to end or pause the run.
+        calibration_warning: why the sensor's calibration has expired; empty if it has not.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class StepExecutor:
         self._channels: Sequence[ChannelCalibration] = ()
         self._recording_count = 0
         self._scans_read = 0
-        """Scans that the card has given us."""
+        """Scans read from the card."""
         self._rest_v = bench.amplifier.map.rest_v
 
     def attach(self, armed: ArmedBench) -> None:
@@ -150,7 +150,7 @@ class StepExecutor:
     def run_entry(
         self, protocol: Protocol, index: int, entry: PlanEntry, armed: ArmedBench
     ) -> tuple[list[Recording], Repeat | None]:
-        """All steps of an entry: what was recorded, and what shall be measured again."""
+        """Execute the steps of an entry; return its recordings, and what to measure again."""
         recordings: list[Recording] = []
         settled, drive = SettlingResult(True, 0.0), None
         answer: StepResult = None
@@ -160,7 +160,7 @@ class StepExecutor:
                 try:
                     with self._bench.watchdog.allow_silence(
                         ANALYSIS_TIMEOUT_S
-                    ):  # a long record takes its time to become a number
+                    ):  # the analysis of a long record takes time
                         step = steps.send(answer)
                 except StopIteration as end:
                     return recordings, end.value
@@ -187,11 +187,11 @@ class StepExecutor:
                         answer = None
 
     def ask_operator(self, prompt: Prompt) -> str:
-        """Show a prompt and wait for the answer, however long it takes."""
+        """Show a prompt, wait for the answer without a time limit, and return it."""
         ask_id = self._show_prompt(prompt)
         while (words := self._operator.answer(ask_id)) is None:
             self._check_interrupts()
-            # The card must be emptied while a person takes their time; what it sees then is no measurement.
+            # The card's buffer must be read while the operator takes their time; these samples are not stored.
             if self._armed is not None:
                 self.discard_block(self._armed)
             else:
@@ -202,20 +202,20 @@ class StepExecutor:
         return words
 
     def _drain_stale_blocks(self, armed: ArmedBench) -> None:
-        """Pass over what the card saw before this moment: it may still be on its way to us, and shows what was before."""
+        """Discard the blocks sampled before this moment, which may still be in transfer."""
         now = self._scan_index(armed, 0.0)
         while self.discard_block(armed).stop < now:
             self._check_interrupts()
 
     def discard_block(self, armed: ArmedBench) -> Block:
-        """Take a block that is not kept, and let whoever watches see it."""
+        """Read a block without storing it, and publish it."""
         block = armed.discard_block()
         self._scans_read = block.stop
         self._recorder.notify(BlockDiscarded(block))
         return block
 
     def run_analysis(self, armed: ArmedBench, compute: Callable[[], StepResult]) -> StepResult:
-        """What `work` gives or raises. It may take its time: the card is emptied meanwhile, as far as it has blocks."""
+        """Return what `compute` returns or raises; the card is read meanwhile, so that its buffer does not overflow."""
         with self._bench.watchdog.allow_silence(ANALYSIS_TIMEOUT_S), ThreadPoolExecutor(1, "numbers") as numbers:
             done = numbers.submit(compute)
             while not wait([done], ANALYSIS_POLL_S).done:
@@ -289,7 +289,7 @@ class StepExecutor:
             while buffer.scans < step.lead_s * armed.rate_hz:
                 buffer.add(self._read_block(armed))
             self._start_drive(armed, step.drive)
-            # The card ran on while the source was told; what it saw meanwhile is the rest before the drive.
+            # The card continued while the source was started; those samples are the rest before the drive.
             wanted += max(self._scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
         while buffer.scans < wanted:
             buffer.add(self._read_block(armed))
@@ -322,7 +322,7 @@ class StepExecutor:
         self._recorder.publish(DriveStarted(drive))
 
     def _scan_index(self, armed: ArmedBench, delay_s: float) -> int:
-        """The scan that is taken `later_s` from now."""
+        """Return the index of the scan `delay_s` from now."""
         return math.ceil((self._bench.clock.now() - armed.stream.start_time_s + delay_s) * armed.rate_hz)
 
     def _check_drive_readback(self, drive: Drive, block: Block) -> None:

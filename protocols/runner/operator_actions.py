@@ -1,4 +1,4 @@
-"""A person's hands on the specimen: only where rest was measured and high voltage is off, and both again before going on."""
+"""Operator actions on the specimen: at measured rest with high voltage off, both checked afterwards."""
 
 import contextlib
 from collections.abc import Sequence
@@ -9,33 +9,33 @@ from protocols.runner.executor import StepExecutor
 
 
 class OperatorActions:
-    """Has a person set up what entries need, and switch high voltage: a HighVoltageSwitch whose hands are prompts.
+    """Prompts the operator to set up entries and to switch high voltage (HighVoltageSwitch).
 
     Args:
-        high_voltage: whether the specimen gets any in this run.
+        high_voltage: whether the run uses high voltage.
     """
 
     def __init__(self, executor: StepExecutor, high_voltage: bool) -> None:
         self._executor, self._high_voltage = executor, high_voltage
         self._current_setup: Prompt | None = None
-        """What was set up last, and stands."""
+        """The current set-up of the specimen."""
 
     def disable(self) -> None:
-        """Have the operator switch high voltage off."""
+        """Prompt the operator to switch high voltage off."""
         self._executor.ask_operator(DISABLE_HIGH_VOLTAGE)
 
     def enable(self) -> None:
-        """Have the operator switch high voltage on."""
+        """Prompt the operator to switch high voltage on."""
         self._executor.ask_operator(ENABLE_HIGH_VOLTAGE)
 
     def prepare(self, armed: ArmedBench, prompts: Sequence[Prompt]) -> None:
-        """Have a person do one thing after the other, before the first entry."""
+        """Show the preparation prompts, before the first entry."""
         with self._specimen_access(armed, any(prompt.hands_on for prompt in prompts)):
             for prompt in prompts:
                 self._executor.ask_operator(prompt)
 
     def set_up(self, armed: ArmedBench, setup: Prompt | None) -> None:
-        """Have a person set up what an entry needs, where that is not what stands there."""
+        """Prompt for the set-up of an entry if it differs from the current one."""
         if setup is None or setup == self._current_setup:
             return
         self._current_setup = None

@@ -45,15 +45,15 @@ from protocols.runner.request import RunControl, RunRequest
 log = logging.getLogger(__name__)
 
 PRELOADED_MODULES = ("scipy.fft", "scipy.optimize")
-"""Imported before the card runs: the first fit in mid-run would hold everything up for a second or two."""
+"""Imported before the card runs: importing at the first fit would hold up the run for a second or two."""
 
 
 class RunCancelled(Exception):
-    """Somebody asked the run to stop."""
+    """Stop was requested."""
 
 
 class PauseInterrupt(Exception):
-    """Somebody asked the run to pause."""
+    """Pause was requested."""
 
 
 def run_metadata(request: RunRequest, bench: Bench) -> RunMetadata:
@@ -114,7 +114,7 @@ class Runner:
         self._operator_actions = OperatorActions(self._executor, self._protocol.high_voltage)
 
     def run(self) -> tuple[RunStatus, str]:
-        """Carry the protocol out; how it ended and why, in a sentence. Never raises."""
+        """Run the protocol; return the status and its reason. Never raises."""
         try:
             self._start()
             protocol = self._protocol
@@ -158,7 +158,7 @@ class Runner:
         self._recorder.publish(
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
-        self._recorder.publish_external()  # what was broken before
+        self._recorder.publish_external()  # faults injected before the run
         for words in (self._bench.watchdog.inactive_reason, self._calibration_warning, self._resume_state.message):
             if words:
                 self._recorder.publish(LogMessage(words))
@@ -178,7 +178,7 @@ class Runner:
             self._recorder.publish(self._plan_progress.progress_event())
 
     def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
-        """Measure one entry, as often as pauses and the protocol ask for it."""
+        """Measure one entry, again after a pause or if the protocol requests it."""
         entry = self._plan_progress.entry(index)
         while True:
             try:
@@ -236,7 +236,7 @@ class Runner:
         self._recorder.publish(RunResumed())
 
     def _check_drift(self, armed: ArmedBench) -> None:
-        """After an interruption, measure the last good entry again before going on."""
+        """When resuming, measure the last good entry again to check for drift."""
         last = self._resume_state.drift_check_entry
         if last is None or last in self._resume_state.repeat_entries:
             return
@@ -256,7 +256,7 @@ class Runner:
         self._recorder.publish(StreamStarted(armed.rate_hz, armed.scales))
 
     def _check_interrupts(self) -> None:
-        """Whether somebody wants something else than to go on."""
+        """Publish external events; raise if cancel or pause is requested."""
         self._recorder.publish_external()
         if self._control.cancel.is_set():
             raise RunCancelled
@@ -264,7 +264,7 @@ class Runner:
             raise PauseInterrupt
 
     def _finish(self, status: RunStatus, reason: str) -> tuple[RunStatus, str]:
-        """Say how it ended: in the file while it can be written, to the observers in any case."""
+        """Record how the run ended: in the file if it can be written, and always to the observers."""
         with contextlib.suppress(StorageError):
             self._recorder.publish_external()
         rest = self._armed.final_rest if self._armed is not None else None
@@ -273,7 +273,7 @@ class Runner:
             try:
                 self._recorder.publish(event)
             except StorageError:
-                self._recorder.notify(event)  # whether it is safe must be heard, full disk or not
+                self._recorder.notify(event)  # safety must be reported even if the disk is full
         estimates: tuple[EstimatedQuantity, ...] = ()
         try:
             estimates = self._protocol.estimates(self._plan_progress.points)

@@ -1,4 +1,4 @@
-"""What every estimator asks of its input, and the factor that turns a standard error into an interval."""
+"""Input checks of the estimators, and the coverage factor of an interval."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

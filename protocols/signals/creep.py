@@ -1,4 +1,4 @@
-"""Logarithmic creep: how much a deflection grows per decade of time after a step, by least squares."""
+"""Logarithmic creep: growth of a deflection per decade of time after a step, by least squares."""
 
 from dataclasses import dataclass
 
@@ -49,9 +49,9 @@ def fit_creep(
 
     Args:
         time_s: (N,), since the step, rising; all > 0.
-        samples: (N,), what the sensor told.
+        samples: (N,), sensor signal.
         zero: the level before the step.
-        reference_s: where `value` is told.
+        reference_s: time to which `value` refers.
         with_drift: whether a straight line in time is fitted beside the logarithm.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A free decay: frequency and damping of what rings after a step or a release, by least squares."""
+"""Free decay: frequency and damping after a step or a release, by least squares."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 MIN_SAMPLES = 16
 MAX_DAMPING = 0.8
-"""Above it hardly anything rings, and frequency and damping cannot be told apart."""
+"""Above it, frequency and damping cannot be separated."""
 
 GRID_DAMPING = (0.003, 0.01, 0.03, 0.08, 0.15, 0.25, 0.4)
 GRID_SAMPLES = 2048
@@ -53,7 +53,7 @@ def fit_decay(samples: ArrayLike, rate_hz: float, band_hz: tuple[float, float], 
         samples: (N,), from the release on.
         rate_hz: samples per second.
         band_hz: where the natural frequency is looked for.
-        skip_s: left out at the beginning, until the drive stands and higher modes have died.
+        skip_s: left out at the start, until the drive is constant and higher modes have decayed.
 
     Raises:
         ValueError: too short, not finite, or nothing that rings within the band.
@@ -121,7 +121,7 @@ def _coarse_search(x: Array, t: Array, band_hz: tuple[float, float]) -> tuple[fl
     """Angular frequency and damping, of a coarse grid, that explain most of the beginning of the record."""
     x, t = x[:GRID_SAMPLES], t[:GRID_SAMPLES]
     span, told_apart = np.log(band_hz[1] / band_hz[0]), (band_hz[1] - band_hz[0]) * t[-1]
-    # A mode is as wide as its damping; a record tells two frequencies apart that are 1 / duration apart.
+    # A mode is as wide as its damping; a record resolves frequencies 1 / duration apart.
     counts = [4 + int(2 * min(span / zeta, told_apart)) for zeta in GRID_DAMPING]
     zeta = np.repeat(GRID_DAMPING, counts)
     w = 2 * np.pi * np.concatenate([np.geomspace(*band_hz, count) for count in counts])

@@ -1,10 +1,8 @@
-"""A level and a step: means whose standard errors know that neighbouring samples are not independent.
+"""Level and step: means with standard errors for correlated samples, and the ramp between levels.
 
 The spectrum of the noise at frequency zero, not its variance, makes the error of a mean. It is taken from the lowest cosine
 components of what a straight line and the mains leave (Lazarus, Lewis, Stock, Watson, J. Bus. Econ. Stat. 36, 2018), which
 gives a known number of degrees of freedom for the interval. They hold for noise that forgets within a fiftieth of the stretch.
-
-The ramp from one held level to another, found in the recorded drive: when it began, when it ended, and between what.
 """
 
 import math
@@ -23,7 +21,7 @@ MAINS_ORDERS = 3
 """Mains and its harmonics that are fitted; the third is strong where transformers saturate."""
 
 MAX_COSINE_COMPONENTS = 12
-"""Most cosine components that tell the noise: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
+"""Largest number of cosine components for the noise estimate: few enough to see slow noise, enough that 95 % are not 3 standard errors."""
 
 MIN_SAMPLES = 24
 """Fewest samples of a level."""
@@ -72,7 +70,7 @@ def estimate_level(samples: ArrayLike, rate_hz: float, mains_hz: float | None = 
     Args:
         samples: evenly spaced; 0.1 s is whole cycles of both 50 and 60 Hz.
         rate_hz: samples per second.
-        mains_hz: fitted and removed with two harmonics; None where there is none.
+        mains_hz: fitted and removed with two harmonics; None: not fitted.
 
     Raises:
         ValueError: fewer than 24 samples, not finite, or shorter than a cycle of the mains.
@@ -106,7 +104,7 @@ def estimate_step(
     guard_s: float = 0.0,
     mains_hz: float | None = MAINS_HZ,
 ) -> StepEstimate:
-    """What stands `read_s` after a step, against what stood just before it.
+    """Estimate the value `read_s` after a step against the value just before it.
 
     Creep is logarithmic, so a step has no end value: the time at which it is read belongs to the number.
 

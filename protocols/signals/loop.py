@@ -1,4 +1,4 @@
-"""Hysteresis loops of displacement over drive: width, area, asymmetry, with errors from how well cycles repeat."""
+"""Hysteresis loops of displacement over drive: width, area, asymmetry, errors from repeatability."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ class HysteresisLoop:
 
     @property
     def relative_width(self) -> float:
-        """Width over stroke: the hysteresis as data sheets tell it."""
+        """Width over stroke: the hysteresis as in data sheets."""
         return self.width / self.stroke
 
 

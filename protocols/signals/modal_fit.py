@@ -1,4 +1,4 @@
-"""One resonant mode in a frequency response: its natural frequency and damping by a complex least-squares fit."""
+"""Modal fit: natural frequency and damping of one mode by a complex least-squares fit."""
 
 from dataclasses import dataclass
 

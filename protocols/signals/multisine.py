@@ -1,4 +1,7 @@
-"""A periodic excitation with many lines and a small crest factor: Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970)."""
+"""Multisine: periodic excitation with a small crest factor.
+
+Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970).
+"""
 
 from dataclasses import dataclass
 from typing import Self

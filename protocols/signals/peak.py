@@ -1,4 +1,4 @@
-"""Where the displacement's spectrum, or a frequency response, is largest: the paper's resonance (Sec. IV-1), with an error.
+"""Peak of a displacement spectrum or frequency response: the paper's resonance (Sec. IV-1), with error.
 
 The paper filters at 600 Hz, transforms and takes the highest bin in 125..500 Hz. Three things are done differently, for reasons:
 - A low-pass at 600 Hz does not move a peak below 300 Hz, so none is computed; `low_pass` is there for traces that are shown.
@@ -33,7 +33,7 @@ MIN_LINES = 10
 """Lines within the half-power width; 4 unknowns are fitted to them."""
 
 MIN_BINS_PER_LINE = 8
-"""Bins under a line below which the Hann window is none."""
+"""Fewest bins under a line for a Hann window."""
 
 
 @dataclass(frozen=True, slots=True)

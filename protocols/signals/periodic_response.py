@@ -1,8 +1,8 @@
-"""The frequency response from several periods of one drive, which show their noise by not repeating.
+"""Periodic response: frequency response and noise from several periods of one drive.
 
-What repeats with every period and is no response: seen where lines scatter more about their neighbours than noise would.
+Distortion that repeats with every period shows where lines scatter more about their neighbours than noise explains.
 
-Odd orders of an amplifier or a specimen, a generator's steps and whatever a card without a filter folds back stand in every
+Odd orders of an amplifier or a specimen, a generator's steps and whatever a card without a filter folds back occur in every
 period alike, so the spread over periods does not know them. They come in with the drive, and so err by a share of the response,
 of another sign at every line. A response is smooth, and its inverse is so however narrow its resonance: of second degree in the
 frequency for one mode. (After the local polynomial method of Pintelon & Schoukens, System Identification, 2nd ed., ch. 7.)
@@ -31,7 +31,7 @@ MEDIAN_WINDOW_LINES = 61
 """Lines over whose median the share is found."""
 
 MIN_SIGNAL_TO_NOISE = 10.0
-"""Lines that stand out of their noise by less tell nothing of a share."""
+"""Lines with a smaller signal-to-noise ratio are not used for the share."""
 
 MEDIAN_WINDOW_STEP = 8
 BISECTION_STEPS = 40
@@ -43,7 +43,7 @@ def repeating_error_share(frequency_hz: Array, response: Complex, noise: Array) 
     Args:
         frequency_hz: (F,), rising.
         response: (F,), its errors independent from line to line.
-        noise: (F,), standard errors of real and imaginary part that the spread over periods tells; none is 0.
+        noise: (F,), standard errors of real and imaginary part from the spread over periods; none is 0.
     """
     clear = np.abs(response) > MIN_SIGNAL_TO_NOISE * noise
     if np.count_nonzero(clear) < 2 * WINDOW_LINES:

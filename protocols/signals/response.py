@@ -1,4 +1,4 @@
-"""A frequency response of displacement over drive, with coherence and a standard error per line.
+"""Frequency response of displacement over drive, with coherence and a standard error per line.
 
 Two excitations, two ways to an error bar: periods that repeat show their noise by not repeating (`estimate_periodic_response`); a
 long sweep does not repeat, but it is known (`swept_response`). Both are H1 = S_yx / S_xx, the right one of the two here: the

@@ -1,4 +1,4 @@
-"""The settling detector: tells when the response to a sine has become steady."""
+"""Settling detector: detects when the response to a sine has become steady."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class SettlingDetector:
-    """Tells when the response to a sine has become steady.
+    """Detects when the response to a sine has become steady.
 
     Successive windows of whole cycles are fitted; the response is displacement over drive, a complex number, so that
     amplitude and phase are watched together and the source's phase drops out. It is steady when two successive changes

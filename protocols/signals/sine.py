@@ -1,4 +1,4 @@
-"""The sine fit with harmonics: amplitude, phase and frequency of a periodic response.
+"""Sine fit with harmonics: amplitude, phase and frequency of a periodic response.
 
 Sign and phase: a component of order k is `|F_k| sin(2 pi k f t + arg F_k)` with t = 0 at the first sample.
 """
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 NYQUIST_SHARE = 0.45
-"""Harmonics above this share of the sample rate are not fitted: they cannot be told from aliases."""
+"""Harmonics above this share of the sample rate are not fitted: they cannot be distinguished from aliases."""
 
 CHUNK_SAMPLES = 1 << 16
 """Samples of a basis held in memory at once."""

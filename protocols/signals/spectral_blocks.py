@@ -1,4 +1,4 @@
-"""Lines out of a long spectrum: overlapping Hann blocks of bins, and what stands beside them in lag.
+"""Spectral block averaging: a long spectrum over overlapping Hann-windowed frequency blocks.
 
 A product of spectra Y X* summed under a Hann window over bins is the cross-correlation of the two records inside a window of
 lags. Under a linear sweep that window is a gate: the harmonics of a non-linear amplifier, the offset, the mains arrive

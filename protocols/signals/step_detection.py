@@ -1,4 +1,4 @@
-"""A mass lands on the tactor: told online from the laser's trace, block by block.
+"""Weight step detector: finds a weight placed on the tactor in the laser's trace, block by block.
 
 The trace is looked at in windows of whole cycles of the mains. Where a few windows in a row agree in mean and in spread, the
 trace is quiet: that is the zero, and it follows slow drift while nothing happens. A move is a landing once the trace is quiet again at another
@@ -64,7 +64,7 @@ class WeightStepDetector:
         window_s: of one window; 0.1 s is whole cycles of both 50 and 60 Hz.
         window_count: that must agree.
         mains_hz: see `level`.
-        history_s: of a move are kept; one that lasts longer loses its beginning, and its landing is told too late at worst.
+        history_s: of a move are kept; a longer one loses its start, and its landing is at worst detected late.
     """
 
     rate_hz: float

@@ -1,11 +1,11 @@
-"""The frequency response from one long linear sweep.
+"""Swept response: frequency response from one long linear sweep.
 
 A sweep does not repeat, but it is known: the whole record is transformed at once (so there is no segment whose ends cut the
 response off, and no bias from the sweep's rate), Y X* is summed over bins under a Hann window, and what arrives at other lags
 than a response can is the noise (see `lines`). Welch's averages, segment by segment, would count the harmonics of the two-slope
 amplifier and the whole record's noise against every line, and their segments cut off what rings over their ends.
 
-What a recorded drive tells of the sweep in it: from when to when it runs, which way, and whether it is one at all.
+The start, end and direction of the sweep are found in the recorded drive; a recording without a sweep is rejected.
 """
 
 import numpy as np
@@ -85,7 +85,7 @@ def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, b
 Complex = NDArray[np.complex128]
 
 MIN_BINS_PER_LINE = 32
-"""Bins under one line of a sweep: fewer leave no room beside the gate to see the noise."""
+"""Bins under one line of a sweep: fewer leave no lags beside the gate for the noise."""
 
 TAPER_CYCLES = 6
 """Cycles of the lowest frequency over which a sweep is faded in and out."""
@@ -128,7 +128,7 @@ def estimate_swept_response(
         displacement: (N,), of the same scans.
         rate_hz: samples per second.
         band_hz: where lines are wanted; those at which the sweep was not are left out.
-        resolution_hz: full width of a line; lines stand half of it apart. None: 0.5 Hz, or what a short record allows.
+        resolution_hz: full width of a line; lines are half of it apart. None: 0.5 Hz, or what a short record allows.
         delay_s: by how much the displacement's record is late (sensor delay minus the card's channel skew).
 
     Raises:
@@ -191,7 +191,7 @@ def _noise_variance(
     cross: NDArray[np.complex64], power: NDArray[np.float32], H: Complex, blocks: BlockAverager, rising: bool
 ) -> Array:
     """Variance of each line's S_yx, from the gates beside it on the side on which no harmonic arrives."""
-    # Straight lines between the lines, which stand half a block apart; beyond the outermost the response is taken as it is there.
+    # Linear interpolation between the lines, which are half a block apart; beyond the outermost the response is taken as it is there.
     hop = blocks.length // 2
     ends = np.concatenate((H[:1], H, H[-1:])).astype(np.complex64)
     share = np.arange(hop, dtype=np.float32) / np.float32(hop)
@@ -204,7 +204,7 @@ def _noise_variance(
     shift = np.exp(2j * np.pi * side * np.outer(np.arange(blocks.length), gates) / blocks.length)
     seen = blocks.windows(left) @ (blocks.window[:, None] * shift).astype(np.complex64)
     at_gates, at_harmonics = np.split(np.asarray(seen.real**2 + seen.imag**2), [NOISE_LAGS.size], axis=1)
-    # What stands at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
+    # A component at lag m leaks into the line, and its neighbours, as far as the side lobes of the Hann window let it.
     m = np.abs(HARMONIC_LAGS)
     leaked = (at_harmonics / (np.pi * m * (m**2 - 1)) ** 2).max(1)
     reach = np.pad(leaked, POOLED_LINES, "edge")

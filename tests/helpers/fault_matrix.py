@@ -1,4 +1,4 @@
-"""One cell of the fault matrix: a protocol runs, something breaks at a stated moment, and the world is looked at.
+"""Fault matrix: one protocol, one fault at a stated moment, and the outcome.
 
 Used by the test and by `docs/make_fault_matrix.py`, which prints the table into the documentation.
 """

@@ -1,4 +1,4 @@
-"""A protocol of levels for tests, a person who answers, and how a session goes on with a run."""
+"""Protocol of levels, an operator that answers prompts, and a resumed run, for tests."""
 
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass

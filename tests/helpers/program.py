@@ -1,4 +1,4 @@
-"""`tactor-bench run` in a process of its own, on a bench file that names a simulated bench in ours."""
+"""`tactor-bench run` in its own process, on a bench file that names a simulated bench of the test."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Run files for tests, written by the program's own writer, without a bench and in milliseconds."""
+"""Run files for tests, written by the product's writer without a bench."""
 
 import shutil
 from pathlib import Path

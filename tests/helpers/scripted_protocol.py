@@ -1,4 +1,4 @@
-"""A protocol for tests: it yields the steps it was given and remembers what they were answered with."""
+"""Scripted protocol for tests: yields given steps and records their results."""
 
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass

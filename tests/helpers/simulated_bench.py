@@ -1,4 +1,4 @@
-"""A simulated bench for tests, and a run on it whose volts are looked at afterwards, whatever the test was about."""
+"""Simulated bench for tests; the volts of every run on it are checked."""
 
 import threading
 from collections.abc import Callable, Iterator
