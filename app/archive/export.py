@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.archive.description import run_record
+from app.common.progress import NO_PROGRESS, Progress
 from protocols.base import Quality, to_jsonable
 from protocols.runfile.reader import Run
 
@@ -48,13 +49,12 @@ def export_run(
     folder: Path,
     kind: Format = "csv",
     parts: Sequence[Part] = PARTS,
-    progress: Callable[[float], None] = lambda _share: None,
-    cancelled: Callable[[], bool] = lambda: False,
+    progress: Progress = NO_PROGRESS,
 ) -> list[Path]:
     """Write `parts` of a run into `folder` and return the files written. Files of the same names are replaced.
 
-    CSV makes one file for each part, JSON and MAT one file. `progress` receives the completed share, 0 to 1. If `cancelled`
-    returns True, the unfinished file is removed.
+    CSV makes one file for each part, JSON and MAT one file. `progress` receives the completed share, 0 to 1. If it is
+    cancelled, the unfinished file is removed.
 
     Raises:
         ExportError: a file cannot be written, or the run is too long for the format.
@@ -71,13 +71,13 @@ def export_run(
         if kind == "csv":
             for part in parts:
                 path = folder / f"{stem}_{part}.csv"
-                if not _write_complete(path, lambda to, part=part: _write_csv(run, part, to, progress, cancelled)):  # type: ignore[misc]
+                if not _write_complete(path, lambda to, part=part: _write_csv(run, part, to, progress)):  # type: ignore[misc]
                     return written
                 written.append(path)
         else:
             path = folder / f"{stem}.{kind}"
             write = _write_json if kind == "json" else _write_mat
-            if _write_complete(path, lambda to: write(run, parts, to, progress, cancelled)):
+            if _write_complete(path, lambda to: write(run, parts, to, progress)):
                 written.append(path)
     except OSError as error:
         raise ExportError(f"{folder} cannot be written to: {error.strerror or error}; choose another folder") from None
@@ -96,18 +96,16 @@ def _write_complete(path: Path, write: Callable[[Path], bool]) -> bool:
         working.unlink(missing_ok=True)
 
 
-def _write_csv(
-    run: Run, part: Part, path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
-) -> bool:
+def _write_csv(run: Run, part: Part, path: Path, progress: Progress) -> bool:
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         if part == "raw":
             rows.writerow(f"{name} [{unit}]" for name, unit in RAW_COLUMNS)
             for share, *columns in _raw_rows(run):
-                if cancelled():
+                if progress.cancelled:
                     return False
                 file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
-                progress(share)
+                progress.update(share)
             return True
         head, body = _table_rows(run, part)
         rows.writerow(head)
@@ -115,9 +113,7 @@ def _write_csv(
     return True
 
 
-def _write_json(
-    run: Run, parts: Sequence[Part], path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
-) -> bool:
+def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> bool:
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
     record: dict[str, Any] = about | {"configuration": run.configuration} if "about" in parts else {}
@@ -135,20 +131,18 @@ def _write_json(
             for at, (name, _) in enumerate(RAW_COLUMNS):
                 file.write(f', "{name}": [')
                 for number, (share, *columns) in enumerate(_raw_rows(run)):
-                    if cancelled():
+                    if progress.cancelled:
                         return False
                     values = (f"{v:.9g}" if v == v else "null" for v in columns[at].tolist())
                     file.write(("," if number else "") + ",".join(values))
-                    progress((at + share) / len(RAW_COLUMNS))
+                    progress.update((at + share) / len(RAW_COLUMNS))
                 file.write("]")
             file.write("}")
         file.write("}\n")
     return True
 
 
-def _write_mat(
-    run: Run, parts: Sequence[Part], path: Path, progress: Callable[[float], None], cancelled: Callable[[], bool]
-) -> bool:
+def _write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> bool:
     """Structures `about`, `points`, `estimates`, `events`, `raw`, each with a `units` of its fields."""
     from scipy.io import savemat
 
@@ -174,11 +168,11 @@ def _write_mat(
     if "raw" in parts:
         kept: list[list[Any]] = [[], [], []]
         for share, *columns in _raw_rows(run):
-            if cancelled():
+            if progress.cancelled:
                 return False
             for into, column in zip(kept, columns, strict=True):
                 into.append(column)
-            progress(share)
+            progress.update(share)
         record["raw"] = {
             name: np.concatenate(column) if column else np.empty(0)
             for (name, _), column in zip(RAW_COLUMNS, kept, strict=True)

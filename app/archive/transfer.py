@@ -1,14 +1,14 @@
 """Batch operations on run files: annotate, export, copy, import tables, read for comparison."""
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.export import Format, export_run
 from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
-from app.common.progress import ProgressCallback, ignore_progress, split_progress_by_files
+from app.common.progress import NO_PROGRESS, Progress
 from app.config.tables import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError
 
@@ -36,16 +36,15 @@ def export_runs(
     paths: Sequence[Path],
     folder: Path,
     kind: Format,
-    cancelled: Callable[[], bool],
-    progress: ProgressCallback = ignore_progress,
+    progress: Progress = NO_PROGRESS,
 ) -> int:
     """Export runs and return the number of files written."""
     count = 0
-    for path, file_progress in zip(paths, split_progress_by_files(progress, paths), strict=True):
-        if cancelled():
+    for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
+        if progress.cancelled:
             break
         with Run(path) as run:
-            count += len(export_run(run, folder, kind, progress=file_progress, cancelled=cancelled))
+            count += len(export_run(run, folder, kind, progress=file_progress))
     return count
 
 
@@ -60,8 +59,7 @@ class CopyResult:
 def copy_runs_into(
     paths: Sequence[Path],
     folder: Path,
-    cancelled: Callable[[], bool] = lambda: False,
-    progress: ProgressCallback = ignore_progress,
+    progress: Progress = NO_PROGRESS,
 ) -> CopyResult:
     """Copy run files into a folder without replacing files. After cancellation, complete copies are kept.
 
@@ -73,14 +71,14 @@ def copy_runs_into(
     except OSError as error:
         raise RunReadError(f"{folder} cannot be made: {error.strerror or error}; choose another folder") from None
     copied, there = list[str](), list[str]()
-    for path, file_progress in zip(paths, split_progress_by_files(progress, paths), strict=True):
+    for path, file_progress in zip(paths, progress.split_by_files(paths), strict=True):
         if (folder / path.name).exists():
             there.append(path.name)
             continue
         with Run(path):  # refuses files that are not runs
             pass
         try:
-            whole = _copy_file(path, folder / path.name, cancelled, file_progress)
+            whole = _copy_file(path, folder / path.name, file_progress)
         except OSError as error:
             raise RunReadError(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
@@ -91,16 +89,16 @@ def copy_runs_into(
     return CopyResult(tuple(copied), tuple(there))
 
 
-def _copy_file(path: Path, to: Path, cancelled: Callable[[], bool], progress: ProgressCallback) -> bool:
+def _copy_file(path: Path, to: Path, progress: Progress) -> bool:
     """Copy a file in chunks under a temporary name, then rename; return False if cancelled."""
     working, size = to.with_name(f".{to.name}.part"), max(path.stat().st_size, 1)
     try:
         with path.open("rb") as source, working.open("wb") as copy:
             while piece := source.read(COPY_CHUNK_BYTES):
-                if cancelled():
+                if progress.cancelled:
                     return False
                 copy.write(piece)
-                progress(copy.tell() / size)
+                progress.update(copy.tell() / size)
         shutil.copystat(path, working)
         working.replace(to)
         return True
@@ -113,13 +111,13 @@ def import_tables(
     folder: Path,
     specimen: str,
     amplifier: AmplifierTable,
-    progress: ProgressCallback = ignore_progress,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[int, list[str]]:
     """Import tables as run files with default options; return their number and warnings.
 
     Raises:
         UsageError: a table cannot be imported; the message gives file, place and remedy.
-        Stopped: cancelled by `progress`; nothing was written.
+        OperationCancelled: cancelled by `progress`; nothing was written.
     """
     from app.archive.importing.importer import (  # loads units and protocols, which no page needs at start-up
         ImportOptions,

@@ -98,7 +98,7 @@ def export_command(options: ExportOptions) -> int:
     for run_path in options.runs:
         try:
             with Run(run_path) as run, terminal_progress(run_path.name) as progress, translate_read_errors(run_path):
-                written = export_run(run, options.out or run_path.parent, options.format, parts, progress.update)
+                written = export_run(run, options.out or run_path.parent, options.format, parts, progress)
         except (RunReadError, ExportError) as error:
             failed = True
             sys.stderr.write(f"{error}\n")

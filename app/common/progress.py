@@ -1,6 +1,6 @@
 """Progress and cancellation of long operations, and the progress bar of a terminal."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -56,13 +56,10 @@ class Progress:
             OperationCancelled: the operation was cancelled between two items.
         """
         for start in range(0, len(items), ITEMS_PER_UPDATE):
-            self.raise_if_cancelled()
             self.update(start / len(items))
+            self.raise_if_cancelled()
             yield from items[start : start + ITEMS_PER_UPDATE]
         self.update(1.0)
-
-    def __call__(self, fraction: float) -> None:
-        self.update(fraction)
 
 
 class _PartialProgress(Progress):
@@ -112,39 +109,3 @@ def track(items: Sequence[T], description: str) -> Iterator[T]:
         for index, item in enumerate(items):
             progress.update(index / len(items))
             yield item
-
-
-# Callback form, until every caller passes a Progress.
-
-ProgressCallback = Callable[[float], None]
-
-
-def ignore_progress(_share: float) -> None:
-    """No-op progress callback."""
-
-
-def partial_progress(progress: ProgressCallback, begin: float, end: float) -> ProgressCallback:
-    """Return the callback of a part of the whole."""
-    return lambda share: progress(begin + (end - begin) * share)
-
-
-def split_progress(progress: ProgressCallback, sizes: Sequence[float]) -> list[ProgressCallback]:
-    """Return the callbacks of consecutive parts of these sizes."""
-    whole = sum(sizes) or 1.0
-    return [
-        partial_progress(progress, begin / whole, end / whole)
-        for begin, end in pairwise(accumulate(sizes, initial=0.0))
-    ]
-
-
-def split_progress_by_files(progress: ProgressCallback, paths: Sequence[Path]) -> list[ProgressCallback]:
-    """Return the callbacks of consecutive files, weighted by their bytes; a missing file has none."""
-    return split_progress(progress, [path.stat().st_size if path.is_file() else 0 for path in paths])
-
-
-def iterate_with_progress(items: Sequence[T], progress: ProgressCallback) -> Iterator[T]:
-    """Yield the items and call back as they are taken."""
-    for start in range(0, len(items), ITEMS_PER_UPDATE):
-        progress(start / len(items))
-        yield from items[start : start + ITEMS_PER_UPDATE]
-    progress(1.0)

@@ -9,8 +9,15 @@ import pytest
 
 from app.archive.export import ExportError, export_run
 from app.cli.main import main
+from app.common.progress import Progress
 from protocols.runfile.reader import Run
 from tests.helpers.run_files import crashed_run, finished_run
+
+
+class Cancelled(Progress):
+    """Progress of an operation that is cancelled from its beginning."""
+
+    cancelled = True
 
 
 @pytest.fixture
@@ -78,7 +85,7 @@ def test_mat_opens_with_structures_and_units(path: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize("kind", ["csv", "json", "mat"])
 def test_a_stopped_export_leaves_nothing_half(kind: str, path: Path, tmp_path: Path) -> None:
     with Run(path) as run:
-        assert export_run(run, tmp_path / "out", kind, ("raw",), cancelled=lambda: True) == []  # type: ignore[arg-type]
+        assert export_run(run, tmp_path / "out", kind, ("raw",), Cancelled()) == []  # type: ignore[arg-type]
     assert list((tmp_path / "out").iterdir()) == []
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.archive.importing.reader import read_table
-from app.common.progress import OperationCancelled, ProgressCallback
+from app.common.progress import OperationCancelled, Progress
 from tests.helpers.importing import brought, refused
 
 
@@ -27,10 +27,27 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
 ) -> None:
     told: list[float] = []
 
+    class Listener(Progress):
+        def update(self, fraction: float, text: str = "") -> None:
+            told.append(fraction)
+
+    class Stopping(Progress):
+        """Cancelled from a fraction on."""
+
+        def __init__(self, end: float) -> None:
+            self.end, self.fraction = end, 0.0
+
+        @property
+        def cancelled(self) -> bool:
+            return self.fraction >= self.end
+
+        def update(self, fraction: float, text: str = "") -> None:
+            self.fraction = fraction
+
     @contextmanager
-    def listening(words: str, quiet: bool) -> Iterator[ProgressCallback]:
+    def listening(words: str, quiet: bool) -> Iterator[Progress]:
         assert (words, quiet) == ("long.csv", False)
-        yield told.append
+        yield Listener()
 
     path = long_series(tmp_path / "long.csv")
     with monkeypatch.context() as patched:
@@ -40,13 +57,8 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     assert len(told) > 10
     assert (told[0], told[-1]) == (0.0, pytest.approx(1.0, abs=0.2))
     for ends in (0.0, 0.3, 0.5):
-
-        def stop(share: float, ends: float = ends) -> None:
-            if share >= ends:
-                raise OperationCancelled
-
         with pytest.raises(OperationCancelled):
-            read_table(path, stop)
+            read_table(path, Stopping(ends))
     assert capsys.readouterr().err == ""
     monkeypatch.setenv("FORCE_COLOR", "1")
     brought(path, "--as", "raw", "--json")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.archive.importing.table import ImportTable, TableColumn, TableReadError, is_unit, split_heading
 from app.common.inputs import truncate_text
-from app.common.progress import ProgressCallback, ignore_progress, iterate_with_progress, partial_progress
+from app.common.progress import NO_PROGRESS, Progress
 
 COMMENT_MARKS = ("#", "%", "//")
 """Starts of comment lines."""
@@ -20,7 +20,7 @@ SCAN_SHARE, SPLIT_SHARE = 0.4, 0.9
 DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?")
 
 
-def read_text_table(path: Path, sha256: str, data: bytes, progress: ProgressCallback = ignore_progress) -> ImportTable:
+def read_text_table(path: Path, sha256: str, data: bytes, progress: Progress = NO_PROGRESS) -> ImportTable:
     """Read the table in a file's bytes.
 
     Raises:
@@ -44,13 +44,11 @@ def _decode(path: Path, data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def _parse_table(path: Path, sha256: str, text: str, progress: ProgressCallback) -> ImportTable:
+def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> ImportTable:
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     lines = [
         (at, line)
-        for at, line in enumerate(
-            iterate_with_progress(text.split("\n"), partial_progress(progress, 0.0, SCAN_SHARE)), 1
-        )
+        for at, line in enumerate(progress.part(0.0, SCAN_SHARE).iterate(text.split("\n")), 1)
         if (bare := line.lstrip(' "')) and not bare.isspace() and not bare.startswith(COMMENT_MARKS)
     ]
     mark: str | None = None
@@ -62,8 +60,7 @@ def _parse_table(path: Path, sha256: str, text: str, progress: ProgressCallback)
     # Without quotation marks a plain split gives the same cells five times faster.
     cut = partial(_split_line, delimiter=mark) if len(mark) > 1 or '"' in text else partial(str.split, sep=mark)
     rows = [
-        (at, tuple(map(str.strip, cut(line))))
-        for at, line in iterate_with_progress(lines, partial_progress(progress, SCAN_SHARE, SPLIT_SHARE))
+        (at, tuple(map(str.strip, cut(line)))) for at, line in progress.part(SCAN_SHARE, SPLIT_SHARE).iterate(lines)
     ]
     (first, heads), body = rows[0], rows[1:]
     if all(_is_number(cell) for cell in heads if cell):

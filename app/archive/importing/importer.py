@@ -23,13 +23,7 @@ from app.archive.importing.table import ImportTable, TableReadError
 from app.archive.importing.time_series import build_series_points
 from app.archive.importing.values import ImportSettings
 from app.common.errors import UsageError
-from app.common.progress import (
-    ProgressCallback,
-    ignore_progress,
-    partial_progress,
-    split_progress,
-    split_progress_by_files,
-)
+from app.common.progress import NO_PROGRESS, Progress
 from app.common.units import UnitError, read_value
 from app.config.tables import AmplifierTable
 from app.config.validation import validation_messages
@@ -78,7 +72,7 @@ class ImportOptions:
 
 
 def import_files(
-    options: ImportOptions, amplifier: AmplifierTable, tell: ProgressCallback = ignore_progress
+    options: ImportOptions, amplifier: AmplifierTable, tell: Progress = NO_PROGRESS
 ) -> tuple[list[ImportedRun], list[Path]]:
     """Return what was read from the files, and the run files that were written.
 
@@ -94,10 +88,10 @@ def import_files(
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     try:
-        parts = split_progress_by_files(partial_progress(tell, 0.0, READ_SHARE), options.files)
+        parts = tell.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
         wanted = [every[options.kind] if options.kind else _kind_of(sheet, every, options.columns) for sheet in sheets]
-        taken = _taken(sheets, wanted, options, amplifier, partial_progress(tell, READ_SHARE, BUILT_SHARE))
+        taken = _taken(sheets, wanted, options, amplifier, tell.part(READ_SHARE, BUILT_SHARE))
         written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
     except (TableReadError, TableImportError, StorageError) as error:
         raise UsageError(str(error)) from None
@@ -131,14 +125,14 @@ def _taken(
     wanted: Sequence[TableKind],
     options: ImportOptions,
     amplifier: AmplifierTable,
-    tell: ProgressCallback,
+    tell: Progress,
 ) -> list[tuple[ImportedRun, ImportSettings]]:
     made, series = [], list[tuple[ImportTable, ColumnMapping]]()
     raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == TIME_SERIES)
     sizes = [
         0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True)
     ]
-    *parts, raw_progress = split_progress(tell, [*sizes, raw])
+    *parts, raw_progress = tell.split([*sizes, raw])
     for sheet, kind, file_progress in zip(sheets, wanted, parts, strict=True):
         asked = _import_options(sheet, kind, options, amplifier)
         matched = match_columns(sheet, kind, options.columns)

@@ -22,7 +22,7 @@ from app.archive.importing.values import (
     column_sources,
     table_values,
 )
-from app.common.progress import ProgressCallback, ignore_progress
+from app.common.progress import NO_PROGRESS, Progress
 from drivers.sensors.laser_sensor import LaserSensor
 from model.membrane import GRAVITY
 from protocols.base import Protocol, Quality, ResultCurve, RunStatus
@@ -55,7 +55,7 @@ class ImportedRun:
 
 
 def build_points(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback = ignore_progress
+    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress = NO_PROGRESS
 ) -> ImportedRun:
     """Return the points of a table.
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.table import ImportTable, TableReadError
-from app.common.progress import ProgressCallback, ignore_progress
+from app.common.progress import NO_PROGRESS, Progress
 from protocols.runfile.schema import HDF5_SIGNATURE
 
 MAX_FILE_BYTES = 400_000_000
 
 
-def read_table(path: Path, progress: ProgressCallback = ignore_progress) -> ImportTable:
+def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
     """Read the table of a file.
 
     Raises:

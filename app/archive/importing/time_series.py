@@ -11,7 +11,7 @@ from app.archive.importing.columns import ColumnMapping, TableImportError
 from app.archive.importing.points import ImportedRun
 from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportSettings, column_sources, table_values
-from app.common.progress import ProgressCallback, ignore_progress, partial_progress, split_progress
+from app.common.progress import NO_PROGRESS, Progress
 from drivers.drive import Sine
 from protocols.base import CurveColumn, Quality, Recording, ResultCurve
 from protocols.measurements.sine_dwell import SinePoint, sine_point
@@ -32,7 +32,7 @@ MAX_NOISE_RATIO = 0.1
 def build_series_points(
     series: Sequence[tuple[ImportTable, ColumnMapping]],
     options: ImportSettings,
-    progress: ProgressCallback = ignore_progress,
+    progress: Progress = NO_PROGRESS,
 ) -> ImportedRun:
     """Return one run of several time series, a point each.
 
@@ -40,7 +40,7 @@ def build_series_points(
         TableImportError, TableReadError: a sentence that says which file is wrong, where, and what would do.
     """
     points, curves, cautions = [], [], list[str]()
-    parts = split_progress(progress, [len(sheet.row_locations) for sheet, _ in series])
+    parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
     for entry, ((sheet, matched), tell_one) in enumerate(zip(series, parts, strict=True)):
         point, curve, said = _series_point(sheet, matched, options, tell_one)
         points.append(point)
@@ -67,9 +67,9 @@ def build_series_points(
 
 
 def _series_point(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback
+    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress
 ) -> tuple[SinePoint, ResultCurve, list[str]]:
-    values, cautions = table_values(table, mapping, options, partial_progress(progress, 0.0, VALUES_SHARE))
+    values, cautions = table_values(table, mapping, options, progress.part(0.0, VALUES_SHARE))
     for name, cells in mapping.columns.items():
         if (gaps := np.flatnonzero(~np.isfinite(values[name]))).size:
             row = int(gaps[0])
@@ -89,7 +89,7 @@ def _series_point(
         raise TableImportError(
             f"{table.path} holds {(time[-1] - time[0]) * f:.2g} cycles of {f:.4g} Hz; at least {MIN_CYCLES} are needed"
         )
-    progress(0.5 * (VALUES_SHARE + 1.0))
+    progress.update(0.5 * (VALUES_SHARE + 1.0))
     cycles = max(int((time[-1] - time[0]) * f), 1)
     sine = Sine(
         f, min(amplitude, options.amplifier.high_v - options.amplifier.rest_v), options.amplifier.rest_v, cycles

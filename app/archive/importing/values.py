@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from app.archive.importing.columns import ColumnMapping, TableImportError, TableKind, si_factor
 from app.archive.importing.table import ImportTable, TableColumn
-from app.common.progress import ITEMS_PER_UPDATE, ProgressCallback, ignore_progress, split_progress
+from app.common.progress import ITEMS_PER_UPDATE, NO_PROGRESS, Progress
 from app.common.units import UnitError, to_number
 from app.config.tables import AmplifierTable
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -60,7 +60,7 @@ class ColumnSource:
 
 
 def table_values(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: ProgressCallback = ignore_progress
+    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress = NO_PROGRESS
 ) -> tuple[dict[str, Array], list[str]]:
     """Every quantity in SI, and warnings."""
     lengths = {cells.heading: len(cells.cells) for cells in mapping.columns.values()}
@@ -74,7 +74,7 @@ def table_values(
     needed = {name for group in mapping.kind.required for name in group}
     whole = "quality" in mapping.columns  # our own export: its flags say what is missing
     for (name, cells), tell_column in zip(
-        mapping.columns.items(), split_progress(progress, [1.0] * len(mapping.columns)), strict=True
+        mapping.columns.items(), progress.split([1.0] * len(mapping.columns)), strict=True
     ):
         slot = mapping.kind.column(name)
         assert slot is not None
@@ -103,17 +103,18 @@ def table_values(
     return values, cautions
 
 
-def _parse_numbers(table: ImportTable, column: TableColumn, progress: ProgressCallback) -> Array:
+def _parse_numbers(table: ImportTable, column: TableColumn, progress: Progress) -> Array:
     """Return the numbers of a column, NaN for missing values; plain numbers are converted in bulk."""
     numbers = np.empty(len(column.cells))
     for start in range(0, numbers.size, ITEMS_PER_UPDATE):
-        progress(start / numbers.size)
+        progress.update(start / numbers.size)
+        progress.raise_if_cancelled()
         some = column.cells[start : start + ITEMS_PER_UPDATE]
         try:
             numbers[start : start + len(some)] = _parse_plain_numbers(some, table.decimal_comma)
         except ValueError:
             numbers[start : start + len(some)] = [table.parse_number(column, start + i) for i in range(len(some))]
-    progress(1.0)
+    progress.update(1.0)
     return numbers
 
 

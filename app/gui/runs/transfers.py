@@ -48,7 +48,7 @@ class RunTransfers(QObject):
         progress = self._progress_row.progress
         self._start(
             f"exporting {pluralize(len(paths), 'run')} …",
-            lambda: export_runs(paths, folder, kind, lambda: progress.cancelled, progress.update),
+            lambda: export_runs(paths, folder, kind, progress),
             lambda count: f"{count} files written to {folder}",
         )
 
@@ -65,7 +65,7 @@ class RunTransfers(QObject):
 
         self._start(
             f"taking in {pluralize(len(paths), 'run')} …",
-            lambda: copy_runs_into(paths, folder, lambda: progress.cancelled, progress.update),
+            lambda: copy_runs_into(paths, folder, progress),
             done,
         )
 
@@ -74,17 +74,13 @@ class RunTransfers(QObject):
         folder, specimen, progress = self._folder(), self._specimen(), self._progress_row.progress
         names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
 
-        def update(fraction: float) -> None:
-            progress.raise_if_cancelled()
-            progress.update(fraction)
-
         def done(brought: tuple[int, list[str]]) -> str:
             self.finished.emit()
             count, cautions = brought
             return "\n".join([f"{names}: {pluralize(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
         self._start(
-            f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, update), done
+            f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, progress), done
         )
 
     def shutdown(self) -> None:

@@ -271,7 +271,7 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
     going, go_on, begun = page.details.progress_row, threading.Event(), threading.Event()
     update = going.progress.update
 
-    def slowly(share: float) -> None:
+    def slowly(share: float, text: str = "") -> None:
         update(share)
         if share > 0.6:
             begun.set()
@@ -328,7 +328,7 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert "tactor-bench import --help" in page.details.message_label.text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     progress = page.details.progress_row.progress
-    monkeypatch.setattr(progress, "update", lambda _fraction: progress.cancel())  # as the button does
+    monkeypatch.setattr(progress, "update", lambda *_: progress.cancel())  # as the button does
     page.transfers.import_tables([table])
     until(lambda: page.details.message_label.text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
