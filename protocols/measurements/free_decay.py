@@ -26,6 +26,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
+from protocols.measurements.fields import QualityFlags, SampleRate
 
 SOURCE = "free decay after a step"
 
@@ -44,7 +45,7 @@ class DecayPoint:
     damping_errors: Annotated[float, Unit("1"), "standard error of the damping ratio"]
     amplitude: Annotated[float, Unit("m"), "of the ringing, where the fit begins"]
     noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -71,7 +72,7 @@ class FreeDecay(Protocol):
     edges: Annotated[int, Unit("1"), Interval(ge=2, le=100), "how many, up and down in turn"] = 10
     low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "the resonance is looked for from here"] = 60.0
     high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "the resonance is looked for up to here"] = 600.0
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 20_000.0
+    sample_rate_hz: SampleRate = 20_000.0
 
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:

@@ -27,6 +27,7 @@ from protocols.base import (
     ResultCurve,
     Step,
 )
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
 
@@ -45,7 +46,7 @@ DRIVE_TOLERANCE = 0.05
 class LoopPoint:
     """The loop at one frequency, over volts at the amplifier's input. Errors are standard, from cycle to cycle."""
 
-    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    frequency: FittedFrequency
     share: Annotated[float, Unit("1"), "width over stroke"]
     share_errors: Annotated[float, Unit("1"), "standard uncertainty of the share"]
     width: Annotated[float, Unit("m"), "falling minus rising branch in the middle of the drive"]
@@ -59,7 +60,7 @@ class LoopPoint:
     asymmetry: Annotated[float, Unit("1"), "area above the middle minus area below it, over the area"]
     asymmetry_errors: Annotated[float, Unit("1"), "standard uncertainty of the asymmetry"]
     cycles: Annotated[float, Unit("1"), "loops that were averaged"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -94,12 +95,10 @@ class Hysteresis(Protocol):
         Len(1, 100),
         "rates at which the loop is gone through, in order; far below resonance",
     ] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-    peak_to_peak_v: Annotated[
-        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
-    ] = 5.0
+    peak_to_peak_v: DriveVpp = 5.0
     cycles: Annotated[int, Unit("1"), Interval(ge=2, le=1000), "loops that are averaged"] = 5
     dropped: Annotated[int, Unit("1"), Interval(ge=1, le=100), "loops before those: the first begins elsewhere"] = 1
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
     def _check_sample_rate(self) -> Self:

@@ -11,6 +11,7 @@ from annotated_types import Unit
 from drivers.bench.rest import REST_TOLERANCE_V
 from drivers.drive import Hold
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
+from protocols.measurements.fields import QualityFlags, RepeatNumber
 from protocols.measurements.weights import format_grams
 from protocols.signals.levels import LevelEstimate
 from protocols.signals.step_detection import WeightStepDetector
@@ -93,7 +94,7 @@ class LoadPoint:
 
     side: Annotated[float, Unit("1"), "1 with the MFC up, -1 with the aluminium up"]
     mass: Annotated[float, Unit("kg"), "mass of the weight, besides the offset"]
-    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    repeat: RepeatNumber
     load: Annotated[float, Unit("N"), "its weight"]
     load_errors: Annotated[float, Unit("N"), "standard uncertainty of its weight; the same in every repeat"]
     deflection: Annotated[
@@ -105,7 +106,7 @@ class LoadPoint:
     drift: Annotated[float, Unit("m"), "zero after - zero before"]
     creep: Annotated[float, Unit("m/s"), "slope of the displacement under the weight, while it was read"]
     noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave under the weight"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:

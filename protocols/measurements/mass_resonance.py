@@ -28,6 +28,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
+from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import MIN_BINS_PER_LINE
@@ -60,7 +61,7 @@ class MassPoint:
     height: Annotated[float, Unit("m/V"), "response at the peak, per volt at the amplifier's input"]
     coherence: Annotated[float, Unit("1"), "lowest coherence within the peak's half-power width"]
     resolution: Annotated[float, Unit("Hz"), "full width of a line"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -96,12 +97,10 @@ class MassResonance(Protocol):
         Interval(ge=1, le=3600),
         "longest piece: what the generator's memory holds (docs/generators.md)",
     ] = 20.0
-    peak_to_peak_v: Annotated[
-        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
-    ] = 5.0
+    peak_to_peak_v: DriveVpp = 5.0
     low_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=2000), "the peak is looked for from here"] = 125.0
     high_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=2000), "the peak is looked for up to here"] = 500.0
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:

@@ -17,6 +17,7 @@ from model.membrane import linear_young_modulus, weight_per_length, young_modulu
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane
 from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
+from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate
 from protocols.signals.levels import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
@@ -30,13 +31,13 @@ MAX_ATTEMPTS = 3
 class SagPoint:
     """One sag of the membrane. Its error is standard and statistical; geometry and reference are common to all."""
 
-    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    repeat: RepeatNumber
     sag: Annotated[float, Unit("m"), "how far the membrane's centre hangs below the line of its clamps"]
     sag_errors: Annotated[float, Unit("m"), "standard uncertainty of the sag, the reference's depth left out"]
     reference: Annotated[float, Unit("m"), "displacement at the reference surface, as the sensor tells it"]
     hanging: Annotated[float, Unit("m"), "displacement at the membrane's centre, as the sensor tells it"]
     noise: Annotated[float, Unit("m"), "standard deviation of what line and mains leave of the membrane's trace"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -80,8 +81,8 @@ class MembraneSag(Protocol):
         float, Unit("m"), Interval(ge=0, le=0.05), "standard uncertainty of the elongation, the clamping's included"
     ] = 10e-6
     settle_s: Annotated[float, Unit("s"), Interval(ge=0, le=600), "after the key, before the trace is read"] = 5.0
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"] = 1.0
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
+    record_s: LevelDuration = 1.0
+    sample_rate_hz: SampleRate = 2000.0
 
     @property
     def membrane(self) -> Membrane:

@@ -15,6 +15,7 @@ from pydantic import model_validator
 
 from drivers.drive import Sine
 from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
 
 HARMONIC_COUNT = 8
@@ -28,7 +29,7 @@ MIN_RESPONSE_SIGMAS = 5.0
 class SinePoint:
     """One frequency of a sine dwell. Uncertainties are standard and statistical; the sensor's gain is common to all."""
 
-    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    frequency: FittedFrequency
     peak_to_peak: Annotated[float, Unit("m"), "max - min of the displacement: the paper's amplitude"]
     peak_to_peak_errors: Annotated[
         float, Unit("m"), "standard uncertainty of max - min: noise widens it, sampling narrows it"
@@ -45,7 +46,7 @@ class SinePoint:
     drift: Annotated[float, Unit("m/s"), "slope of the mean displacement"]
     noise: Annotated[float, Unit("m"), "standard deviation of what the fit leaves"]
     cycles: Annotated[float, Unit("1"), "cycles recorded"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def relative_uncertainty(self) -> float:
@@ -162,9 +163,7 @@ class SineDwell(Protocol):
     frequencies_hz: Annotated[
         tuple[Annotated[float, Interval(ge=1, le=2000)], ...], Unit("Hz"), Len(1, 500), "frequencies, in order"
     ] = PAPER_FREQUENCIES_HZ
-    peak_to_peak_v: Annotated[
-        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
-    ] = 5.0
+    peak_to_peak_v: DriveVpp = 5.0
     record_s: Annotated[float, Unit("s"), Interval(ge=0.05, le=600), "at least this long is recorded"] = 0.5
     min_cycles: Annotated[
         int, Unit("1"), Interval(ge=3, le=100_000), "at least this many whole cycles are recorded"

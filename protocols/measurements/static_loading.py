@@ -26,6 +26,7 @@ from protocols.base import (
     Step,
     WaitForDetection,
 )
+from protocols.measurements.fields import LevelDuration, SampleRate
 from protocols.measurements.load_point import (
     KEEP,
     MAX_ATTEMPTS,
@@ -91,8 +92,8 @@ class StaticLoading(Protocol):
     settle_s: Annotated[
         float, Unit("s"), Interval(ge=0, le=600), "after hands did something, before a level is read"
     ] = 1.0
-    record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of every level that is read"] = 0.5
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 2000.0
+    record_s: LevelDuration = 0.5
+    sample_rate_hz: SampleRate = 2000.0
 
     @model_validator(mode="after")
     def _check_weights(self) -> Self:

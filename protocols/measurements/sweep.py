@@ -26,6 +26,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
+from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 
@@ -53,7 +54,7 @@ class SweepPoint:
     coherence: Annotated[float, Unit("1"), "lowest coherence within the resonance's half-power width"]
     lines: Annotated[float, Unit("1"), "lines of the response"]
     drive_amplitude: Annotated[float, Unit("V"), "half the peak to peak of the recorded drive"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -75,9 +76,7 @@ class Sweep(Protocol):
 
     start_hz: Annotated[float, Unit("Hz"), Interval(ge=1, le=5000), "lowest frequency"] = 25.0
     stop_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=5000), "highest frequency, to within a line"] = 525.0
-    peak_to_peak_v: Annotated[
-        float, Unit("V"), Interval(gt=0, le=5), "drive at the amplifier's input, peak to peak around rest"
-    ] = 5.0
+    peak_to_peak_v: DriveVpp = 5.0
     sweep_s: Annotated[
         float, Unit("s"), Interval(ge=0.02, le=60), "one way through the band; lines lie 1 / sweep_s apart"
     ] = 0.5
@@ -85,7 +84,7 @@ class Sweep(Protocol):
         int, Unit("1"), Interval(ge=2, le=1000), "periods used, of two sweeps each; one more is played"
     ] = 6
     repeats: Annotated[int, Unit("1"), Interval(ge=1, le=100), "how often all of it is done"] = 1
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
     def _check_parameters(self) -> Self:

@@ -16,6 +16,7 @@ from pydantic import model_validator
 
 from drivers.drive import Hold
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
+from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate
 from protocols.signals.creep import fit_creep
 from protocols.signals.levels import DetectedRamp, estimate_step, find_ramp
 
@@ -109,7 +110,7 @@ class StepPoint:
     """One level against the rest before it. Errors are standard and statistical; the sensor's gain is common to all."""
 
     level: Annotated[float, Unit("V"), "level commanded at the amplifier's input"]
-    repeat: Annotated[float, Unit("1"), "which repeat, from 1"]
+    repeat: RepeatNumber
     direction: Annotated[float, Unit("1"), "levels rising (1), falling (-1) or in random order (0)"]
     drive: Annotated[float, Unit("V"), "the level as the card saw it"]
     drive_step: Annotated[float, Unit("V"), "the same against rest as the card saw it"]
@@ -121,7 +122,7 @@ class StepPoint:
     creep_errors: Annotated[float, Unit("m"), "standard uncertainty of the creep"]
     zero: Annotated[float, Unit("m"), "displacement at rest just before, as the sensor tells it"]
     drift: Annotated[float, Unit("m/s"), "slope of the displacement at rest just before"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -158,7 +159,7 @@ class VoltageSteps(Protocol):
     hold_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=3600), "how long a level is held and its creep watched"] = (
         5.0
     )
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    sample_rate_hz: SampleRate = 5000.0
 
     @model_validator(mode="after")
     def _check_read_window(self) -> Self:

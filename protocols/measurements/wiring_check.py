@@ -15,6 +15,7 @@ from pydantic import model_validator
 
 from drivers.drive import Drive, Hold, Sine
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
+from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate
 from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"
@@ -30,14 +31,14 @@ class WiringPoint:
     drive: Annotated[float, Unit("V"), "mean of the recorded drive"]
     drive_amplitude: Annotated[float, Unit("V"), "peak amplitude of the recorded drive"]
     drive_noise: Annotated[float, Unit("V"), "standard deviation of what remains of the recorded drive"]
-    frequency: Annotated[float, Unit("Hz"), "frequency, fitted to the recorded drive"]
+    frequency: FittedFrequency
     displacement: Annotated[float, Unit("m"), "mean displacement"]
     displacement_errors: Annotated[float, Unit("m"), "standard uncertainty of the mean displacement"]
     amplitude: Annotated[float, Unit("m"), "peak amplitude of the displacement's fundamental"]
     latency: Annotated[float, Unit("s"), "displacement behind drive, the sensor's configured delay removed"]
     latency_errors: Annotated[float, Unit("s"), "standard uncertainty of the latency"]
     noise: Annotated[float, Unit("m"), "standard deviation of what remains of the displacement"]
-    quality: Annotated[int, Unit("1"), "flags, see protocols.base.quality"]
+    quality: QualityFlags
 
     @property
     def summary(self) -> str:
@@ -82,7 +83,7 @@ class WiringCheck(Protocol):
     frequency_hz: Annotated[float, Unit("Hz"), Interval(ge=2, le=100), "of the sine, far below resonance"] = 20.0
     wait_s: Annotated[float, Unit("s"), Interval(ge=0.1, le=60), "before each recording"] = 0.3
     record_s: Annotated[float, Unit("s"), Interval(ge=0.5, le=60), "of each recording"] = 1.0
-    sample_rate_hz: Annotated[float, Unit("Hz"), Interval(ge=500, le=500_000), "scans per second"] = 5000.0
+    sample_rate_hz: SampleRate = 5000.0
     polarity: Annotated[
         int, Unit("1"), Interval(ge=-1, le=1), "sign of displacement per volt that is right; 0 where both are"
     ] = 1

@@ -14,7 +14,6 @@ suffice raise ValueError with the reason.
     creep      fit_creep                              logarithmic creep per decade
     loop       fold, measure_loops                    width, area, asymmetry of hysteresis loops
     decay      fit_decay                              frequency and damping of a free decay
-    multisine  Multisine                              a periodic excitation with a small crest factor
 
 `checks` and `spectral_blocks` are shared by several of them. Only numpy is imported here; what needs scipy is imported from
 its module, by name.

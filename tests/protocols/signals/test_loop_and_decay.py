@@ -9,7 +9,7 @@ from model.response.time_response import step_response
 from protocols.signals.checks import coverage_factor
 from protocols.signals.decay import fit_decay
 from protocols.signals.loop import fold, measure_loops
-from protocols.signals.multisine import Multisine
+from tests.helpers.multisine import Multisine
 
 RATE = 5000.0
 

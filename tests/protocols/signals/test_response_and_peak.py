@@ -13,11 +13,11 @@ from model.response.frequency_response import frequency_response, poles
 from model.response.sweep_response import sweep_response as exact_sweep
 from protocols.signals.checks import coverage_factor
 from protocols.signals.modal_fit import fit_sdof
-from protocols.signals.multisine import Multisine
 from protocols.signals.peak import SpectralPeak, low_pass, response_peak, spectrum_peak
 from protocols.signals.periodic_response import estimate_periodic_response
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import CORRECTED_VARIANCE, estimate_swept_response
+from tests.helpers.multisine import Multisine
 from tests.helpers.sampled import march
 
 RATE = 5000.0
