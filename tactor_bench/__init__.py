@@ -81,7 +81,7 @@ _MODULES = {
     "ObservationError": "app.identification.observations",
     "ParameterError": "model.parameter_spec",
     "Points": "tactor_bench._tables",
-    "Quality": "protocols.base.quality",
+    "Quality": "protocols.base",
     "Response": "tactor_bench._model",
     "RunReadError": "protocols.runfile.open",
     "RunFailedError": "tactor_bench._bench",
