@@ -41,7 +41,7 @@ def measure() -> dict[str, float]:
     dwells = [r for r in measured.runs if isinstance(r, FrequencyResponseObservation)]
 
     def closed(u: np.ndarray) -> np.ndarray:
-        """The dwells alone, as somebody would write it: the exact response, one run after the other."""
+        """The dwells alone, as a straightforward script computes them: the exact response, one run after the other."""
         t = Tactor(k2=u[0] * 7e-3, mu=-u[1] * 1.33e-5, m_add=u[2] * 7.73e-3, c0=u[3] * 159)
         m = Membrane(E_m=u[4] * 6.95e6, c_s_0=u[5] * 165, c_s_delta=u[6] * 5.48e4)
         rows = []

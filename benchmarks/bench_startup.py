@@ -40,7 +40,7 @@ class Table(pydantic.BaseModel):
 OURS = """
 import os, sys
 from app.cli.main import main
-class Painted:  # hears of the window's module as soon as somebody wants it, and asks for the first paint only then
+class Painted:  # notified when the window's module is first imported; requests the first paint only then
     def find_spec(self, name, path, target=None):
         if name == "app.gui.application":
             sys.meta_path.remove(self)

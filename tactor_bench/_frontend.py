@@ -229,7 +229,7 @@ class NotebookFrontEnd(FrontEnd):
                 said = self._input(label)
             except KeyboardInterrupt:
                 continue
-            except (EOFError, RuntimeError) as error:  # IPython raises one of its own where nobody can type
+            except (EOFError, RuntimeError) as error:  # IPython raises an error of its own where input is impossible
                 self.failure = (
                     f"no operator can answer in this notebook ({error}), so the run was stopped: {prompt.text}"
                 )

@@ -1,4 +1,4 @@
-"""Estimates as values, and the calibration of a specimen: the estimates somebody accepted, as a plain versioned record."""
+"""Calibration of a specimen: the accepted estimates as a versioned record."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields

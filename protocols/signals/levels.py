@@ -248,6 +248,6 @@ def find_ramp(drive_v: Array, rate_hz: float, hold_s: float, rest_s: float) -> D
     left = np.flatnonzero(np.abs(drive_v[:half] - before_v) <= near_v)
     reached = np.flatnonzero(np.abs(drive_v[half:] - level_v) <= near_v)
     begin_s, end_s = float(left[-1] + 1) / rate_hz, float(half + reached[0]) / rate_hz
-    # As near as can be told from noise is a little inside the ramp: the straight line is drawn out to its ends.
+    # The point nearest to the end that differs from the noise lies a little inside the ramp: the straight line is drawn out to its ends.
     inside_s = (end_s - begin_s) * near_v / (abs(step_v) - 2 * near_v)
     return DetectedRamp(max(begin_s - inside_s, 0.0), end_s + inside_s, before_v, level_v)

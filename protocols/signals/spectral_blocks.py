@@ -75,7 +75,7 @@ def band_spectrum(samples: Array, n: int, blocks: BlockAverager, taper_samples: 
     turn = np.exp(-2j * np.pi / n * np.arange(start, stop)).astype(np.complex64)
     whole = np.empty(blocks.size, np.complex64)
     while start < stop:
-        q = start % period  # a row's spectrum goes on with its mirror image, and then again
+        q = start % period  # a row's spectrum continues with its mirror image, periodically
         if q <= period // 2:
             end = min(stop, start + period // 2 - q + 1)
             part = rows[:, q : q + end - start]
