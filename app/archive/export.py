@@ -3,7 +3,6 @@
 File names of simulated runs contain SIMULATED.
 """
 
-import csv
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from app.archive.description import run_record
 from app.common.progress import NO_PROGRESS, Progress
+from app.common.tables import Column, Table
 from protocols.base import Quality, to_jsonable
 from protocols.runfile.reader import Run
 
@@ -97,19 +97,16 @@ def _write_complete(path: Path, write: Callable[[Path], bool]) -> bool:
 
 
 def _write_csv(run: Run, part: Part, path: Path, progress: Progress) -> bool:
+    if part != "raw":
+        _part_table(run, part).to_csv(path)
+        return True
     with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        if part == "raw":
-            rows.writerow(f"{name} [{unit}]" for name, unit in RAW_COLUMNS)
-            for share, *columns in _raw_rows(run):
-                if progress.cancelled:
-                    return False
-                file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
-                progress.update(share)
-            return True
-        head, body = _table_rows(run, part)
-        rows.writerow(head)
-        rows.writerows(body)
+        file.write(",".join(f"{name} [{unit}]" for name, unit in RAW_COLUMNS) + "\r\n")
+        for share, *columns in _raw_rows(run):
+            if progress.cancelled:
+                return False
+            file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
+            progress.update(share)
     return True
 
 
@@ -190,45 +187,36 @@ def _raw_rows(run: Run) -> Iterator[tuple[Any, ...]]:
         yield stop / samples, trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
 
 
-def _table_rows(run: Run, part: Part) -> tuple[list[str], Iterator[list[Any]]]:
-    """Return header and rows of a part other than the raw data."""
+def _part_table(run: Run, part: Part) -> Table:
+    """Return a part other than the raw data as a table."""
     match part:
         case "points":
-            points, units = run.points(), run.units()
-            head: list[str] = []
-            columns: list[Any] = []
-            for name in sorted(
-                points,
-                key=lambda name: LEADING_COLUMNS.index(name) if name in LEADING_COLUMNS else len(LEADING_COLUMNS),
-            ):
-                column = points[name]
-                for order in range(column.shape[1]) if column.ndim > 1 else (None,):
-                    head.append(f"{name if order is None else f'{name}_{order + 1}'} [{units[name]}]")
-                    columns.append(column if order is None else column[:, order])
-            words = [Quality(int(q)).description for q in points.get("quality", ())]
-            body = ([*map(_format_number, row)] for row in zip(*columns, strict=True))
-            if not words:
-                return head, body
-            return [*head, "quality in words"], ([*row, said] for row, said in zip(body, words, strict=True))
+            return Table(part, part, tuple(_point_columns(run)))
         case "estimates":
-            rows = (
-                [e.name, _format_number(e.value), _format_number(e.standard_error), e.unit, e.source]
-                for e in run.estimates()
-            )
-            return ["name", "value", "standard error", "unit", "source"], rows
+            names = ("name", "value", "standard error", "unit", "source")
+            estimates = [(e.name, e.value, e.standard_error, e.unit, str(e.source)) for e in run.estimates()]
+            return Table.of_rows(part, names, estimates)
         case "events":
-            events = (
-                [
-                    _format_number(e["time"]),
-                    e["row"],
-                    e["kind"],
-                    json.dumps(e["fields"], default=str, ensure_ascii=False),
-                ]
-                for e in _event_records(run)
-            )
-            return ["time [s]", "row", "kind", "fields"], events
+            events = [
+                (e.time_s, e.row, e.kind, json.dumps(e.fields, default=str, ensure_ascii=False)) for e in run.events()
+            ]
+            return Table.of_rows(part, ("time [s]", "row", "kind", "fields"), events)
         case _:
-            return ["name", "value"], ([name, value] for name, value in _about_rows(run))
+            return Table.of_rows(part, ("name", "value"), [(name, str(value)) for name, value in _about_rows(run)])
+
+
+def _point_columns(run: Run) -> Iterator[Column]:
+    """Yield the columns of the points; one of several orders is several columns."""
+    points, units = run.points(), run.units()
+    leading = {name: at for at, name in enumerate(LEADING_COLUMNS)}
+    for name in sorted(points, key=lambda name: leading.get(name, len(leading))):
+        column = points[name].astype(float)
+        if column.ndim == 1:
+            yield Column(name, units[name], column)
+        else:
+            yield from (Column(f"{name}_{i}", units[name], order) for i, order in enumerate(column.T, 1))
+    if descriptions := [Quality(int(flags)).description for flags in points.get("quality", ())]:
+        yield Column("quality in words", None, descriptions)
 
 
 def _about_rows(run: Run) -> Iterator[tuple[str, Any]]:
@@ -248,8 +236,3 @@ def _about_rows(run: Run) -> Iterator[tuple[str, Any]]:
 def _event_records(run: Run) -> Iterator[Mapping[str, Any]]:
     for event in run.events():
         yield {"time": event.time_s, "row": event.row, "kind": event.kind, "fields": event.fields}
-
-
-def _format_number(value: float) -> str:
-    """Return a number with every digit; empty text for NaN and infinity."""
-    return repr(float(value)) if np.isfinite(value) else ""

@@ -8,8 +8,9 @@ from pathlib import Path
 from app.cli.identify import IdentifyOptions, identify_runs
 from app.cli.identify_tables import estimate_table
 from app.cli.options import JSON_OBJECT, define_command, folder_option, option, switch
-from app.cli.output import CommandResult, ResultColumn, ResultTable, render
+from app.cli.output import CommandResult, render
 from app.common.errors import UsageError
+from app.common.tables import Column, Table
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
 from model.identification.calibration import Calibration, compare_calibrations
@@ -108,15 +109,15 @@ def _correction_lines(version: Calibration) -> list[str]:
 
 def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
     every = compare_calibrations(old, new)
-    table = ResultTable(
+    table = Table(
         "changes",
         f"Specimen {new.specimen}: version {old.version} to {new.version}",
         (
-            ResultColumn("name", "", [c.name for c in every], "parameter"),
-            ResultColumn("before", "", [c.before for c in every]),
-            ResultColumn("after", "", [c.after for c in every]),
-            ResultColumn("unit", "", [c.unit for c in every]),
-            ResultColumn("standard_errors", "", [c.sigmas for c in every], "in standard errors", format_spec="+.1f"),
+            Column("name", "", [c.name for c in every], "parameter"),
+            Column("before", "", [c.before for c in every]),
+            Column("after", "", [c.after for c in every]),
+            Column("unit", "", [c.unit for c in every]),
+            Column("standard_errors", "", [c.sigmas for c in every], "in standard errors", format_spec="+.1f"),
         ),
     )
     return CommandResult("calibration diff", {}, (table,))

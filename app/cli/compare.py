@@ -10,9 +10,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from app.cli.options import JSON_OBJECT, define_command, option, switch
-from app.cli.output import CommandResult, ResultColumn, ResultTable, render
+from app.cli.output import CommandResult, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument
+from app.common.tables import Column, Table
 from model.identification.fit_result import format_p_value
 from protocols.base import usable_mask
 from protocols.runfile.reader import Run, RunReadError
@@ -70,14 +71,14 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     ]
     columns = (
         *(
-            ResultColumn(n, units[n].removesuffix("1"), [_finite_or_text(p[n]) for p, _ in pairs], format_spec=".4g")
+            Column(n, units[n].removesuffix("1"), [_finite_or_text(p[n]) for p, _ in pairs], format_spec=".4g")
             for n in apart
         ),
-        ResultColumn(x, units[x].removesuffix("1"), rows["x"]),
-        ResultColumn(f"{y} first", units[y], rows["first"], display_unit=shown),
-        ResultColumn(f"{y} second", units[y], rows["second"], display_unit=shown),
-        ResultColumn("difference", units[y], rows["difference"], display_unit=shown, format_spec="+.3g"),
-        ResultColumn("standard errors", "", rows["errors"], format_spec="+.1f"),
+        Column(x, units[x].removesuffix("1"), rows["x"]),
+        Column(f"{y} first", units[y], rows["first"], display_unit=shown),
+        Column(f"{y} second", units[y], rows["second"], display_unit=shown),
+        Column("difference", units[y], rows["difference"], display_unit=shown, format_spec="+.3g"),
+        Column("standard errors", "", rows["errors"], format_spec="+.1f"),
     )
     title = f"{kind.title}: {b.path.name} less {a.path.name}"
     notes = [f"{len(pairs)} points in common, of {len(left)} and {len(right)} usable ones"]
@@ -90,7 +91,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
         notes.append(f"of {len(pairs) - len(deviations)} points nobody told how certain they are")
     notes += _drive_differences(a, b, left, right)
     return CommandResult(
-        "compare", {}, (ResultTable("points", title, columns if deviations else columns[:-1]),), tuple(notes)
+        "compare", {}, (Table("points", title, columns if deviations else columns[:-1]),), tuple(notes)
     )
 
 

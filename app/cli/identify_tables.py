@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from app.cli.output import CommandResult, ResultColumn, ResultTable
+from app.cli.output import CommandResult
 from app.common.formatting import format_uncertain
 from app.common.progress import track
+from app.common.tables import Column, Table
 from app.identification.identify import IdentificationResult
 from model.identification.adequacy import Adequacy
 from model.identification.experiment_design import ExpectedPrecision, Proposal, default_candidates, rank_candidates
@@ -28,21 +29,19 @@ MAX_FINDINGS = 10
 """Findings that are displayed."""
 
 
-def adequacy_tables(adequacy: Adequacy) -> Iterator[ResultTable]:
+def adequacy_tables(adequacy: Adequacy) -> Iterator[Table]:
     """Yield the table of the first discrepancies between runs and model, if there are any."""
     if not adequacy.findings:
         return
     first, more = adequacy.findings[:MAX_FINDINGS], len(adequacy.findings) - MAX_FINDINGS
-    yield ResultTable(
+    yield Table(
         "findings",
         "How the runs depart from the model"
         + (f" (the first {MAX_FINDINGS}; {more} more with --json)" if more > 0 else ""),
         (
-            ResultColumn("kind", "", [f.kind for f in first]),
-            ResultColumn("words", "", [f.words for f in first], "what is seen"),
-            ResultColumn(
-                "probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"
-            ),
+            Column("kind", "", [f.kind for f in first]),
+            Column("words", "", [f.words for f in first], "what is seen"),
+            Column("probability", "", [format_p_value(f.probability).removeprefix("p = ") for f in first], "by chance"),
         ),
     )
 
@@ -74,22 +73,18 @@ def expected_precision(observations: ObservationSet) -> ExpectedPrecision:
     )
 
 
-def proposals_table(proposals: Sequence[Proposal]) -> ResultTable:
+def proposals_table(proposals: Sequence[Proposal]) -> Table:
     """Return the table of all proposals for one parameter."""
     best = proposals[0]
-    return ResultTable(
+    return Table(
         "next",
         f"What to measure next for {best.parameter}, the most a minute first",
         (
-            ResultColumn("run", "", [p.candidate.run.label for p in proposals]),
-            ResultColumn("minutes", "min", [p.candidate.minutes for p in proposals], format_spec=".3g"),
-            ResultColumn(
-                "before", "%", [_format_share(p.error_before) for p in proposals], "error now", format_spec=".2g"
-            ),
-            ResultColumn(
-                "after", "%", [_format_share(p.error_after) for p in proposals], "error then", format_spec=".2g"
-            ),
-            ResultColumn(
+            Column("run", "", [p.candidate.run.label for p in proposals]),
+            Column("minutes", "min", [p.candidate.minutes for p in proposals], format_spec=".3g"),
+            Column("before", "%", [_format_share(p.error_before) for p in proposals], "error now", format_spec=".2g"),
+            Column("after", "%", [_format_share(p.error_after) for p in proposals], "error then", format_spec=".2g"),
+            Column(
                 "less",
                 "%",
                 [100 * (1 - (p.error_after / p.error_before) ** (1 / p.candidate.minutes)) for p in proposals],
@@ -104,7 +99,7 @@ def _format_share(share: float) -> float | str:
     return "not identified" if share > 1 else 100 * share
 
 
-def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> ResultTable:
+def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Table:
     """Return the profile intervals of parameters.
 
     Raises:
@@ -118,16 +113,16 @@ def profile_table(fit: JointFit, names: Sequence[str], coverage: float) -> Resul
     found: list[ProfileInterval] = [profile_interval(fit, name, coverage) for name in track(names, "profiles")]
     errors = dict(zip(fit.names, (fit.error_scale * fit.covariance.diagonal() ** 0.5).tolist(), strict=True))
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    return ResultTable(
+    return Table(
         "profiles",
         f"{100 * coverage:g} % intervals by profile: how far each can move while all others give way",
         (
-            ResultColumn("name", "", [p.name for p in found], "parameter"),
-            ResultColumn("low", "", [_format_limit(p.low) for p in found], "from"),
-            ResultColumn("value", "", [values[p.name] for p in found], format_spec=".6g"),
-            ResultColumn("high", "", [_format_limit(p.high) for p in found], "to"),
-            ResultColumn("unit", "", [parameter_spec(p.name, fit.observations).unit for p in found]),
-            ResultColumn(
+            Column("name", "", [p.name for p in found], "parameter"),
+            Column("low", "", [_format_limit(p.low) for p in found], "from"),
+            Column("value", "", [values[p.name] for p in found], format_spec=".6g"),
+            Column("high", "", [_format_limit(p.high) for p in found], "to"),
+            Column("unit", "", [parameter_spec(p.name, fit.observations).unit for p in found]),
+            Column(
                 "lopsided",
                 "",
                 [_format_arms(p, values[p.name], errors[p.name]) for p in found],
@@ -158,29 +153,29 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     if identification.misfits:
         runs = identification.misfits
         tables.append(
-            ResultTable(
+            Table(
                 "runs",
                 "How well each run is explained",
                 (
-                    ResultColumn("run", "", [r.label for r in runs]),
-                    ResultColumn("residuals", "", [r.points for r in runs]),
-                    ResultColumn("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
-                    ResultColumn("probability", "", [r.probability for r in runs], format_spec=".2g"),
-                    ResultColumn("outliers", "", [r.outliers for r in runs], "beyond 4 errors"),
+                    Column("run", "", [r.label for r in runs]),
+                    Column("residuals", "", [r.points for r in runs]),
+                    Column("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
+                    Column("probability", "", [r.probability for r in runs], format_spec=".2g"),
+                    Column("outliers", "", [r.outliers for r in runs], "beyond 4 errors"),
                 ),
             )
         )
     if identification.validation:
         curves = identification.validation
         tables.append(
-            ResultTable(
+            Table(
                 "validation",
                 "How well each curve is predicted",
                 (
-                    ResultColumn("run", "", [v.label for v in curves]),
-                    ResultColumn("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
-                    ResultColumn("p", "", [v.p for v in curves], format_spec=".2g"),
-                    ResultColumn("points", "", [v.points for v in curves]),
+                    Column("run", "", [v.label for v in curves]),
+                    Column("r", "", [v.r for v in curves], "Pearson's r", format_spec=".5f"),
+                    Column("p", "", [v.p for v in curves], format_spec=".2g"),
+                    Column("points", "", [v.points for v in curves]),
                 ),
             )
         )
@@ -205,21 +200,19 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more)
 
 
-def estimate_table(title: str, estimates: Sequence[Any]) -> ResultTable:
+def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
     """Return a table of estimates: value with error and unit, relative error, and source runs."""
-    return ResultTable(
+    return Table(
         "parameters",
         title,
         (
-            ResultColumn("name", "", [e.name for e in estimates], "parameter"),
-            ResultColumn(
-                "estimate", "", [format_uncertain(e.value, e.standard_error, "1") for e in estimates], "value"
-            ),
-            ResultColumn("unit", "", [e.unit for e in estimates]),
-            ResultColumn("relative", "%", [_relative_error(e) for e in estimates], "error", "%", format_spec=".2g"),
-            ResultColumn("value", "", [e.value for e in estimates], displayed=False),
-            ResultColumn("standard_error", "", [e.standard_error for e in estimates], displayed=False),
-            ResultColumn("source", "", [", ".join(e.source) for e in estimates], "from"),
+            Column("name", "", [e.name for e in estimates], "parameter"),
+            Column("estimate", "", [format_uncertain(e.value, e.standard_error, "1") for e in estimates], "value"),
+            Column("unit", "", [e.unit for e in estimates]),
+            Column("relative", "%", [_relative_error(e) for e in estimates], "error", "%", format_spec=".2g"),
+            Column("value", "", [e.value for e in estimates], displayed=False),
+            Column("standard_error", "", [e.standard_error for e in estimates], displayed=False),
+            Column("source", "", [", ".join(e.source) for e in estimates], "from"),
         ),
     )
 

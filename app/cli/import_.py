@@ -8,10 +8,11 @@ from pathlib import Path
 from app.archive.importing.importer import ImportOptions, import_files, read_time
 from app.archive.importing.points import ImportedRun
 from app.cli.options import JSON_OBJECT, define_command, option, repeated, switch
-from app.cli.output import CommandResult, ResultColumn, ResultTable, render
+from app.cli.output import CommandResult, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument, specimen_argument
 from app.common.progress import terminal_progress
+from app.common.tables import Column, Table
 from app.common.units import UnitError, to_number
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
@@ -165,15 +166,15 @@ def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> Comm
         names = ", ".join(name for name, _ in taken.files)
         sources = taken.sources
         tables.append(
-            ResultTable(
+            Table(
                 f"columns of {names}",
                 f"{taken.protocol.title} from {names}: {len(taken.points)} points"
                 + (", SIMULATED" if taken.simulated else ""),
                 (
-                    ResultColumn("quantity", "", [s.name for s in sources]),
-                    ResultColumn("column", "", [s.heading for s in sources]),
-                    ResultColumn("unit", "", [s.unit for s in sources]),
-                    ResultColumn("meaning", "", [s.description for s in sources]),
+                    Column("quantity", "", [s.name for s in sources]),
+                    Column("column", "", [s.heading for s in sources]),
+                    Column("unit", "", [s.unit for s in sources]),
+                    Column("meaning", "", [s.description for s in sources]),
                 ),
                 max_rows=200,
             )

@@ -29,9 +29,10 @@ from app.cli.model_response import (
     step,
 )
 from app.cli.options import FileOptions, define_command, group, option
-from app.cli.output import NO_FILES, CommandResult, ResultColumn, ResultTable, check_output_files, render
+from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common.errors import UsageError
 from app.common.progress import track
+from app.common.tables import Column, Table
 from app.common.units import read_number
 from model.parameter_spec import ParameterSpec, parameter_specs
 from model.parameters import Membrane, Tactor
@@ -83,28 +84,26 @@ def parameters(options: ParametersOptions) -> CommandResult:
     t, values = specimen.tactor, specimen_record(specimen)
     known = variable_specs()
 
-    def listed(name: str, title: str, names: list[str]) -> ResultTable:
+    def listed(name: str, title: str, names: list[str]) -> Table:
         facts = (
-            ResultColumn(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
+            Column(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
             for n in names
         )
-        return ResultTable(name, title, tuple(facts), vertical=True)
+        return Table(name, title, tuple(facts), vertical=True)
 
     derived = (
-        ResultColumn("I_Al", "m^4", [t.I_Al], description="second moment of area of the plate"),
-        ResultColumn("k1", "N m^2", [t.k1], description="bending stiffness of the bare plate"),
-        ResultColumn(
-            "eta", "kg/m", [t.eta], description="added mass per length of the third segment, m_add / (2 (L - L2))"
-        ),
-        ResultColumn("tau", "s", [t.tau], description="characteristic time sqrt(rho1 L^4 / k1)"),
-        ResultColumn("c_bar", "kg/(m s)", [t.c_bar], description="characteristic damping k1 tau / L^4"),
-        ResultColumn("k_s", "N/m^2", [values["k_s"]], description="distributed stiffness of the skin"),
-        ResultColumn("c_s", "kg/(m s)", [values["c_s"]], description="distributed damping of the skin"),
+        Column("I_Al", "m^4", [t.I_Al], description="second moment of area of the plate"),
+        Column("k1", "N m^2", [t.k1], description="bending stiffness of the bare plate"),
+        Column("eta", "kg/m", [t.eta], description="added mass per length of the third segment, m_add / (2 (L - L2))"),
+        Column("tau", "s", [t.tau], description="characteristic time sqrt(rho1 L^4 / k1)"),
+        Column("c_bar", "kg/(m s)", [t.c_bar], description="characteristic damping k1 tau / L^4"),
+        Column("k_s", "N/m^2", [values["k_s"]], description="distributed stiffness of the skin"),
+        Column("c_s", "kg/(m s)", [values["c_s"]], description="distributed damping of the skin"),
     )
     tables = (
         listed("tactor", "Tactor", [q.name for q in parameter_specs(Tactor)]),
         listed("skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]),
-        ResultTable("derived", "What follows", derived, vertical=True),
+        Table("derived", "What follows", derived, vertical=True),
     )
     note = "Change one with --set, for example --set 'L=22 mm'; k_s and c_s too, in place of the membrane's."
     return CommandResult("model parameters", values, tables, (note,))
@@ -127,38 +126,38 @@ def modes(options: ModesOptions) -> CommandResult:
     if count < 1:
         raise UsageError(f"--count {options.count}: ask for at least one mode")
     x = np.linspace(0, on.tactor.L, CURVE_POINTS)
-    columns, panels, curve = [ResultColumn("mode", "", range(1, count + 1))], [], [ResultColumn("x", "m", x)]
+    columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
     tables = []
     for key, head, specimen in (("free", "free", free), ("on_skin", "on the skin", on)):
         f = natural_frequencies(on.tactor, specimen.skin, options.n)[:count]
-        columns.append(ResultColumn(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
+        columns.append(Column(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
         s = poles(on.tactor, specimen.skin, options.n)
         s = s[s.imag >= 0][:count]
         tables.append(
-            ResultTable(
+            Table(
                 f"{key}_poles",
                 f"Poles, {describe_specimen(specimen)}",
                 (
-                    ResultColumn("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", format_spec=".2f"),
-                    ResultColumn("damping_ratio", "", damping_ratios(s), "damping ratio", format_spec=".4f"),
-                    ResultColumn("pole_re", "1/s", s.real, "real part", format_spec=".2f"),
-                    ResultColumn("pole_im", "rad/s", s.imag, "imaginary part", format_spec=".2f"),
+                    Column("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", format_spec=".2f"),
+                    Column("damping_ratio", "", damping_ratios(s), "damping ratio", format_spec=".4f"),
+                    Column("pole_re", "1/s", s.real, "real part", format_spec=".2f"),
+                    Column("pole_im", "rad/s", s.imag, "imaginary part", format_spec=".2f"),
                 ),
             )
         )
         shapes = mode_shapes(on.tactor, x, specimen.skin, options.n, count)
-        curve += [ResultColumn(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
+        curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
         lines = tuple(
             FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
         )
         caption = f"Undamped mode shapes of the half beam, {describe_specimen(specimen)}."
         panels.append(PaperFigure(f"modes_{key}", "x, clamp to centre", "m", "mode shape", "kg^-1/2", lines, caption))
-    first = ResultTable("undamped", "Natural frequencies without damping", tuple(columns))
+    first = Table("undamped", "Natural frequencies without damping", tuple(columns))
     return CommandResult(
         "model modes",
         specimen_record(on),
         (first, *tables),
-        csv_table=ResultTable("shapes", "", tuple(curve)),
+        csv_table=Table("shapes", "", tuple(curve)),
         figures=tuple(panels),
     )
 
@@ -184,23 +183,23 @@ def static(options: StaticOptions) -> CommandResult:
     else:  # Eqs. (7) and (8) are without skin; the closed form at 0 Hz includes it
         unit = [exact_response(t, 0.0, specimen.skin, x, source)[:, 0].real for source in ("load", "voltage")]
         compliance, gain, w = unit[0][-1], unit[1][-1], load_n * unit[0] + volts * unit[1]
-    facts = ResultTable(
+    facts = Table(
         "static",
         f"Static deflection of the centre, {describe_specimen(specimen)}",
         (
-            ResultColumn("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
-            ResultColumn("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
-            ResultColumn("load", "N", [load_n], "load"),
-            ResultColumn("voltage", "V", [volts], "voltage"),
-            ResultColumn("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
-            ResultColumn("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
-            ResultColumn("deflection", "m", [w[-1]], "both", "µm"),
+            Column("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
+            Column("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
+            Column("load", "N", [load_n], "load"),
+            Column("voltage", "V", [volts], "voltage"),
+            Column("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
+            Column("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
+            Column("deflection", "m", [w[-1]], "both", "µm"),
         ),
         vertical=True,
     )
     caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {describe_specimen(specimen)}."
     figure = PaperFigure("static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption)
-    curve = ResultTable("shape", "", (ResultColumn("x", "m", x), ResultColumn("deflection", "m", w)))
+    curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
     return CommandResult("model static", specimen_record(specimen), (facts,), csv_table=curve, figures=(figure,))
 
 
@@ -227,14 +226,14 @@ def convergence(options: ConvergenceOptions) -> CommandResult:
         np.concatenate(column)
         for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)
     )
-    table = ResultTable(
+    table = Table(
         "convergence",
         f"Worst deviation from the closed form over {min(f):g} to {max(f):g} Hz, {describe_specimen(specimen)}",
         (
-            ResultColumn("n", "", n, format_spec="g"),
-            ResultColumn("error", "", worst, "complex", "%", ".3g"),
-            ResultColumn("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
-            ResultColumn("first_frequency", "Hz", first, "first frequency, undamped", format_spec=".4f"),
+            Column("n", "", n, format_spec="g"),
+            Column("error", "", worst, "complex", "%", ".3g"),
+            Column("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
+            Column("first_frequency", "Hz", first, "first frequency, undamped", format_spec=".4f"),
         ),
     )
     shapes = np.array(n, float)

@@ -20,8 +20,9 @@ from app.cli.model_options import (
     shapes_option,
 )
 from app.cli.options import FileOptions, group, option, switch
-from app.cli.output import CommandResult, ResultColumn, ResultTable
+from app.cli.output import CommandResult
 from app.common.errors import UsageError
+from app.common.tables import Column, Table
 from app.common.units import read_number
 from model.amplifier_map import AmplifierMap
 from model.membrane import LOAD_SPEC as WEIGHT
@@ -82,23 +83,23 @@ def frequency_response(options: FrequencyResponseOptions) -> CommandResult:
     twice = 2 * np.abs(got.fundamental)
     H = receptance(t, f, skin, n, at)
     columns = [
-        ResultColumn("frequency", "Hz", f, format_spec=".6g"),
-        ResultColumn("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
-        ResultColumn("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
-        ResultColumn("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
-        ResultColumn("receptance_re", "m/V", H.real, displayed=False),
-        ResultColumn("receptance_im", "m/V", H.imag, displayed=False),
-        ResultColumn("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
+        Column("frequency", "Hz", f, format_spec=".6g"),
+        Column("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
+        Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
+        Column("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
+        Column("receptance_re", "m/V", H.real, displayed=False),
+        Column("receptance_im", "m/V", H.imag, displayed=False),
+        Column("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
     ]
     lines = [FigureCurve("max - min", f, got.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
     if options.exact:
         exact = exact_response(t, f, skin, at)
         V = fourier_series(options.waveform, amplitude, offset, AmplifierMap(), 1)
-        columns.append(ResultColumn("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
+        columns.append(Column("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
         lines.append(FigureCurve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
     where = describe_specimen(specimen)
     title = f"Response to a {options.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
-    table = ResultTable("response", title, tuple(columns))
+    table = Table("response", title, tuple(columns))
     figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
     note, bands = _describe_felt_bands(f, got.peak_to_peak)
     return CommandResult(
@@ -157,10 +158,10 @@ def step(options: StepOptions) -> CommandResult:
     V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
     w = step_response(t, time, volts, skin, n)
     onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
-    curve = ResultTable(
+    curve = Table(
         "time",
         "",
-        (ResultColumn("time", "s", time), ResultColumn("step", "m", w), ResultColumn("sine_onset", "m", onset)),
+        (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
     )
     lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
     figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
@@ -187,15 +188,15 @@ def _describe_felt_bands(
     )
 
 
-def _latency_table(name: str, title: str, final: str, felt: str, latency: Latency, tolerance: float) -> ResultTable:
+def _latency_table(name: str, title: str, final: str, felt: str, latency: Latency, tolerance: float) -> Table:
     columns = (
-        ResultColumn("final", "m", [latency.final_m], final, "µm", ".1f"),
-        ResultColumn("to_threshold", "s", [latency.to_threshold_s], felt, "ms", ".3f"),
-        ResultColumn("rise", "s", [latency.rise_s], "10 % to 90 % rise", "ms", ".3f"),
-        ResultColumn("overshoot", "", [latency.overshoot], "overshoot", "%", ".1f"),
-        ResultColumn("settling", "s", [latency.settling_s], f"settled within {100 * tolerance:g} %", "ms", ".2f"),
+        Column("final", "m", [latency.final_m], final, "µm", ".1f"),
+        Column("to_threshold", "s", [latency.to_threshold_s], felt, "ms", ".3f"),
+        Column("rise", "s", [latency.rise_s], "10 % to 90 % rise", "ms", ".3f"),
+        Column("overshoot", "", [latency.overshoot], "overshoot", "%", ".1f"),
+        Column("settling", "s", [latency.settling_s], f"settled within {100 * tolerance:g} %", "ms", ".2f"),
     )
-    return ResultTable(name, title, columns, vertical=True)
+    return Table(name, title, columns, vertical=True)
 
 
 ELONGATIONS = "0,1.27,2.54,3.81,5.08,6.35 mm"
@@ -240,19 +241,19 @@ def membrane(options: MembraneOptions) -> CommandResult:
     )
     sags = [_sag_result(m, q, float(d)) for d in delta]
     skins = [replace(specimen, delta=float(d)).skin for d in delta]
-    table = ResultTable(
+    table = Table(
         "membrane",
         f"Membrane, E_m = {m.E_m / 1e6:.4g} MPa, under {q:.4g} N/m of its own weight",
         (
-            ResultColumn("elongation", "m", delta * m.L_m, display_unit="mm", format_spec=".2f"),
-            ResultColumn("pre_stretch", "", delta, "pre-stretch", format_spec=".5f"),
-            ResultColumn("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
-            ResultColumn("linear_sag", "m", [s.linear_theory_m for s in sags], "linear theory", "mm", ".3f"),
-            ResultColumn("tension", "N", [s.tension_n for s in sags], "tension", format_spec=".4g"),
-            ResultColumn("stretch", "", [s.stretch for s in sags], format_spec=".5f"),
-            ResultColumn("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), format_spec=".5g"),
-            ResultColumn("k_s", "N/m^2", [s.k_s for s in skins]),
-            ResultColumn("c_s", "kg/(m s)", [s.c_s for s in skins]),
+            Column("elongation", "m", delta * m.L_m, display_unit="mm", format_spec=".2f"),
+            Column("pre_stretch", "", delta, "pre-stretch", format_spec=".5f"),
+            Column("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
+            Column("linear_sag", "m", [s.linear_theory_m for s in sags], "linear theory", "mm", ".3f"),
+            Column("tension", "N", [s.tension_n for s in sags], "tension", format_spec=".4g"),
+            Column("stretch", "", [s.stretch for s in sags], format_spec=".5f"),
+            Column("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), format_spec=".5g"),
+            Column("k_s", "N/m^2", [s.k_s for s in skins]),
+            Column("c_s", "kg/(m s)", [s.c_s for s in skins]),
         ),
     )
     note = (
@@ -262,7 +263,7 @@ def membrane(options: MembraneOptions) -> CommandResult:
     lines = {c.name: c for c in table.columns}
     panels = tuple(
         PaperFigure(
-            name, "elongation of the membrane", "m", words, lines[names[0]].unit, curves, words.capitalize() + "."
+            name, "elongation of the membrane", "m", words, lines[names[0]].unit or "", curves, words.capitalize() + "."
         )
         for name, words, names in (
             ("sag", "sag of the centre", ("sag", "linear_sag")),

@@ -1,6 +1,5 @@
 """A command's result, rendered as tables, JSON, CSV or a picture."""
 
-import csv
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,14 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as RichTable
 
 from app.cli.options import FileOptions
 from app.common.errors import ExitCode, UsageError
-from app.common.units import DISPLAY_SCALES
+from app.common.tables import Column, Table
 from model.studies.paper_figures import PaperFigure
 from protocols.base import to_jsonable
 from protocols.runfile.schema import is_hdf5
@@ -25,66 +22,6 @@ PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 """Suffixes of picture files."""
 
 NO_FILES = FileOptions()
-
-CellValue = float | int | str | None
-
-
-@dataclass(frozen=True, slots=True)
-class ResultColumn:
-    """A column of values in SI; `display_unit` is the unit in which tables show them, `heading` their name there.
-
-    A column that is not `displayed` is in JSON and CSV only.
-    """
-
-    name: str
-    unit: str
-    values: Sequence[Any] | NDArray[Any]
-    heading: str = ""
-    display_unit: str = ""
-    format_spec: str = ".5g"
-    description: str = ""
-    displayed: bool = True
-
-    def header_text(self) -> str:
-        """Return the heading of the column with its unit below."""
-        unit = self.display_unit or self.unit
-        return f"{self.heading or self.name}\n" + (f"({unit})" if unit else "")
-
-    def format_value(self, value: CellValue) -> str:
-        """Return a value as text in the display unit."""
-        if value is None:
-            return "never"
-        if isinstance(value, str):
-            return value
-        text = format(value * DISPLAY_SCALES.get(self.display_unit, 1), self.format_spec)
-        return text if text.strip("-0.") else text.removeprefix("-")
-
-
-@dataclass(frozen=True, slots=True)
-class ResultTable:
-    """A table of columns of equal length; `vertical` shows its only row as a list."""
-
-    name: str
-    title: str
-    columns: tuple[ResultColumn, ...]
-    vertical: bool = False
-    max_rows: int = 60
-    """Rows that are displayed; longer tables are thinned, except for their first `leading_rows` rows."""
-    leading_rows: int = 0
-
-    @property
-    def rows(self) -> list[tuple[CellValue, ...]]:
-        """Return plain values, row by row."""
-        return list(zip(*([_cell_value(v) for v in column.values] for column in self.columns), strict=True))
-
-    def to_csv(self, path: Path) -> None:
-        """Write the rows in SI with units in the header and every digit."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            sheet = csv.writer(file)
-            sheet.writerow(f"{c.name} [{c.unit}]" for c in self.columns)
-            sheet.writerows(
-                ["" if v is None else v if isinstance(v, str) else repr(v) for v in row] for row in self.rows
-            )
 
 
 class CsvWritable(Protocol):
@@ -99,7 +36,7 @@ class CommandResult:
 
     command: str
     specimen: Mapping[str, float]
-    tables: tuple[ResultTable, ...]
+    tables: tuple[Table, ...]
     notes: tuple[str, ...] = ()
     csv_table: CsvWritable | None = None
     figures: tuple[PaperFigure, ...] = ()
@@ -135,7 +72,7 @@ def result_record(result: CommandResult) -> dict[str, Any]:
     """Return the result as one JSON object in SI: tables by name, their columns by name, and the units of all columns."""
     tables = {}
     for table in result.tables:
-        columns = {c.name: [_cell_value(v) for v in c.values] for c in table.columns}
+        columns = {c.name: c.cells for c in table.columns}
         tables[table.name] = {k: v[0] for k, v in columns.items()} if table.vertical else columns
     units = {c.name: c.unit for table in result.tables for c in table.columns}
     return {"command": result.command, "specimen": dict(result.specimen), **tables, **result.extra, "units": units}
@@ -170,27 +107,24 @@ def writing_output(path: Path, suffixes: Sequence[str] = ()) -> Iterator[None]:
     sys.stderr.write(f"wrote {path}\n")
 
 
-def print_table(table: ResultTable) -> None:
+def print_table(table: Table) -> None:
     """Print a table on standard output."""
-    rows = table.rows
     if table.vertical:
         shown = RichTable(show_header=False, box=None, padding=(0, 2))
-        for column, value in zip(table.columns, rows[0], strict=True):
-            known = value is not None and not isinstance(value, str)
-            shown.add_row(
-                column.heading or column.name,
-                column.format_value(value),
-                (column.display_unit or column.unit) if known else "",
-            )
+        for column, value in zip(table.columns, table.rows[0], strict=True):
+            unit = "" if value is None or isinstance(value, str) else column.displayed_unit
+            shown.add_row(column.displayed_name, column.format_value(value), unit)
     else:
         shown = RichTable(box=None, padding=(0, 2), header_style="bold")
         displayed = [column for column in table.columns if column.displayed]
         for column in displayed:
             text = any(isinstance(v, str) for v in column.values)
-            shown.add_column(column.header_text(), justify="left" if text else "right", overflow="fold")
+            unit = f"({column.displayed_unit})" if column.displayed_unit else ""
+            shown.add_column(f"{column.displayed_name}\n{unit}", justify="left" if text else "right", overflow="fold")
+        rows = [*zip(*(column.cells for column in displayed), strict=True)]
         step = max(-(-(len(rows) - table.leading_rows) // table.max_rows), 1)
-        for i in (*range(table.leading_rows), *range(table.leading_rows, len(rows), step)):
-            shown.add_row(*(column.format_value(_cell_value(column.values[i])) for column in displayed))
+        for row in (*rows[: table.leading_rows], *rows[table.leading_rows :: step]):
+            shown.add_row(*map(Column.format_value, displayed, row))
         if step > 1:
             shown.caption = f"one row in {step} of {len(rows)}; all of them with --csv or --json"
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 120)
@@ -207,11 +141,3 @@ def print_line(text: str) -> None:
 def print_json(record: Any) -> None:
     """Print a record as one line of JSON."""
     print_line(json.dumps(to_jsonable(record), allow_nan=False))
-
-
-def _cell_value(value: Any) -> CellValue:
-    if value is None or isinstance(value, str):
-        return value
-    if isinstance(value, int | np.integer):
-        return int(value)
-    return float(value) if np.isfinite(value) else None

@@ -31,8 +31,6 @@ from app.cli.model_options import (
 from app.cli.options import FileOptions, define_command, group, option, repeated, switch
 from app.cli.output import (
     CommandResult,
-    ResultColumn,
-    ResultTable,
     check_output_files,
     print_json,
     render,
@@ -41,6 +39,7 @@ from app.cli.output import (
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
 from app.common.progress import terminal_progress, track
+from app.common.tables import Column, Table
 from app.common.units import display_unit
 from app.plotting.charts import draw_figure
 from model.response.frequency_response import FREQUENCY_SPEC
@@ -67,12 +66,12 @@ def study_record(result: StudyResult) -> dict[str, Any]:
     return {"axes": axes, result.measure: {"unit": result.unit, "values": lists}}
 
 
-def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultColumn, ...]:
+def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[Column, ...]:
     """Return a table of the combinations with their peaks."""
     f, peak = np.asarray(study.frequency_hz), amplitude.argmax(1)
     index = np.unravel_index(np.arange(len(amplitude)), study.shape or (1,))
     varied = (
-        ResultColumn(axis.name, axis.unit, np.asarray(axis.values)[i])
+        Column(axis.name, axis.unit, np.asarray(axis.values)[i])
         for axis, i in zip(study.axes[:-1], index, strict=False)
     )
     unit = MEASURE_UNITS[study.measure]
@@ -83,9 +82,9 @@ def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[ResultC
     )
     return (
         *varied,
-        ResultColumn("peak", unit, amplitude.max(1), "highest", shown, ".1f"),
-        ResultColumn("peak_frequency", "Hz", f[peak], "at frequency", format_spec="g"),
-        *(ResultColumn(name, unit, values, head, shown, ".1f") for name, values, head in ends),
+        Column("peak", unit, amplitude.max(1), "highest", shown, ".1f"),
+        Column("peak_frequency", "Hz", f[peak], "at frequency", format_spec="g"),
+        *(Column(name, unit, values, head, shown, ".1f") for name, values, head in ends),
     )
 
 
@@ -312,7 +311,7 @@ def _compute_study(request: Study, options: StudyOptions) -> CommandResult:
             part = kept[start : start + len(block)]
             part[:] = block[: len(part)]
             advance(len(block))
-    summary = ResultTable("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
+    summary = Table("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
     notes = [f"the first {MAX_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MAX_SETS else []
     found = study_result(request, kept) if keep else None
     return CommandResult(
@@ -364,10 +363,10 @@ def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
     ranges = {name: (min(values), max(values)) for name, values in request.vary.items()}
     with study_executor(options.cluster) as pool, _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
         got = sobol_indices_of(request, ranges, options.samples, options.seed, CountingExecutor(pool, advance))
-    columns = [ResultColumn("output", "", got.outputs)]
+    columns = [Column("output", "", got.outputs)]
     for order, indices in (("first", got.first_order), ("total", got.total_order)):
         columns += [
-            ResultColumn(f"{order}_{v}", "", i, f"{order}, {v}", format_spec=".3f")
+            Column(f"{order}_{v}", "", i, f"{order}, {v}", format_spec=".3f")
             for v, i in zip(got.variables, indices.T, strict=True)
         ]
     words = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
@@ -375,7 +374,7 @@ def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
     return CommandResult(
         "study --sensitivity",
         request.fixed,
-        (ResultTable("sobol", words, tuple(columns), max_rows=20, leading_rows=2),),
+        (Table("sobol", words, tuple(columns), max_rows=20, leading_rows=2),),
         (note,),
     )
 
@@ -439,14 +438,14 @@ def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> d
     return {name: known[name] for name in names}
 
 
-def curves_table(panels: Sequence[PaperFigure]) -> ResultTable:
+def curves_table(panels: Sequence[PaperFigure]) -> Table:
     """Return all curves of a figure as columns over its x, SI."""
     first = panels[0]
-    columns = [ResultColumn(first.x_label, first.x_unit, first.curves[0].x)]
+    columns = [Column(first.x_label, first.x_unit, first.curves[0].x)]
     for panel in panels:
         before = f"{panel.name} " if len(panels) > 1 else ""
-        columns += [ResultColumn(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
-    return ResultTable(first.name, first.name, tuple(columns))
+        columns += [Column(before + curve.label, panel.y_unit, curve.y) for curve in panel.curves]
+    return Table(first.name, first.name, tuple(columns))
 
 
 def _define_study(parser: argparse.ArgumentParser) -> None:

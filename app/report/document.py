@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from app.common.tables import Table
 from app.plotting.panels import ReportPlot
 
 Tone = Literal["plain", "good", "bad", "small"]
@@ -16,20 +17,7 @@ class Paragraph:
     tone: Tone = "plain"
 
 
-@dataclass(frozen=True, slots=True)
-class ReportTable:
-    """A table of text with title and headings; highlighted rows are those that a reader must not miss."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-    highlighted_rows: frozenset[int] = frozenset()
-    monospace: bool = False
-    """Fixed-width font, for hashes."""
-
-
-Block = Paragraph | ReportTable | ReportPlot
+Block = Paragraph | Table | ReportPlot
 
 
 @dataclass(frozen=True, slots=True)

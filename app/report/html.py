@@ -8,8 +8,9 @@ from types import TracebackType
 from typing import Any, Self
 
 from app.common.atomic_write import write_atomic
+from app.common.tables import Table
 from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
-from app.report.document import Block, Paragraph, Report, ReportTable
+from app.report.document import Block, Paragraph, Report
 
 FIGURE_WIDTH_IN = 7.0
 """Width of a figure, inches."""
@@ -88,7 +89,7 @@ def _html_block(block: Block) -> Iterable[str]:
             yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
         case ReportPlot():
             yield _html_plot(block)
-        case ReportTable():
+        case Table():
             yield _html_table(block)
             if block.note:
                 yield f"<p class='note'>{escape(block.note)}</p>"
@@ -106,12 +107,12 @@ def _html_plot(plot: ReportPlot) -> str:
     return f"<figure><h3>{escape(plot.title)}</h3>{_inline_svg(figure, plot.title)}{caption}</figure>"
 
 
-def _html_table(table: ReportTable) -> str:
+def _html_table(table: Table) -> str:
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.headings)
     cell = "<td class='code'>{}</td>" if table.monospace else "<td>{}</td>"
     rows = "".join(
         f"<tr{' class=bad' if at in table.highlighted_rows else ''}>{''.join(cell.format(escape(text)) for text in row)}</tr>"
-        for at, row in enumerate(table.rows)
+        for at, row in enumerate(table.text_rows)
     )
     return f"<table><caption>{escape(table.title)}</caption><tr>{heads}</tr>{rows}</table>"
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from app.common.tables import Table
 from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
-from app.report.document import Block, Paragraph, Report, ReportTable
+from app.report.document import Block, Paragraph, Report
 
 LINE_SPACING = 1.32
 """Ratio of line height to font size."""
@@ -81,9 +82,9 @@ def wrap_text(text: str, width: float, size: float, weight: str = "normal", fami
     return [*lines, line]
 
 
-def lay_out_table(table: ReportTable, width: float) -> LaidOutTable:
+def lay_out_table(table: Table, width: float) -> LaidOutTable:
     """Lay out a table with columns as wide as their content; if too wide, reduce the font size, then wrap cells."""
-    every = (table.headings, *table.rows)
+    every = (table.headings, *table.text_rows)
     family = "monospace" if table.monospace else "sans-serif"
     columns = range(len(table.headings))
     size = MAX_FONT_PT
@@ -274,7 +275,7 @@ class _PageFlow:
                 self._add_text(block.text, 8.5, weight, color)
             case ReportPlot():
                 self._add_plot(block)
-            case ReportTable():
+            case Table():
                 self._add_table(block)
 
     def _add_text(
@@ -304,7 +305,7 @@ class _PageFlow:
         if plot.caption:
             self._add_text(plot.caption, 7.5, color="#444444", gap=0.18)
 
-    def _add_table(self, block: ReportTable) -> None:
+    def _add_table(self, block: Table) -> None:
         table = lay_out_table(block, WIDTH)
         note = wrap_text(block.note, WIDTH, 7.5) if block.note else []
         self._require_space(min(0.3 + table.height + 0.14 * len(note), 3.0))

@@ -6,8 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from app.common.formatting import pluralize
+from app.common.tables import Table
 from app.common.units import display_unit
-from app.report.document import Block, LimitOutcome, ReportTable
+from app.report.document import Block, LimitOutcome
 from app.report.rounding import SPACE, typeset_number, typeset_unit
 from app.report.runs import ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel
@@ -35,7 +36,7 @@ def held_values(specimen: SpecimenModel) -> list[Block]:
         and (name in TACTOR_NAMES or specimen.damping_by_elongation or "E_m" in identified)
     )
     note = "Taken from the paper's Table I, as if they were exact: their errors are in none of the errors given here."
-    return [ReportTable("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
+    return [Table.of_rows("Held, not identified", ("parameter", "meaning", "value"), rows, note)] if rows else []
 
 
 def _format_value(value: float, unit: str) -> str:
@@ -44,7 +45,7 @@ def _format_value(value: float, unit: str) -> str:
     return f"{typeset_number(factor * value)} {typeset_unit(shown)}"
 
 
-def quality_table(runs: Sequence[ReportRun]) -> ReportTable:
+def quality_table(runs: Sequence[ReportRun]) -> Table:
     """Return the table of runs with their points and quality flags."""
     rows = []
     for run in runs:
@@ -64,10 +65,10 @@ def quality_table(runs: Sequence[ReportRun]) -> ReportTable:
             )
         )
     heads = ("run", "protocol", "begun (UTC)", "ended", "kind", "points", "not usable", "flags")
-    return ReportTable("Runs and the quality of their points", heads, tuple(rows))
+    return Table.of_rows("Runs and the quality of their points", heads, tuple(rows))
 
 
-def instrument_table(runs: Sequence[ReportRun]) -> ReportTable:
+def instrument_table(runs: Sequence[ReportRun]) -> Table:
     """Return the table of instruments with their calibrations."""
     users: dict[tuple[str, ...], list[ReportRun]] = {}
     for run in runs:
@@ -84,21 +85,21 @@ def instrument_table(runs: Sequence[ReportRun]) -> ReportTable:
         cells = (calibrated or ("unknown" if known else ""), expires or ("unknown" if known else ""), gain)
         rows.append((role, identity, serial, *cells, f"{len(used)} of {len(runs)}"))
     heads = ("role", "identity", "serial", "calibrated", "expires", "gain known to", "runs")
-    return ReportTable("Instruments", heads, tuple(rows), highlighted_rows=frozenset(bad))
+    return Table.of_rows("Instruments", heads, tuple(rows), highlighted_rows=frozenset(bad))
 
 
-def software_tables(runs: Sequence[ReportRun]) -> Iterable[ReportTable]:
+def software_tables(runs: Sequence[ReportRun]) -> Iterable[Table]:
     """Yield the table of software versions."""
     used = Counter(run.software for run in runs if run.software)
     if used:
         rows = tuple((words, str(count)) for words, count in sorted(used.items()))
-        yield ReportTable("Measured with", ("software", "runs"), rows)
+        yield Table.of_rows("Measured with", ("software", "runs"), rows)
 
 
-def hash_table(runs: Sequence[ReportRun]) -> ReportTable:
+def hash_table(runs: Sequence[ReportRun]) -> Table:
     """Return the table of run file hashes, by which later changes are detected."""
     rows = tuple((run.name, run.sha256 or "could not be read") for run in runs)
-    return ReportTable("Run files", ("file", "SHA-256"), rows, monospace=True)
+    return Table.of_rows("Run files", ("file", "SHA-256"), rows, monospace=True)
 
 
 def report_record(

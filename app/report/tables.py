@@ -6,9 +6,10 @@ from dataclasses import asdict
 
 from app.campaign.plan import PAPER_ITEMS
 from app.common.formatting import pluralize
+from app.common.tables import Table
 from app.common.units import display_unit
 from app.plotting.panels import ReportPlot
-from app.report.document import Block, LimitOutcome, Paragraph, ReportTable, Tone
+from app.report.document import Block, LimitOutcome, Paragraph, Tone
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin
 from app.report.limits import Limits
 from app.report.plots import CurveAgreement, curve_agreements
@@ -49,7 +50,7 @@ def verdict_blocks(limits: Limits, outcomes: Sequence[LimitOutcome]) -> list[Blo
     note = f"Limits from {limits.source}; {rule} must lie within."
     return [
         Paragraph(words, "bad" if missed else "good"),
-        ReportTable("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad),
+        Table.of_rows("Limits", ("what", "asked", "found ± standard error", "verdict", "why"), rows, note, bad),
     ]
 
 
@@ -136,7 +137,7 @@ def _quality_text(runs: Sequence[ReportRun]) -> str:
     return text + "."
 
 
-def parameter_grid(specimen: SpecimenModel) -> ReportTable:
+def parameter_grid(specimen: SpecimenModel) -> Table:
     """Return the table of estimates beside the paper's Table I."""
     assert specimen.identification is not None
     rows = []
@@ -163,7 +164,7 @@ def parameter_grid(specimen: SpecimenModel) -> ReportTable:
     )
     if specimen.identification.joint_fit is not None and specimen.identification.joint_fit.error_scale > 1:
         note = f"Standard errors are enlarged {specimen.identification.joint_fit.error_scale:.2g} times, as the misfit is larger than the errors of the points. {note}"
-    return ReportTable("Parameters", heads, tuple(rows), note)
+    return Table.of_rows("Parameters", heads, tuple(rows), note)
 
 
 def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> list[Block]:
@@ -177,11 +178,11 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
         else "Against the paper's Table I: nothing was fitted."
     )
     heads = ("curve", "points", "Pearson r", "p", "R²", "rms residual", "largest")
-    blocks: list[Block] = [ReportTable("Validation curves", heads, rows, note)]
+    blocks: list[Block] = [Table.of_rows("Validation curves", heads, rows, note)]
     if summary.specimen.identification is not None and summary.specimen.identification.misfits:
         misfits = summary.specimen.identification.misfits
         blocks.append(
-            ReportTable(
+            Table.of_rows(
                 "How well the errors explain each run",
                 ("points of", "residuals", "χ²", "p", "beyond 4 errors"),
                 tuple(
@@ -204,7 +205,7 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
         rows = tuple((f.kind, _spell_out(f.words), typeset_probability(f.probability)) for f in shown)
         note = f"By chance: of so much in any of all {adequacy.test_count} tests.{more}"
         blocks.append(
-            ReportTable("How the runs depart from the model", ("kind", "what is seen", "by chance"), rows, note)
+            Table.of_rows("How the runs depart from the model", ("kind", "what is seen", "by chance"), rows, note)
         )
     return blocks
 
@@ -247,7 +248,7 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
             "discrimination threshold on the abdomen below 250 Hz; looked at from 5 to 250 Hz, where an end without an error is the "
             "end of that range."
         )
-        blocks.append(ReportTable("Margin over the threshold", heads, rows, note))
+        blocks.append(Table.of_rows("Margin over the threshold", heads, rows, note))
     if summary.latency is not None:
         quick = summary.latency
         merits = [(m.name, m) for m in (quick.latency, quick.rise_time) if m is not None]
@@ -261,7 +262,7 @@ def perception_blocks(summary: SpecimenSummary) -> list[Block]:
                 f"{typeset_with_error(100 * quick.overshoot, 100 * quick.overshoot_error)} %",
             )
         )
-        blocks.append(ReportTable(f"A step of {quick.step_v:g} V", ("what", "value ± standard error"), tuple(lines)))
+        blocks.append(Table.of_rows(f"A step of {quick.step_v:g} V", ("what", "value ± standard error"), tuple(lines)))
     return blocks
 
 

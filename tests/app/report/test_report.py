@@ -15,9 +15,10 @@ from matplotlib.backends.backend_pdf import PdfPages
 
 from app.cli import report as command
 from app.cli.main import main
+from app.common.tables import Table
 from app.plotting.panels import ReportPlot
 from app.report.content import ReportError, build_report, page_marks
-from app.report.document import Paragraph, Report, ReportTable
+from app.report.document import Paragraph, Report
 from app.report.figures_of_merit import perception_margin_of, step_latency_of
 from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
@@ -38,7 +39,7 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 def texts(report: Report) -> str:
     """All words and all cells of a report."""
     words = [block.text for block in blocks_of(report, Paragraph)]
-    cells = [cell for grid in blocks_of(report, ReportTable) for row in grid.rows for cell in row]
+    cells = [cell for grid in blocks_of(report, Table) for row in grid.rows for cell in row]
     return "\n".join([*words, *cells])
 
 
@@ -143,7 +144,7 @@ def test_r_and_residuals_are_those_of_the_drawn_points(
     plots = {plot.title: plot for plot in blocks_of(report, ReportPlot)}
     (dots,) = plots["Fig. 9: frequency response"].panels[0].points
     assert dots.model_y is not None
-    (table,) = [g for g in blocks_of(report, ReportTable) if g.title == "Validation curves"]
+    (table,) = [g for g in blocks_of(report, Table) if g.title == "Validation curves"]
     row = next(row for row in table.rows if row[0].startswith("Fig. 9"))
     assert float(row[2]) == pytest.approx(np.corrcoef(dots.y, dots.model_y)[0, 1], abs=1e-4)
     assert float(row[5].split()[0]) == pytest.approx(float(np.sqrt(np.mean((dots.y - dots.model_y) ** 2))), rel=5e-3)
@@ -239,7 +240,7 @@ def test_an_expired_calibration_stands_out(copy: Path) -> None:
 
         change(path, expire)
     report, _, _ = build_report(copy, "T1")
-    (grid,) = [g for g in blocks_of(report, ReportTable) if g.title == "Instruments"]
+    (grid,) = [g for g in blocks_of(report, Table) if g.title == "Instruments"]
     (bad,) = [grid.rows[i] for i in grid.highlighted_rows]
     assert bad[0] == "sensor"
     assert bad[3:5] == ("2019-05-04", "2020-05-04, before 2 runs")
