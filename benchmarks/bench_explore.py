@@ -22,7 +22,7 @@ from app.gui.explore.page import PAINT_PAUSE_S, ExplorePage
 from app.gui.explore.plot import ExplorePlot
 from app.gui.widgets.theme import LIGHT
 from model.response.fast_response import response_curve
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen
 
 FRAME_MS = 16.0

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from timing import seconds, tell
 
 from model.identification.adequacy import assess_adequacy
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.identification.live_fit import LiveFit
 from model.identification.observations import FrequencyResponseObservation, resample
 from model.identification.paper_chain import PaperChainOptions, identify_by_paper_chain
@@ -21,8 +21,8 @@ from model.identification.paper_chain_errors import linearized_errors
 from model.identification.profile_likelihood import profile_interval
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import amplifier_response
-from model.skin import skin
+from model.response.harmonic_response import amplifier_response
+from model.skin_model import skin
 
 
 def typical_s(call: Callable[[], object], repeats: int) -> float:

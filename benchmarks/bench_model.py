@@ -16,7 +16,7 @@ from timing import seconds, tell
 
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import frequency_response, system_matrices
+from model.response.harmonic_response import frequency_response, system_matrices
 from model.studies.parameter_study import Study
 
 F = np.linspace(1, 500, 1000)

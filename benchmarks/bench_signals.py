@@ -24,7 +24,7 @@ from drivers.interfaces import Block, Scale
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import tactor_modal_form
+from model.response.harmonic_response import tactor_modal_form
 from protocols.base import RunStatus
 from protocols.measurements.sine_dwell import SinePoint
 from protocols.runfile.reader import Run

@@ -25,7 +25,7 @@ from model.identification.observations import (
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
-from model.skin import Skin, skin
+from model.skin_model import Skin, skin
 
 G = 9.80665
 LOADS_N = G * np.array([0.02, 0.05, 0.1, 0.2, 0.5])

@@ -16,7 +16,7 @@ from campaigns import SHARED, Noise, World, perfect
 
 from model.identification.adequacy import assess_adequacy
 from model.identification.fit_options import FitOptions
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import ObservationSet, observed_values, resample
 from model.identification.paper_chain import PaperChainError, PaperChainOptions, identify_by_paper_chain
 from model.identification.paper_chain_errors import linearized_errors

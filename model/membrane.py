@@ -13,7 +13,7 @@ from annotated_types import Interval
 from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
-from model.skin import PRE_STRETCH, point_stiffness
+from model.skin_model import PRE_STRETCH, point_stiffness
 
 GRAVITY = 9.80665
 """Standard gravity, m/s^2."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from model.arrays import Array
 from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
 from model.parameters import Beam, Membrane, Tactor, beams
-from model.skin import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
+from model.skin_model import CONTACT_LENGTH, PRE_STRETCH, Skin, point_stiffness
 
 K_S = parameter_specs(Skin)[0]
 C_S = parameter_specs(Skin)[1]
@@ -34,7 +34,7 @@ def variable_specs() -> dict[str, ParameterSpec]:
 class Specimen:
     """A tactor on `membrane` at pre-stretch `delta`, or free if there is none.
 
-    `k_s` and `c_s`, where given, take the place of what the membrane would give; None is as described in `model.skin`.
+    `k_s` and `c_s`, where given, take the place of what the membrane would give; None is as described in `model.skin_model`.
 
     Raises:
         ParameterError: a value is not physical.

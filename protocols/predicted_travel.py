@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from model.amplifier_map import AmplifierMap
-from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response, poles, samples_per_period
-from model.response.statics import voltage_gain
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from model import AmplifierMap, Tactor
+from model.response import amplifier_response, poles, samples_per_period, voltage_gain
 from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101

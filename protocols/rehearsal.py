@@ -8,12 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.bench.amplifier import HvAmplifier
-from drivers.drive import Drive
-from drivers.errors import BenchError, DriveRejectedError
-from drivers.interfaces import Meter
-from drivers.sensors.laser_sensor import LaserSensor
-from model.parameters import Tactor
+from drivers import BenchError, Drive, DriveRejectedError, HvAmplifier, LaserSensor, Meter
+from model import Tactor
 from protocols.base import MAX_RECORDING_SCANS, PlanEntry, Protocol, recording_too_long_message
 from protocols.runfile.schema import RESERVE_BYTES
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 from protocols.base import PlanEntry, Prompt, Protocol, Quality, Recording, ResultCurve, RunStatus, extend_plan
 from protocols.registry import PROTOCOLS
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors

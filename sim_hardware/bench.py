@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from drivers.clock import Clock, WallClock
+from drivers import Clock, WallClock
 from drivers.deprecated import renamed, renamed_parameters
 from sim_hardware.generators.generator import SegmentFactory, SimulatedGenerator
 from sim_hardware.generators.registry import make_generator

@@ -12,12 +12,13 @@ from app.session.connect import UNATTENDED_BLOCK_S
 from app.session.connect import connect as open_instruments
 from app.session.request import build_protocol, choose_bench, load_protocol_class
 from app.session.session import BenchFailed, BenchOpened, RunRejected, Session, SessionEvent
-from drivers.closing import Closeable
-from drivers.errors import BenchError, UnsafeError
+from drivers import BenchError, Closeable, UnsafeError
 from protocols.base import Protocol, RestMeasured, RunStatus
 from protocols.runner.request import RunRequest
 from tactor_bench._frontend import front_end
 from tactor_bench._run import MeasuredRun, open_run
+
+__all__ = ["BenchError", "BenchSession", "RunFailedError", "UnsafeError", "connect"]
 
 
 class RunFailedError(BenchError):

@@ -7,16 +7,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.identification import calibrations
+from app.identification.calibrations import CalibrationError
 from app.identification.identify import IdentificationResult, Method
 from app.identification.identify import identify as identify_runs
-from app.identification.observations import amplifier_of
-from model.identification.adequacy import Adequacy
-from model.identification.calibration import Calibration
-from model.identification.fit_options import FitOptions
-from model.parameters import Membrane, Tactor
+from app.identification.observations import ObservationError, amplifier_of
+from model import Membrane, Tactor
+from model.identification import Adequacy, Calibration, FitOptions, IdentificationError
 from tactor_bench._catalogue import CatalogueEntry
 from tactor_bench._run import MeasuredRun
 from tactor_bench._tables import EstimateTable
+
+__all__ = [
+    "Calibration",
+    "CalibrationError",
+    "Identification",
+    "IdentificationError",
+    "ObservationError",
+    "calibration",
+    "identify",
+]
 
 Source = str | Path | MeasuredRun | CatalogueEntry
 

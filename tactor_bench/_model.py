@@ -7,18 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.amplifier_map import AmplifierMap
-from model.identification.calibration import Calibration
-from model.identification.parameters import parse_elongation
-from model.parameters import Membrane, Tactor
-from model.response.drive_spectrum import Waveform
-from model.response.frequency_response import PeriodicResponse, amplifier_response, frequency_response
-from model.skin import Skin
-from model.specimen import Specimen
+from model import AmplifierMap, Membrane, ParameterError, Skin, Specimen, Tactor
+from model.identification import Calibration, parse_elongation
+from model.response import PeriodicResponse, Waveform, amplifier_response, frequency_response
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
 if TYPE_CHECKING:
     from tactor_bench._identification import Identification
+
+__all__ = ["AmplifierMap", "Membrane", "ParameterError", "Response", "Skin", "Tactor", "response"]
 
 Array = NDArray[np.float64]
 SHAPES = 7

@@ -11,11 +11,14 @@ from typing import Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive
+from drivers import Drive
 from protocols.base import Quality, Recording
+from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
 from protocols.runfile.trace import RunTrace
 from tactor_bench._tables import CurveTable, EstimateTable, Points
+
+__all__ = ["MeasuredRun", "Quality", "RunReadError", "Samples", "open_run"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

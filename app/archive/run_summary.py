@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
 from app.common.formatting import format_quantity
-from model.estimate import EstimatedQuantity
+from model import EstimatedQuantity
 from protocols.base import RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points

@@ -34,7 +34,7 @@ from app.campaign.status import (
     basis_of,
     evaluate_items,
 )
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 from protocols.base import EstimatedQuantity, Protocol
 from protocols.registry import PROTOCOLS
 

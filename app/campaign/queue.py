@@ -9,9 +9,8 @@ from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError, CampaignItem
 from app.campaign.status import ItemState, ItemStatus, NextAction
 from app.session.session import RunRejected, SessionEvent
-from drivers.bench.bench import Bench
-from drivers.errors import BenchError
-from model.parameters import Tactor
+from drivers import Bench, BenchError
+from model import Tactor
 from protocols.base import RunEnded, RunStarted
 from protocols.rehearsal import Rehearsal, check_disk_space, rehearse
 from protocols.runner.request import RunRequest

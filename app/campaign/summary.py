@@ -13,18 +13,15 @@ from app.campaign.queue import rehearse_campaign
 from app.campaign.status import ItemState, ItemStatus, NextAction
 from app.identification.identify import IdentificationResult, identify
 from app.identification.observations import ObservationError, amplifier_of
-from drivers.errors import BenchError
-from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import FitOptions
-from model.identification.paper_chain import PaperChainError
-from model.parameter_spec import ParameterError
-from model.parameters import Tactor
+from drivers import BenchError
+from model import AmplifierMap, ParameterError, Tactor
+from model.identification import FitOptions, PaperChainError
 from protocols.base import EstimatedQuantity
 from protocols.rehearsal import Rehearsal
 from protocols.runfile.reader import RunReadError
 
 if TYPE_CHECKING:
-    from drivers.bench.bench import Bench
+    from drivers import Bench
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from app.common.inputs import path_argument
 from app.common.units import display_unit
 from app.config.discovery import find_devices
 from app.config.template import bench_template
-from drivers.bench.rest import REST_REPEATABILITY_V
+from drivers import REST_REPEATABILITY_V
 from protocols.base import PointMeasured, RestMeasured, RunEnded
 from protocols.measurements.wiring_check import Verdict, WiringCheck
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS

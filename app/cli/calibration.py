@@ -13,7 +13,7 @@ from app.common.errors import UsageError
 from app.common.tables import Column, Table
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
-from model.identification.calibration import Calibration, compare_calibrations
+from model.identification import Calibration, compare_calibrations
 
 
 @dataclass(frozen=True)

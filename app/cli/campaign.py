@@ -25,7 +25,7 @@ from app.cli.options import BenchOptions, define_command, faults_option, option,
 from app.cli.output import print_json, print_line
 from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration, format_uncertain
-from drivers.errors import BenchError
+from drivers import BenchError
 from protocols.runfile.reader import RunReadError
 
 

@@ -14,7 +14,7 @@ from app.cli.output import CommandResult, render
 from app.common.errors import UsageError
 from app.common.inputs import path_argument
 from app.common.tables import Column, Table
-from model.identification.fit_result import format_p_value
+from model.identification import format_p_value
 from protocols.base import usable_mask
 from protocols.runfile.reader import Run, RunReadError
 

@@ -22,11 +22,8 @@ from app.identification.calibrations import CalibrationError, Calibrations
 from app.identification.identify import IdentificationResult, Method, identify
 from app.identification.observations import ObservationError, amplifier_of
 from app.identification.recalibration import Correction
-from model.identification.calibration import Calibration
-from model.identification.fit_options import FitOptions
-from model.identification.fit_result import JointFit
-from model.identification.parameters import parameter_spec
-from model.parameter_spec import ParameterError
+from model import ParameterError
+from model.identification import Calibration, FitOptions, JointFit, parameter_spec
 from protocols.runfile.reader import Run, RunReadError
 
 INADEQUATE_MODEL_HINT = (

@@ -11,18 +11,23 @@ from app.common.formatting import format_uncertain
 from app.common.progress import track
 from app.common.tables import Column, Table
 from app.identification.identify import IdentificationResult
-from model.identification.adequacy import Adequacy
-from model.identification.experiment_design import ExpectedPrecision, Proposal, default_candidates, rank_candidates
-from model.identification.fit_result import JointFit, format_p_value
-from model.identification.observations import (
+from model import ParameterError
+from model.identification import (
+    Adequacy,
+    ExpectedPrecision,
+    JointFit,
     MassResonanceObservation,
     MembraneSagObservation,
     ObservationSet,
+    ProfileInterval,
+    Proposal,
+    default_candidates,
+    format_p_value,
     observed_values,
+    parameter_spec,
+    profile_interval,
+    rank_candidates,
 )
-from model.identification.parameters import parameter_spec
-from model.identification.profile_likelihood import ProfileInterval, profile_interval
-from model.parameter_spec import ParameterError
 from protocols.base import to_jsonable
 
 MAX_FINDINGS = 10

@@ -34,13 +34,18 @@ from app.common.errors import UsageError
 from app.common.progress import track
 from app.common.tables import Column, Table
 from app.common.units import read_number
-from model.parameter_spec import ParameterSpec, parameter_specs
-from model.parameters import Membrane, Tactor
-from model.response.closed_form import exact_response
-from model.response.frequency_response import FREQUENCY_SPEC, poles
-from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
-from model.response.statics import deflection, load_compliance, voltage_gain
-from model.specimen import Specimen, specimen_record, variable_specs
+from model import Membrane, ParameterSpec, Specimen, Tactor, parameter_specs, specimen_record, variable_specs
+from model.response import (
+    FREQUENCY_SPEC,
+    damping_ratios,
+    deflection,
+    exact_response,
+    load_compliance,
+    mode_shapes,
+    natural_frequencies,
+    poles,
+    voltage_gain,
+)
 from model.studies.paper_figures import FigureCurve, PaperFigure
 
 SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)

@@ -17,11 +17,16 @@ from annotated_types import Interval
 from app.cli.options import option, repeated, switch
 from app.common.errors import UsageError
 from app.common.units import PEAK_TO_PEAK, UnitError, read_number, to_number
-from model.membrane import GRAVITY
-from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import Membrane
-from model.skin import PRE_STRETCH
-from model.specimen import Specimen, replace_variables, variable_specs
+from model import (
+    GRAVITY,
+    PRE_STRETCH,
+    Membrane,
+    ParameterError,
+    ParameterSpec,
+    Specimen,
+    replace_variables,
+    variable_specs,
+)
 
 VOLTAGE = ParameterSpec("voltage", "V", Interval(), "voltage on the specimen", None)
 LOAD = ParameterSpec("load", "N", Interval(), "load at the centre", None)

@@ -24,25 +24,40 @@ from app.cli.output import CommandResult
 from app.common.errors import UsageError
 from app.common.tables import Column, Table
 from app.common.units import read_number
-from model.amplifier_map import AmplifierMap
-from model.membrane import LOAD_SPEC as WEIGHT
-from model.membrane import SagSolution, sag, weight_per_length
-from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import Membrane
-from model.response.closed_form import exact_response
-from model.response.drive_spectrum import Waveform, fourier_series
-from model.response.frequency_response import (
-    PERIODIC_FREQUENCY_SPEC,
-    amplifier_response,
-    harmonic_orders,
-    tactor_modal_form,
+from model import LOAD_SPEC as WEIGHT
+from model import (
+    PRE_STRETCH,
+    AmplifierMap,
+    Membrane,
+    ParameterError,
+    ParameterSpec,
+    SagSolution,
+    Specimen,
+    point_stiffness,
+    replace_variables,
+    sag,
+    specimen_record,
+    weight_per_length,
 )
-from model.response.frequency_response import frequency_response as receptance
-from model.response.latency import THRESHOLD_SPEC, TOLERANCE_SPEC, Latency, sine_latency, step_latency
-from model.response.perception import perception_margin, usable_bands
-from model.response.time_response import onset_response, step_response
-from model.skin import PRE_STRETCH, point_stiffness
-from model.specimen import Specimen, replace_variables, specimen_record
+from model.response import (
+    PERIODIC_FREQUENCY_SPEC,
+    THRESHOLD_SPEC,
+    TOLERANCE_SPEC,
+    Latency,
+    Waveform,
+    amplifier_response,
+    exact_response,
+    fourier_series,
+    harmonic_orders,
+    onset_response,
+    perception_margin,
+    sine_latency,
+    step_latency,
+    step_response,
+    tactor_modal_form,
+    usable_bands,
+)
+from model.response import frequency_response as receptance
 from model.studies.paper_figures import FigureCurve, PaperFigure
 
 DWELL_HZ = "25,50,75,100,125,150,155,160,165,170,175,180,185,190,195,200,225,250"

@@ -42,8 +42,8 @@ from app.common.progress import terminal_progress, track
 from app.common.tables import Column, Table
 from app.common.units import display_unit
 from app.plotting.charts import draw_figure
-from model.response.frequency_response import FREQUENCY_SPEC
-from model.specimen import replace_variables
+from model import replace_variables
+from model.response import FREQUENCY_SPEC
 from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
 from protocols.runfile.errors import StorageError

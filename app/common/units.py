@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_origin
 
 from annotated_types import Interval, Unit
 
-from model.parameter_spec import ParameterSpec
+from model import ParameterSpec
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -6,9 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from app.config.driver_registry import BUILT_IN, SOURCES, load_driver
-from drivers.errors import BenchError
-from drivers.interfaces import Identity
-from drivers.supplies.dialects import SUPPLY_DIALECTS
+from drivers import SUPPLY_DIALECTS, BenchError, Identity
 
 LAN_PORTS = (5025, 5555)
 """Ports of function generators: 5025 Keysight, Siglent, Tektronix; 5555 Rigol."""
@@ -30,7 +28,7 @@ class FoundDevice:
 
 def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[FoundDevice], list[str]]:
     """Return the connected devices, and messages on searches that failed."""
-    from drivers.transport.visa import list_resources
+    from drivers import list_resources
 
     names, notes = list_resources()
     for host in hosts:
@@ -49,8 +47,7 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
 
 
 def _query_instrument(resource: str) -> FoundDevice:
-    from drivers.transport.scpi import ScpiSession
-    from drivers.transport.visa import VisaLink
+    from drivers import ScpiSession, VisaLink
 
     with closing(VisaLink(resource, QUERY_TIMEOUT_S)) as link:
         seen = ScpiSession(link, f"instrument at {resource}").identify()
@@ -70,7 +67,7 @@ def _role_of(identity: Identity) -> tuple[str, str]:
 
 
 def _find_cards(server: str) -> tuple[list[FoundDevice], list[str]]:
-    from drivers.nidaq.analog_input import list_devices
+    from drivers import list_devices
 
     try:
         return [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)], []
@@ -79,6 +76,6 @@ def _find_cards(server: str) -> tuple[list[FoundDevice], list[str]]:
 
 
 def _find_serial_ports() -> list[FoundDevice]:
-    from drivers.transport.serial_port import list_serial_ports
+    from drivers import list_serial_ports
 
     return [FoundDevice("serial port", name, words) for name, words in list_serial_ports()]

@@ -11,11 +11,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from drivers import deprecated
-from drivers.clock import Clock
-from drivers.errors import BenchError, InstrumentError
-from drivers.interfaces import Digitizer, Source
-from drivers.transport.scpi import Link, ScpiSession
+from drivers import BenchError, Clock, Digitizer, InstrumentError, Link, ScpiSession, Source, deprecated
 
 AUTO = "auto"
 SOURCES, DIGITIZERS = "tactor_bench.sources", "tactor_bench.digitizers"

@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, mod
 
 from app.common.units import read_value
 from app.config import driver_registry as drivers
-from drivers.bench.amplifier import DriveLimits
-from drivers.sensors.laser_sensor import PRESETS, LaserSensor
-from model.amplifier_map import AmplifierMap
+from drivers import DriveLimits, LaserSensor
+from drivers.sensors.laser_sensor import PRESETS
+from model import AmplifierMap
 
 
 class ConfigTable(BaseModel):

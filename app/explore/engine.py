@@ -61,7 +61,7 @@ class ResponseEngine:
         Raises:
             ParameterError, LinAlgError: the model cannot be computed.
         """
-        from model.response.perception import usable_bands
+        from model.response import usable_bands
 
         curve = self._curve(request.setting, request.max_hz)
         result = ExploreResult(curve, usable_bands(curve.frequency_hz, curve.peak_to_peak))
@@ -77,7 +77,7 @@ class ResponseEngine:
 
 
 def _compute_curve(setting: ExploreSetting, max_hz: float) -> ModelCurve:
-    from model.response.fast_response import response_curve
+    from model.response import response_curve
 
     f = np.linspace(LOWEST_HZ, max_hz, FREQUENCIES)
     response = response_curve(setting.specimen, f, setting.peak_to_peak_v / 2)
@@ -86,7 +86,7 @@ def _compute_curve(setting: ExploreSetting, max_hz: float) -> ModelCurve:
 
 
 def _beam_motion(request: ExploreRequest) -> BeamMotion:
-    from model.response.fast_response import operating_deflection_shape
+    from model.response import operating_deflection_shape
 
     specimen = request.setting.specimen
     t = specimen.tactor

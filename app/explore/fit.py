@@ -9,12 +9,11 @@ import numpy as np
 from app.common.formatting import format_uncertain
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
-from model.amplifier_map import AmplifierMap
-from model.parameters import Membrane
+from model import AmplifierMap, Membrane
 
 if TYPE_CHECKING:
     from app.archive.replay import MeasuredResponse
-    from model.identification.observations import FrequencyResponseObservation
+    from model.identification import FrequencyResponseObservation
 
 FREE_PARAMETERS = ("m_add", "c0", "mu")
 """The parameters that the response of a free tactor determines if its stiffness is known; the others keep their values."""
@@ -40,10 +39,7 @@ def fit_runs(
         ValueError: the runs cannot be fitted (`ParameterError`, `IdentificationError`); the message says why.
         FitCancelled: `cancelled` returned True.
     """
-    from model.identification.fit_options import FitOptions
-    from model.identification.joint_fit import joint_fit
-    from model.identification.observations import ObservationSet
-    from model.identification.parameters import elongation_parameter
+    from model.identification import FitOptions, ObservationSet, elongation_parameter, joint_fit
 
     specimen = setting.specimen
     elongation = specimen.delta * specimen.membrane.L_m if specimen.membrane is not None else None
@@ -68,7 +64,7 @@ def fit_runs(
 
 def _observation(label: str, run: "MeasuredResponse", elongation: float | None) -> "FrequencyResponseObservation":
     """Return the run as an observation; an imported table may have no phase, or max - min only."""
-    from model.identification.observations import FrequencyResponseObservation
+    from model.identification import FrequencyResponseObservation
 
     more: dict[str, Any] = {
         "drive_amplitude_v": _clamp_amplitude(run.peak_to_peak_v / 2),

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.explore.sliders import SLIDERS, SliderSpec
-from model.parameter_spec import parameter_specs
-from model.parameters import Membrane, Tactor
-from model.specimen import Specimen, replace_variables, variable_specs
+from model import Membrane, Specimen, Tactor, parameter_specs, replace_variables, variable_specs
 
 if TYPE_CHECKING:
     from model.studies.parameter_study import Study

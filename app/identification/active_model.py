@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.parameters import Membrane, Tactor
+from model import Membrane, Tactor
 
 if TYPE_CHECKING:
     from model.studies.uncertainty import EstimateSet
@@ -45,8 +45,8 @@ def load_active_model(folder: Path | None, specimen: str, previous: ActiveModel 
         return PAPER_MODEL
     from app.identification import calibrations  # imported lazily: slow to load
     from app.identification.calibrations import CalibrationError
-    from model.identification.parameters import parse_elongation
-    from model.parameter_spec import ParameterError
+    from model import ParameterError
+    from model.identification import parse_elongation
 
     path = calibrations.calibrations_path(folder, specimen)
     try:

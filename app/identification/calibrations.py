@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from app.common.atomic_write import write_atomic
-from model.identification.calibration import Calibration
-from model.parameter_spec import ParameterError
+from model import ParameterError
+from model.identification import Calibration
 from protocols.runfile.schema import safe_name
 
 FORMAT = "tactor-bench-calibrations"

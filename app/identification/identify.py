@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.identification.observations import read_observations, shape_count_of_file
-from model.estimate import EstimatedQuantity
-from model.identification.adequacy import Adequacy, assess_adequacy
-from model.identification.fit_options import FitOptions
-from model.identification.fit_result import JointFit
-from model.identification.joint_fit import joint_fit
-from model.identification.observations import ObservationSet
-from model.identification.paper_chain import CurveValidation, PaperChainOptions, identify_by_paper_chain
-from model.identification.paper_chain_errors import linearized_errors
-from model.identification.parameters import default_values
-from model.parameter_spec import parameter_specs
-from model.parameters import Membrane, Tactor
+from model import EstimatedQuantity, Membrane, Tactor, parameter_specs
+from model.identification import (
+    Adequacy,
+    CurveValidation,
+    FitOptions,
+    JointFit,
+    ObservationSet,
+    PaperChainOptions,
+    assess_adequacy,
+    default_values,
+    identify_by_paper_chain,
+    joint_fit,
+    linearized_errors,
+)
 from protocols.runfile.reader import Run
 
 Method = Literal["chain", "joint"]

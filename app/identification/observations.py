@@ -11,9 +11,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import FitOptions
-from model.identification.observations import (
+from model import AmplifierMap, ParameterError
+from model.identification import (
+    FitOptions,
     FrequencyResponseObservation,
     MassResonanceObservation,
     MembraneSagObservation,
@@ -24,7 +24,6 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.parameter_spec import ParameterError
 from protocols.base import usable_mask
 from protocols.measurements.membrane_sag import MembraneSag as SagProtocol
 from protocols.resume import protocol_of_run

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers import LaserSensor
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
 from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError

@@ -8,14 +8,14 @@ import numpy as np
 
 from app.identification.active_model import PAPER_MODEL, ActiveModel
 from app.live.latest_only import LatestOnlyWorker
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 from protocols.base import Quality
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from model.estimate import EstimatedQuantity
-    from model.identification.live_fit import LiveFit
+    from model import EstimatedQuantity
+    from model.identification import LiveFit
 
 BUDGET_S = 0.2
 """Time limit of a fit: points seldom arrive faster than one per second."""
@@ -76,8 +76,7 @@ class LiveEstimator:
             yield self._update
 
     def _start_fit(self, points: tuple[Any, ...], active_model: ActiveModel) -> "LiveFit":
-        from model.identification.fit_options import FitOptions
-        from model.identification.live_fit import LiveFit  # lazily: the optimisers are slow to load
+        from model.identification import FitOptions, LiveFit  # lazily: the optimisers are slow to load
 
         self._fitted_points, self._update = (), EstimateUpdate(active_model=active_model)
         setting = FitOptions(tactor=active_model.tactor, amplifier=self._amplifier)

@@ -4,8 +4,7 @@ import threading
 from dataclasses import dataclass
 
 from app.live.minmax_trace import MinMaxTrace
-from drivers.interfaces import Block, Scale
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers import Block, LaserSensor, Scale
 from protocols.base import ChannelCalibration
 
 

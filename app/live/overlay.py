@@ -11,11 +11,11 @@ import numpy as np
 from app.identification.active_model import PAPER_MODEL, ActiveModel, load_active_model
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import Array, CurveCache, ModelCurve
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
-    from model.specimen import Specimen
+    from model import Specimen
     from model.studies.uncertainty import EstimateSet
 
 LOWEST_HZ = 5.0
@@ -141,8 +141,7 @@ class Overlay:
         self._result = request, result
 
     def _compute_all(self, request: CurveRequest, active_model: ActiveModel) -> OverlayCurve:
-        from model.parameter_spec import ParameterError
-        from model.specimen import Specimen
+        from model import ParameterError, Specimen
 
         free = self._compute_curve(request, active_model, Specimen(active_model.tactor))
         on = []
@@ -160,7 +159,7 @@ class Overlay:
         return replace(free, on_membrane=tuple(on))
 
     def _compute_curve(self, request: CurveRequest, active_model: ActiveModel, specimen: "Specimen") -> OverlayCurve:
-        from model.response.frequency_response import amplifier_response  # lazily: scipy.linalg loads in 0.25 s
+        from model.response import amplifier_response  # lazily: scipy.linalg loads in 0.25 s
 
         frequency = np.linspace(LOWEST_HZ, max(request.max_hz, 2 * LOWEST_HZ), FREQUENCIES)
         amplitude_v, amplifier = request.amplitude_v, self.amplifier
@@ -184,7 +183,7 @@ class Overlay:
         self, request: CurveRequest, estimates: "EstimateSet", specimen: "Specimen", frequency: Array
     ) -> tuple[Array, Array]:
         """Return half the band of either series; its derivatives are those of the fast curve, within 0.01 % of the full one."""
-        from model.response.fast_response import response_curve
+        from model.response import response_curve
         from model.studies.uncertainty import linear_band
 
         def both(values: tuple[float, ...]) -> Array:

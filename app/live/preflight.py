@@ -6,9 +6,8 @@ from pathlib import Path
 
 from app.identification.active_model import ActiveModel
 from app.live.latest_only import LatestOnlyWorker
-from drivers.bench.bench import Bench
-from drivers.errors import BenchError
-from model.parameter_spec import ParameterError
+from drivers import Bench, BenchError
+from model import ParameterError
 from protocols.base import Protocol
 from protocols.rehearsal import rehearse
 

@@ -12,7 +12,7 @@ from app.live.feed import LiveFeed
 from app.session.fault_injection import FaultPlan
 from app.session.session import ConnectedBench, Observer, Session, SessionEvent
 from app.session.state import TimedEvent
-from drivers.bench.bench import Bench
+from drivers import Bench
 from protocols.base import (
     BlockDiscarded,
     BlockStored,

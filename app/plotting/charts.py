@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.common.units import display_unit
-from model.response.perception import THRESHOLD_M
+from model.response import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 
 MAX_LABELS_INSIDE = 6

@@ -10,9 +10,8 @@ import numpy as np
 from app.common.formatting import format_quantity
 from app.common.units import display_unit
 from app.plotting.panels import draw_measured
-from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response, frequency_response
-from model.response.perception import THRESHOLD_M
+from model import Tactor
+from model.response import THRESHOLD_M, amplifier_response, frequency_response
 from protocols.base import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
@@ -101,8 +100,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
 
 def _draw_series(axes: Any, run: Run, tactor: Tactor) -> None:
     """Draw dwells at several elongations, each in one color with its model curve."""
-    from model.parameters import Membrane
-    from model.skin import skin
+    from model import Membrane, skin
 
     points = run.points()
     good = usable_mask(points["quality"])

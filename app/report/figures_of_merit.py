@@ -11,13 +11,9 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel
-from model.identification.observations import FrequencyResponseObservation, ObservationSet
-from model.identification.paper_chain import parabola_vertex
-from model.identification.parameters import SPECIMEN_PARAMETERS
-from model.parameter_spec import ParameterSpec
-from model.parameters import Membrane, Tactor
-from model.response.latency import step_latency
-from model.response.perception import THRESHOLD_M, perception_margin, usable_bands
+from model import Membrane, ParameterSpec, Tactor
+from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
+from model.response import THRESHOLD_M, perception_margin, step_latency, usable_bands
 from model.studies.uncertainty import UncertaintyBand
 
 Array = NDArray[np.float64]

@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, SpecimenModel
-from model.identification.observations import (
+from model.identification import (
     FrequencyResponseObservation,
     MassResonanceObservation,
     ObservationSet,
     StaticLoadingObservation,
     VoltageStepsObservation,
+    resonance_frequencies,
 )
-from model.identification.paper_chain import resonance_frequencies
-from model.response.perception import THRESHOLD_M
-from model.response.statics import load_compliance, voltage_gain
+from model.response import THRESHOLD_M, load_compliance, voltage_gain
 from model.studies.uncertainty import UncertaintyBand
 
 Array = NDArray[np.float64]

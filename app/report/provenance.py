@@ -13,7 +13,7 @@ from app.report.rounding import SPACE, typeset_number, typeset_unit
 from app.report.runs import ReportRun
 from app.report.specimen import TACTOR_NAMES, SpecimenModel
 from app.report.summary import SpecimenSummary
-from model.identification.parameters import SPECIMEN_PARAMETERS
+from model.identification import SPECIMEN_PARAMETERS
 
 
 def held_values(specimen: SpecimenModel) -> list[Block]:

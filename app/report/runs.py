@@ -10,10 +10,8 @@ from typing import Any
 from app.archive.catalogue import Catalogue
 from app.archive.run_summary import RunFilter
 from app.identification.observations import run_observations, shape_count_of_run
-from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import FitOptions
-from model.identification.observations import Observation
-from model.parameter_spec import ParameterError
+from model import AmplifierMap, ParameterError
+from model.identification import FitOptions, Observation
 from protocols.base import Quality
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 

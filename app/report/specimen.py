@@ -8,16 +8,17 @@ from numpy.typing import NDArray
 
 from app.identification.identify import IdentificationResult, identify_observations
 from app.report.runs import ReportRun
-from model.amplifier_map import AmplifierMap
-from model.identification.fit_options import FitOptions
-from model.identification.joint_fit import joint_fit
-from model.identification.observations import FrequencyResponseObservation, ObservationSet
-from model.identification.parameters import elongation_parameter, parameter_spec, parse_elongation
-from model.parameter_spec import ParameterError, parameter_specs
-from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response
-from model.skin import Skin, skin
-from model.specimen import variable_specs
+from model import AmplifierMap, Membrane, ParameterError, Skin, Tactor, parameter_specs, skin, variable_specs
+from model.identification import (
+    FitOptions,
+    FrequencyResponseObservation,
+    ObservationSet,
+    elongation_parameter,
+    joint_fit,
+    parameter_spec,
+    parse_elongation,
+)
+from model.response import amplifier_response
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from app.report.figures_of_merit import (
 )
 from app.report.runs import ReportProgress, ReportRun
 from app.report.specimen import SpecimenModel, fit_specimen
-from model.identification.observations import FrequencyResponseObservation, ObservationSet
+from model.identification import FrequencyResponseObservation, ObservationSet
 
 
 @dataclass(frozen=True, slots=True)

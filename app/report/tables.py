@@ -24,8 +24,8 @@ from app.report.rounding import (
 from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel, parameter_description
 from app.report.summary import SpecimenSummary
-from model.parameters import Membrane, Tactor
-from model.response.perception import THRESHOLD_M
+from model import Membrane, Tactor
+from model.response import THRESHOLD_M
 
 EMPTY_CELL = "–"
 MAX_FINDINGS = 10

@@ -10,13 +10,21 @@ from app.config.bench_file import BenchConfig
 from app.config.driver_registry import DIGITIZERS, load_driver, open_generator
 from app.config.tables import MeterTable
 from app.session.session import BuiltInOperator
-from drivers.bench.amplifier import HvAmplifier
-from drivers.bench.bench import Bench
-from drivers.bench.watchdog_interface import WATCHDOG_DISABLED_WARNING, HeartbeatClock, NoWatchdog, Watchdog
-from drivers.clock import Clock
-from drivers.errors import InstrumentError
-from drivers.interfaces import Digitizer, Identity, Meter, Source
-from drivers.transport.scpi import Link
+from drivers import (
+    WATCHDOG_DISABLED_WARNING,
+    Bench,
+    Clock,
+    Digitizer,
+    HeartbeatClock,
+    HvAmplifier,
+    Identity,
+    InstrumentError,
+    Link,
+    Meter,
+    NoWatchdog,
+    Source,
+    Watchdog,
+)
 from sim_hardware.operator import BenchControls, SimulatedOperator
 
 DRIVE_MARGIN_S = 0.1
@@ -38,7 +46,7 @@ def open_source(
     """
     match config.source.kind:
         case "card-output":
-            from drivers.nidaq.analog_output import NiAnalogOutput
+            from drivers import NiAnalogOutput
 
             output = NiAnalogOutput(
                 clock=clock, **{**source_options(config, _clock_speed(clock)), "server": server or None}
@@ -46,7 +54,7 @@ def open_source(
             stack.callback(output.close)
             return output
         case "dc-supply":
-            from drivers.supplies.dc_supply import DcSupply
+            from drivers import DcSupply
 
             wire = open_link(config.supply.timeout_s)
             stack.callback(wire.close)
@@ -100,9 +108,7 @@ def open_meters(
 
 
 def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displacement: ReadDisplacement | None) -> Meter:
-    from drivers.sensors.keyence_lkg import KeyenceLkg
-    from drivers.sensors.optoncdt import OptoNcdt
-    from drivers.transport.serial_port import SerialPort
+    from drivers import KeyenceLkg, OptoNcdt, SerialPort
 
     port = table.port if read_displacement is None else _start_simulated_sensor(table, stack, read_displacement)
     line = SerialPort(port, table.baud or DEFAULT_BAUD[table.driver], table.timeout_s)
@@ -198,7 +204,7 @@ def _open_instruments(
     read_displacement: ReadDisplacement | None = None,
 ) -> BenchConnection:
     """Open the instruments: the same code for a real bench and a served simulated one."""
-    from drivers.transport.visa import VisaLink
+    from drivers import VisaLink
 
     digitizer = _open_digitizer(config, clock, server, stack)
     source = open_source(config, clock, partial(VisaLink, resource, baud=config.source_connection.baud), server, stack)
@@ -223,8 +229,7 @@ def _open_digitizer(config: BenchConfig, clock: Clock, server: str, stack: ExitS
 
 def _make_watchdog(config: BenchConfig, resource: str, server: str, clock: HeartbeatClock, source: Source) -> Watchdog:
     """Return the watchdog: a process that opens the same driver on the same resource."""
-    from drivers.watchdog.client import WatchdogClient
-    from drivers.watchdog.config import WatchdogConfig
+    from drivers import WatchdogClient, WatchdogConfig
 
     if not config.watchdog.enabled:
         return NoWatchdog(WATCHDOG_DISABLED_WARNING)

@@ -13,8 +13,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from drivers.bench.bench import Bench
-from drivers.errors import BenchError
+from drivers import Bench, BenchError
 from drivers.watchdog.log import take_unreported_lines
 from protocols.base import Event, EventBus, LogMessage, Operator, RunEnded, RunStatus
 from protocols.runner.request import RunControl, RunRequest

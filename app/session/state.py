@@ -8,8 +8,8 @@ from typing import Any
 
 from app.session.messages import LogLine
 from app.session.session import SessionEvent
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from model.amplifier_map import AmplifierMap
+from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
+from model import AmplifierMap
 from protocols.base import PromptShown, Quality, RestMeasured, ResultCurve, RunEnded, RunStatus
 
 UNSAFE_EXIT = 3

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
-from model.beam.shape_functions import check_shape_count, shape_functions, wavenumbers
+from model.beam.basis import check_shape_count, shape_functions, wavenumbers
 from model.parameters import Beam
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from model.amplifier_map import AmplifierMap
 from model.arrays import Array, Complex
-from model.beam.galerkin import matrices
-from model.beam.poles import modal_form, receptance
+from model.beam import matrices, modal_form, receptance
 from model.identification import parameters as known
 from model.identification.observations import (
     ErrorTarget,
@@ -30,10 +29,8 @@ from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import sag
 from model.parameter_spec import parameter_specs
 from model.parameters import Beam, Membrane
-from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import harmonic_orders, peak_to_peak
-from model.response.statics import load_compliance, voltage_gain
-from model.skin import point_stiffness
+from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
+from model.skin_model import point_stiffness
 
 Values = Mapping[str, Any]
 

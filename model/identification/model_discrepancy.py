@@ -26,9 +26,8 @@ from model.identification.paper_chain import parabola_vertex
 from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import parameter_specs
 from model.parameters import Tactor
-from model.response.closed_form import exact_response
-from model.response.frequency_response import Excitation
-from model.skin import Skin
+from model.response import Excitation, exact_response
+from model.skin_model import Skin
 
 
 @dataclass(frozen=True)

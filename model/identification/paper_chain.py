@@ -28,8 +28,8 @@ from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import young_modulus_from_sag
 from model.parameter_spec import ParameterError
 from model.parameters import Beam, Membrane, Tactor
-from model.response.statics import load_compliance, voltage_gain
-from model.skin import point_stiffness
+from model.response import load_compliance, voltage_gain
+from model.skin_model import point_stiffness
 
 DampingTreatment = Literal["counted", "neglected"]
 
@@ -83,7 +83,7 @@ class PaperChainOptions:
 
     Attributes:
         tactor, membrane: values of everything that is not identified.
-        contact_length: as in `model.skin.skin`.
+        contact_length: as in `model.skin_model.skin`.
         static_weight: weight of static loading in step 1, 1 minus it that of mass resonance. Each of the two distances is the
             sum of squares over the sum of squares of the measured values; the paper does not give its weights, and with these
             neither unit nor number of points decides. One half by default.

@@ -16,7 +16,7 @@ from model.identification.observations import (
 )
 from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
 from model.parameters import Membrane, Tactor
-from model.skin import CONTACT_LENGTH, skin
+from model.skin_model import CONTACT_LENGTH, skin
 from model.specimen import C_S, K_S
 
 ASYMMETRY = ParameterSpec(

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from model.arrays import Array
 from model.identification import parameters as known
 from model.identification.fit_result import JointFit, fit_cost
-from model.identification.joint_fit import CancelCheck, joint_fit
+from model.identification.joint_least_squares import CancelCheck, joint_fit
 from model.parameter_spec import ParameterError
 
 

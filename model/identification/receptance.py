@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.arrays import Array, Complex
-from model.beam.galerkin import gram
+from model.beam import gram
 
 
 class Factors(NamedTuple):

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from model.arrays import Array, Complex
 from model.parameters import Tactor
-from model.response.frequency_response import Excitation, check_frequency, check_position
-from model.skin import NO_SKIN, Skin
+from model.response.harmonic_response import Excitation, check_frequency, check_position
+from model.skin_model import NO_SKIN, Skin
 
 
 def exact_response(
@@ -27,7 +27,7 @@ def exact_response(
 ) -> Complex:
     """Deflection (or its derivative to x, 0..3) per volt on the specimen or per newton at the centre.
 
-    Arguments, shapes and errors are those of `model.response.frequency_response.frequency_response`; frequency 0 is the static solution.
+    Arguments, shapes and errors are those of `model.response.harmonic_response.frequency_response`; frequency 0 is the static solution.
     `clamp_stiffness` (N m per radian) lets the clamp rotate: k1 w''(0) = clamp_stiffness w'(0) in place of Eq. (3b); None is rigid.
     """
     f = check_frequency(frequency_hz)

@@ -1,6 +1,6 @@
 """Fast frequency response for interactive plots: fundamental and max - min in a few milliseconds.
 
-`model.response.frequency_response` follows every harmonic up to 6 kHz, 512 of them at low frequencies. The amplifier's harmonics fall with
+`model.response.harmonic_response` follows every harmonic up to 6 kHz, 512 of them at low frequencies. The amplifier's harmonics fall with
 the square of their order, so that max - min needs fewer: with 48 it is within 0.01 % for the paper's tactor, and within 1 % at 3 Hz for one with an eightieth of its damping.
 """
 
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from model.amplifier_map import AmplifierMap
 from model.arrays import Array, Complex
-from model.beam.galerkin import matrices
-from model.beam.poles import ModalForm, modal_form, receptance
+from model.beam import ModalForm, matrices, modal_form, receptance
 from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
+from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
 from model.specimen import Specimen
 
 HARMONIC_ORDERS = 48

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from model.arrays import Array
-from model.beam.galerkin import matrices
+from model.beam import matrices
 from model.parameters import Beam, Tactor
-from model.response.frequency_response import output_rows, system_matrices
-from model.skin import NO_SKIN, Skin
+from model.response.harmonic_response import output_rows, system_matrices
+from model.skin_model import NO_SKIN, Skin
 
 
 def natural_frequencies(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Array:

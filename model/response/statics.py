@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from model.arrays import Array
 from model.parameters import Beam, Tactor
-from model.response.frequency_response import check_position
+from model.response.harmonic_response import check_position
 
 
 def load_compliance(tactor: Tactor | Beam) -> Any:

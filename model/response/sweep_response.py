@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from model.amplifier_map import AmplifierMap
 from model.arrays import Array, Complex, Mask
-from model.beam.poles import ModalForm
+from model.beam import ModalForm
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Tactor
 from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import FREQUENCY_SPEC, tactor_modal_form
-from model.skin import Skin
+from model.response.harmonic_response import FREQUENCY_SPEC, tactor_modal_form
+from model.skin_model import Skin
 
 DURATION_SPEC = ParameterSpec("duration", "s", Interval(gt=0), "duration of the sweep", None)
 

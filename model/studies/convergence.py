@@ -8,10 +8,8 @@ from numpy.typing import ArrayLike
 
 from model.arrays import Array
 from model.parameters import Tactor
-from model.response.closed_form import exact_response
-from model.response.frequency_response import check_frequency, frequency_response
-from model.response.modes import natural_frequencies
-from model.skin import Skin
+from model.response import check_frequency, exact_response, frequency_response, natural_frequencies
+from model.skin_model import Skin
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,7 @@ from model.amplifier_map import AmplifierMap
 from model.arrays import Array
 from model.membrane import GRAVITY
 from model.parameters import Membrane, Tactor, beams
-from model.response.modes import natural_frequencies_of
-from model.response.statics import load_compliance, voltage_gain
+from model.response import load_compliance, natural_frequencies_of, voltage_gain
 from model.specimen import Specimen
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 

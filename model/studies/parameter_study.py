@@ -18,13 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.amplifier_map import AmplifierMap
-from model.beam.galerkin import matrices
-from model.beam.poles import modal_form, receptance
-from model.beam.shape_functions import check_shape_count
+from model.beam import check_shape_count, matrices, modal_form, receptance
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import check_frequency, harmonic_orders, peak_to_peak, samples_per_period
+from model.response import check_frequency, fourier_series, harmonic_orders, peak_to_peak, samples_per_period
 from model.specimen import Specimen, specimen_record, variable_specs
 
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]

@@ -7,9 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
-from drivers.interfaces import Scale
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LaserSensor, Scale
 from protocols.base.quality import Quality
 
 TABULATED_SCANS = 1 << 18

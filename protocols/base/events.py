@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any, ClassVar, get_args
 
-from drivers.drive import Drive, as_record
-from drivers.interfaces import Block, Scale
+from drivers import Block, Drive, Scale, as_record
 from protocols.base.jsonable import to_jsonable
 from protocols.base.records import ResultCurve
 from protocols.base.steps import Prompt

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.drive import Drive
-from model.estimate import EstimatedQuantity as EstimatedQuantity
+from drivers import Drive
+from model import EstimatedQuantity as EstimatedQuantity
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
 

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers import Drive
 from drivers.deprecated import renamed
-from drivers.drive import Drive
 
 
 @dataclass(frozen=True, slots=True)

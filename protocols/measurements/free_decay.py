@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import model_validator
 
-from drivers.drive import Steps
+from drivers import Steps
 from protocols.base import (
     CurveColumn,
     EstimatedQuantity,

@@ -14,7 +14,7 @@ from annotated_types import Interval, Len, Unit
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from drivers.drive import Sine
+from drivers import Sine
 from protocols.base import (
     CurveColumn,
     EstimatedQuantity,

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Unit
 
-from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.drive import Hold
+from drivers import REST_TOLERANCE_V, Hold
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
 from protocols.measurements.fields import QualityFlags, RepeatNumber
 from protocols.measurements.weights import format_grams

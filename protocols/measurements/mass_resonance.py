@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers.drive import LinearSweep
+from drivers import LinearSweep
 from protocols.base import (
     EstimatedQuantity,
     PlanEntry,

@@ -13,9 +13,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from numpy.typing import NDArray
 
-from model.membrane import linear_young_modulus, weight_per_length, young_modulus_from_sag
-from model.parameter_spec import ParameterError
-from model.parameters import Membrane
+from model import Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
 from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate
 from protocols.signals.levels import combine_errors, estimate_level

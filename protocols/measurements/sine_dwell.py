@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers.drive import Sine
+from drivers import Sine
 from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine

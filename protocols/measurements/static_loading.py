@@ -11,9 +11,8 @@ import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers.bench.rest import REST_TOLERANCE_V
-from drivers.errors import BenchError
-from model.membrane import GRAVITY
+from drivers import REST_TOLERANCE_V, BenchError
+from model import GRAVITY
 from protocols.base import (
     Ask,
     EstimatedQuantity,

@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import model_validator
 
-from drivers.drive import PeriodicSweep
+from drivers import PeriodicSweep
 from protocols.base import (
     EstimatedQuantity,
     PlanEntry,

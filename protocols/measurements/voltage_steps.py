@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from drivers.drive import Hold
+from drivers import Hold
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate
 from protocols.signals.creep import fit_creep

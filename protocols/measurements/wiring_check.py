@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval, Unit
 from pydantic import model_validator
 
-from drivers.drive import Drive, Hold, Sine
+from drivers import Drive, Hold, Sine
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
 from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate
 from protocols.signals import fit_frequency, fit_sine

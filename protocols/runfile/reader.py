@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.closing import Closeable
-from drivers.sensors.laser_sensor import LaserSensor
-from model.amplifier_map import AmplifierMap
+from drivers import Closeable, LaserSensor
+from model import AmplifierMap
 from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus
 from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from model.specimen import variable_specs
+from model import variable_specs
 from model.studies.parameter_study import MEASURE_UNITS, Axis, Study
 from protocols.runfile.errors import StorageError, translate_write_errors
 from protocols.runfile.schema import RESERVE_BYTES

@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.bench import channel_skew_s
-from drivers.drive import from_record
-from drivers.interfaces import Scale
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers import LaserSensor, Scale, channel_skew_s, from_record
 from protocols.base import ChannelCalibration, Quality, Recording
 from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
 

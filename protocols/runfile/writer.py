@@ -22,10 +22,7 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from drivers.bench.bench import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL
-from drivers.drive import Drive, as_record
-from drivers.interfaces import Block, Scale
-from drivers.sensors.laser_sensor import LaserSensor
+from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, Block, Drive, LaserSensor, Scale, as_record
 from protocols.base import EstimatedQuantity, Event, Quality, ResultCurve, RunStatus, event_record, to_jsonable
 from protocols.runfile.errors import StorageError, os_error_text, translate_write_errors
 from protocols.runfile.schema import (

@@ -11,10 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench.bench import DRIVE_CHANNEL, ArmedBench, Bench, channel_skew_s
-from drivers.drive import Drive, Hold, Sine
-from drivers.errors import BenchError
-from drivers.interfaces import Block, Reading
+from drivers import DRIVE_CHANNEL, ArmedBench, Bench, BenchError, Block, Drive, Hold, Reading, Sine, channel_skew_s
 from protocols.base import (
     MAX_RECORDING_SCANS,
     STREAMED_RECORDING_SCANS,

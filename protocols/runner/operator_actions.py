@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Sequence
 
-from drivers.bench.bench import ArmedBench
+from drivers import ArmedBench
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE, Prompt
 from protocols.runner.executor import StepExecutor
 

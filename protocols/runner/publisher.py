@@ -2,8 +2,7 @@
 
 from queue import SimpleQueue
 
-from drivers.clock import Clock
-from drivers.interfaces import Block
+from drivers import Block, Clock
 from protocols.base import BlockStored, Event, EventBus
 from protocols.runfile.errors import StorageError
 from protocols.runfile.writer import RunFileWriter

@@ -9,8 +9,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from drivers.bench.bench import ArmedBench, Bench
-from drivers.errors import BenchError, UnsafeError
+from drivers import ArmedBench, Bench, BenchError, UnsafeError
 from protocols.base import (
     BenchArmed,
     CurveReady,

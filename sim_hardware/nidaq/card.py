@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import Scale
+from drivers import Scale
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.laser_view import LaserView

@@ -14,7 +14,7 @@ import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
-from drivers.closing import Closeable
+from drivers import Closeable
 from sim_hardware.nidaq.errors import ERROR_MESSAGES, NiError
 from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_task import NiOutputTask

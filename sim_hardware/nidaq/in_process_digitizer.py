@@ -2,11 +2,8 @@
 
 from dataclasses import replace
 
-from drivers.clock import Clock
-from drivers.closing import Closeable
+from drivers import AcquisitionError, Block, Clock, Closeable, Identity, Scale
 from drivers.deprecated import renamed
-from drivers.errors import AcquisitionError
-from drivers.interfaces import Block, Identity, Scale
 from sim_hardware.nidaq.card import DRIVE_CHANNEL, SENSOR_CHANNEL, Acquisition, SampleRateError, SimulatedCard
 from sim_hardware.plant.faults import FaultState
 

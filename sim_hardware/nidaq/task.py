@@ -6,7 +6,7 @@ import threading
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from drivers.clock import Clock
+from drivers import Clock
 from sim_hardware.nidaq.card import FIRST_OUTPUT_READBACK_CHANNEL, Acquisition, SimulatedCard
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.plant.faults import FaultState

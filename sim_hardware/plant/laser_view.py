@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.membrane import sag
+from model import sag
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.plant import Plant
 

@@ -5,9 +5,7 @@ import types
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
-from model.amplifier_map import AmplifierMap
-from model.parameters import Membrane, Tactor
-from model.skin import Skin
+from model import AmplifierMap, Membrane, Skin, Tactor
 from sim_hardware.plant.nonidealities import Nonidealities
 
 GENERATOR_MAKERS = {

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import Clock
+from drivers import Clock
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.nonidealities import CreepModel, HysteresisModel
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters

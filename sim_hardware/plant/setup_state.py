@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from model.membrane import GRAVITY
-from model.skin import Skin, skin
+from model import GRAVITY, Skin, skin
 from sim_hardware.plant.parameters import SimulationParameters
 
 SPECIMEN_ACTIONS: Mapping[str, tuple[str, ...]] = {

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.parameters import Tactor
-from model.response.frequency_response import system_matrices, tactor_modal_form
-from model.response.statics import load_compliance
-from model.skin import Skin
+from model import Skin, Tactor
+from model.response import load_compliance, system_matrices, tactor_modal_form
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

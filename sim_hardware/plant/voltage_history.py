@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from drivers.clock import Clock
+from drivers import Clock
 from sim_hardware.plant.segments import OpenOutputSegment, Segment
 
 Array = NDArray[np.float64]

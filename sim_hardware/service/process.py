@@ -13,8 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drivers.closing import Closeable
-from drivers.errors import BenchError
+from drivers import BenchError, Closeable
 from drivers.watchdog.subprocesses import terminate
 from sim_hardware.plant.history_report import VoltageReport
 from sim_hardware.plant.parameters import SimulationParameters

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from drivers.closing import Closeable
+from drivers import Closeable
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.nidaq.grpc_server import NiGrpcServer
 from sim_hardware.nidaq.task import SimulatedNiDevice

@@ -16,8 +16,7 @@ from typing import Any
 
 import pytest
 
-from drivers import deprecated
-from drivers.interfaces import Digitizer, Source
+from drivers import Digitizer, Source, deprecated
 
 SUITE_FOLDER = Path(__file__).parent
 

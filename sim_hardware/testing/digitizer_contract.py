@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from drivers.errors import AcquisitionError, BenchError
-from drivers.interfaces import Digitizer
+from drivers import AcquisitionError, BenchError, Digitizer
 from sim_hardware.bench import SimulatedBench
 
 DigitizerUnderTest = tuple[Digitizer, SimulatedBench]

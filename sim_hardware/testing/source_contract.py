@@ -9,10 +9,19 @@ import re
 import numpy as np
 import pytest
 
-from drivers.clock import Clock
-from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from drivers.errors import InstrumentError, LinkError
-from drivers.interfaces import Source
+from drivers import (
+    Clock,
+    Drive,
+    Hold,
+    InstrumentError,
+    LinearSweep,
+    LinkError,
+    PeriodicSweep,
+    Ramp,
+    Sine,
+    Source,
+    Steps,
+)
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.testing.safe_volts import assert_safe_voltage
 

@@ -1,7 +1,6 @@
 """In-process link to a simulated SCPI instrument: same messages and faults, on the bench clock."""
 
-from drivers.clock import Clock
-from drivers.errors import LinkError
+from drivers import Clock, LinkError
 from sim_hardware.wires.port import MessagePort
 
 

@@ -4,7 +4,7 @@ import os
 import threading
 from abc import abstractmethod
 
-from drivers.closing import Closeable
+from drivers import Closeable
 
 POLL_S = 0.01
 

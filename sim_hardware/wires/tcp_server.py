@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 
-from drivers.closing import Closeable
+from drivers import Closeable
 from sim_hardware.wires.port import HOST, MessagePort
 from sim_hardware.wires.scpi_engine import split_received
 

@@ -23,7 +23,7 @@ from app.explore.state import PRESET_TITLES, ExploreSetting, describe_difference
 from app.live.latest_only import LatestOnlyWorker
 from model.identification.fit_options import FitCancelled
 from model.parameter_spec import ParameterError
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables, variable_specs
 from model.studies.parameter_study import STUDY_PRESETS
 from protocols.runfile.reader import RunReadError

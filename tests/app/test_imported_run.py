@@ -16,7 +16,7 @@ from app.identification.identify import identify
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
 from protocols.base import Protocol, Quality, RunStatus
 from protocols.registry import PROTOCOLS

@@ -12,8 +12,8 @@ from app.identification.calibrations import Calibrations, calibrations_path, wri
 from app.live.overlay import CurveRequest, Overlay, OverlayCurve, curve_request_for
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response
-from model.skin import skin
+from model.response.harmonic_response import amplifier_response
+from model.skin_model import skin
 from protocols.measurements.membrane_series import MembraneSeries
 from tests.helpers.calibrations import calibration
 

@@ -25,7 +25,7 @@ from model.identification.fit_options import FitOptions
 from model.identification.paper_chain import PaperChainOptions
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from protocols.base import EntryStarted, Protocol, RecordingFinished, RunPaused
 from protocols.measurements.membrane_sag import MembraneSag
 from protocols.measurements.sine_dwell import SineDwell

@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 
 from model.parameters import Tactor
-from model.skin import Skin
+from model.skin_model import Skin
 
 
 def logarithmic(low: float, high: float) -> st.SearchStrategy[float]:

@@ -6,7 +6,7 @@ import pytest
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.response.fast_response import operating_deflection_shape, response_curve
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen
 
 FREQUENCY = np.linspace(1.0, 500.0, 120)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response, frequency_response
+from model.response.harmonic_response import amplifier_response, frequency_response
 from model.response.perception import ABDOMEN_THRESHOLD, PerceptionThreshold, perception_margin, usable_bands
-from model.skin import skin
+from model.skin_model import skin
 from model.studies.paper_figures import PaperFigure, paper_figures
 
 F = np.arange(1.0, 251.0)

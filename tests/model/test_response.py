@@ -8,7 +8,7 @@ from model.beam.poles import modal_form, receptance
 from model.parameters import Membrane, Tactor
 from model.response.closed_form import exact_response
 from model.response.drive_spectrum import fourier_series
-from model.response.frequency_response import (
+from model.response.harmonic_response import (
     amplifier_response,
     frequency_response,
     peak_to_peak,
@@ -18,7 +18,7 @@ from model.response.frequency_response import (
     tactor_modal_form,
 )
 from model.response.modes import damping_ratios, mode_shapes, natural_frequencies
-from model.skin import Skin, skin
+from model.skin_model import Skin, skin
 from tests.helpers.sampled import march, sampled_series
 
 ON = skin(Membrane(), 0.01)

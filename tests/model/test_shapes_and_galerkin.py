@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from model.beam.basis import load_shape, moment_shape, shape_functions, symmetric_modes, wavenumbers
 from model.beam.galerkin import gram
-from model.beam.shape_functions import load_shape, moment_shape, shape_functions, symmetric_modes, wavenumbers
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import frequency_response
+from model.response.harmonic_response import frequency_response
 from model.response.modes import natural_frequencies
-from model.skin import Skin, skin
+from model.skin_model import Skin, skin
 from model.studies.convergence import convergence
 
 XI = np.linspace(0, 1, 41)

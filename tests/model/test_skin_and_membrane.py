@@ -5,7 +5,7 @@ import pytest
 
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
-from model.skin import _g, point_stiffness, skin
+from model.skin_model import _g, point_stiffness, skin
 
 M = Membrane()
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from app.common.formatting import format_curve
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
 from protocols.base import CurveReady, PointMeasured, Quality, RunStatus
 from protocols.measurements.hysteresis import Hysteresis

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response
-from model.skin import Membrane, skin
+from model.response.harmonic_response import amplifier_response
+from model.skin_model import Membrane, skin
 from protocols.base import LogMessage, PromptShown, Quality
 from protocols.measurements.membrane_series import MembraneSeries
 from protocols.runfile.reader import Run

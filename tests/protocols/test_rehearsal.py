@@ -17,7 +17,7 @@ from drivers.errors import DriveRejectedError
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Tactor
-from model.response.frequency_response import tactor_modal_form
+from model.response.harmonic_response import tactor_modal_form
 from protocols.base import PlanEntry, Prompt, RunStatus, Step
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.predicted_travel import predict_travel

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response.frequency_response import tactor_modal_form
+from model.response.harmonic_response import tactor_modal_form
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, fit_resonance
 
 AMPLITUDE_V = 2.5

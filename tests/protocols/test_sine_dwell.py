@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from protocols.base import LogMessage, Quality, RecordingFinished, SettlingFinished
 from protocols.measurements.sine_dwell import PAPER_FREQUENCIES_HZ, SineDwell, refinement_frequencies
 from protocols.rehearsal import rehearse

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from drivers.drive import PeriodicSweep
 from drivers.errors import DriveRejectedError
 from model.parameters import Tactor
-from model.response.frequency_response import tactor_modal_form
+from model.response.harmonic_response import tactor_modal_form
 from protocols.base import CurveReady, LogMessage, PointMeasured, PromptShown, Quality
 from protocols.measurements.mass_resonance import MassResonance
 from protocols.measurements.sweep import Sweep

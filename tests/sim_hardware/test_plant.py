@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.response.statics import voltage_gain
 from model.response.time_response import step_response
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters

@@ -9,10 +9,10 @@ import pytest
 from drivers.errors import BenchError
 from model.membrane import sag
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response, frequency_response, poles
+from model.response.harmonic_response import amplifier_response, frequency_response, poles
 from model.response.modes import natural_frequencies
 from model.response.statics import load_compliance, voltage_gain
-from model.skin import skin
+from model.skin_model import skin
 from protocols.base import Prompt
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from model.skin import Skin
+from model.skin_model import Skin
 from sim_hardware.plant.parameters import CardParameters, GeneratorParameters, SimulationParameters
 
 

@@ -23,8 +23,8 @@ from app.archive.importing.values import (
     table_values,
 )
 from app.common.progress import NO_PROGRESS, Progress
-from drivers.sensors.laser_sensor import LaserSensor
-from model.membrane import GRAVITY
+from drivers import LaserSensor
+from model import GRAVITY
 from protocols.base import Protocol, Quality, ResultCurve, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns

@@ -12,7 +12,7 @@ from app.archive.importing.points import ImportedRun
 from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportSettings, column_sources, table_values
 from app.common.progress import NO_PROGRESS, Progress
-from drivers.drive import Sine
+from drivers import Sine
 from protocols.base import CurveColumn, Quality, Recording, ResultCurve
 from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.registry import PROTOCOLS

@@ -10,7 +10,7 @@ from app.gui.bench.prompt import PromptNotice
 from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_label
 from app.gui.widgets.layouts import column
 from app.session.state import WindowState
-from drivers.bench.bench import MANUAL_SHUTDOWN_INSTRUCTIONS
+from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
 
 INPUT_GUARD_S = 0.4

@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the 
     from app.campaign.campaign import Campaign
     from app.campaign.queue import CampaignRunner
     from app.campaign.summary import CampaignEstimates, CampaignSummary
-    from drivers.bench.bench import Bench
-    from model.amplifier_map import AmplifierMap
+    from drivers import Bench
+    from model import AmplifierMap
     from protocols.runner.request import RunRequest
 
 MAX_RECENT = 8

@@ -19,7 +19,7 @@ from app.gui.widgets.theme import Theme
 from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
 from app.session.state import WindowState
-from model.parameter_spec import ParameterError
+from model import ParameterError
 from protocols.base import RunStatus
 
 if TYPE_CHECKING:

@@ -86,7 +86,7 @@ class OverlaidRuns(QObject):
         self.fitted.emit(result)
 
     def _on_fit_error(self, error: Exception) -> None:
-        from model.identification.fit_options import FitCancelled
+        from model.identification import FitCancelled
 
         self._set_fitting(False)
         if isinstance(error, FitCancelled):

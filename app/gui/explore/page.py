@@ -27,7 +27,7 @@ from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.live.latest_only import LatestOnlyWorker
 from app.session.state import WindowState
-from model.parameter_spec import ParameterError
+from model import ParameterError
 
 PAINT_PAUSE_S = 0.02
 """Pause of the worker after the curve, so that it is painted before the motion is computed."""

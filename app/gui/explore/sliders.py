@@ -11,8 +11,7 @@ from app.explore.sliders import GROUPS, SliderSpec
 from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
 from app.gui.plots.base import caption_label
 from app.gui.widgets.form import set_style_kind
-from model.parameter_spec import ParameterError, ParameterSpec
-from model.specimen import variable_specs
+from model import ParameterError, ParameterSpec, variable_specs
 
 SLIDER_STEPS = 1000
 

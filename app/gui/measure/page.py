@@ -20,8 +20,7 @@ from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
 from app.live.preflight import PreflightCheck, PreflightRequest
 from app.session.state import WindowState
-from model.amplifier_map import AmplifierMap
-from model.parameter_spec import ParameterError
+from model import AmplifierMap, ParameterError
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 

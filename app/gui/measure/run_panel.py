@@ -25,8 +25,7 @@ from app.gui.widgets.form import ProtocolForm, set_style_kind
 from app.gui.widgets.layouts import column, make_label, row
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState, format_voltage_range
-from drivers.bench.bench import Bench
-from drivers.errors import BenchError
+from drivers import Bench, BenchError
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 from protocols.rehearsal import rehearse

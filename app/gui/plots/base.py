@@ -15,7 +15,7 @@ from app.gui.plots.series import Array, PlotSeries, series_as_text, series_of
 from app.gui.widgets.layouts import column, make_label
 from app.gui.widgets.theme import Theme
 from app.session.messages import format_estimate
-from model.skin import THRESHOLD_M
+from model import THRESHOLD_M
 from protocols.base import RunEnded
 
 FELT_THRESHOLD_UM = 1e6 * THRESHOLD_M

@@ -12,7 +12,7 @@ from app.gui.widgets.theme import Theme
 from app.live.feed import LiveFeed
 from app.live.overlay import OverlayCurve
 from app.session.state import WindowState
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 

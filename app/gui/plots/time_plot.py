@@ -19,7 +19,7 @@ from app.gui.plots.series import Array
 from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.feed import SPANS, LiveFeed, TimeSpan
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap
 
 SMOOTHING_S = 0.08
 """Time constant by which the display trails the samples, so that it scrolls smoothly although they arrive in blocks."""

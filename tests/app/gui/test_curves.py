@@ -6,7 +6,7 @@ import pytest
 from app.gui.plots.curves_plot import MAX_DRAWN_POINTS, decimate_to_drawn
 from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from protocols.base import BenchArmed, CurveColumn, CurveReady, DriveStarted, ResultCurve, RunStarted
 from tests.helpers.main_window import Stage, until
 from tests.helpers.session_events import OPENED

@@ -16,7 +16,7 @@ from app.explore.fit import ExploreFit, fit_runs
 from app.gui.explore.page import ExplorePage
 from app.gui.widgets.theme import DARK, LIGHT
 from model.identification.fit_options import FitCancelled
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.specimen import Specimen, replace_variables
 from tests.helpers.main_window import OpenPage, OpenStage, Stage, until
 from tests.helpers.run_files import finished_run

@@ -18,8 +18,8 @@ from app.live.estimates import LiveEstimator
 from drivers.sensors.laser_sensor import LaserSensor
 from model.amplifier_map import AmplifierMap
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response
-from model.skin import skin
+from model.response.harmonic_response import amplifier_response
+from model.skin_model import skin
 from protocols.base import PointMeasured, Quality, RunEnded, RunStatus
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint

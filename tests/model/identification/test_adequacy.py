@@ -9,7 +9,7 @@ import pytest
 from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.adequacy import Adequacy, assess_adequacy
 from model.identification.fit_options import FitOptions
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.identification.model_discrepancy import possible_discrepancies
 from model.identification.observations import (
     FrequencyResponseObservation,
@@ -20,7 +20,7 @@ from model.identification.observations import (
 )
 from model.parameters import Tactor
 from model.response.closed_form import exact_response
-from model.response.frequency_response import frequency_response
+from model.response.harmonic_response import frequency_response
 
 
 def judged(world: World, seed: int = 1, drives_v: tuple[float, ...] = (2.5,)) -> Adequacy:

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.calibration import Calibration, compare_calibrations
 from model.identification.fit_result import JointFit
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
 from model.specimen import Specimen

@@ -10,7 +10,7 @@ from benchmarks.campaigns import SENSOR, SHARED, Noise, World, perfect
 from model.amplifier_map import AmplifierMap
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.forward_model import with_predictions
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -25,9 +25,9 @@ from model.identification.observations import (
 from model.identification.residuals import LeastSquaresProblem
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance, voltage_gain
-from model.skin import skin
+from model.skin_model import skin
 
 TRUE = {"k2": 7e-3, "mu": -1.33e-5, "m_add": 7.73e-3, "c0": 159.0, "E_m": 6.95e6, "c_s_0": 165.0, "c_s_delta": 5.48e4}
 PERFECT = perfect(World(), Noise(), SHARED)

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.campaigns import SHARED, Noise, World, perfect
 from model.identification.experiment_design import Candidate, ExpectedPrecision, default_candidates, rank_candidates
 from model.identification.fit_options import FitCancelled, FitOptions
-from model.identification.joint_fit import joint_fit
+from model.identification.joint_least_squares import joint_fit
 from model.identification.live_fit import LiveFit
 from model.identification.observations import (
     FrequencyResponseObservation,
@@ -21,9 +21,9 @@ from model.identification.observations import (
 from model.identification.profile_likelihood import profile_interval
 from model.parameter_spec import ParameterError
 from model.parameters import Membrane, Tactor
-from model.response.frequency_response import amplifier_response
+from model.response.harmonic_response import amplifier_response
 from model.response.statics import load_compliance
-from model.skin import skin
+from model.skin_model import skin
 
 PERFECT = perfect(World(), Noise(), SHARED)
 FEW = ObservationSet(tuple(r for r in PERFECT.runs if r.label in ("mfc", "steps", "free")))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.parameters import Tactor
-from model.response.frequency_response import poles
+from model.response.harmonic_response import poles
 from model.response.time_response import step_response
 from protocols.signals.checks import coverage_factor
 from protocols.signals.decay import fit_decay

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from drivers.drive import LinearSweep
 from model.beam.poles import ModalForm
 from model.parameters import Tactor
-from model.response.frequency_response import frequency_response, poles
+from model.response.harmonic_response import frequency_response, poles
 from model.response.sweep_response import sweep_response as exact_sweep
 from protocols.signals.checks import coverage_factor
 from protocols.signals.modal_fit import fit_sdof

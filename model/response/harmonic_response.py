@@ -9,13 +9,11 @@ from numpy.typing import ArrayLike
 
 from model.amplifier_map import AmplifierMap
 from model.arrays import Array, Complex
-from model.beam.galerkin import Matrices, gram, matrices
-from model.beam.poles import ModalForm, modal_form, receptance
-from model.beam.shape_functions import shape_functions
+from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
 from model.parameter_spec import ParameterSpec
 from model.parameters import Tactor
 from model.response.drive_spectrum import Waveform, fourier_series
-from model.skin import NO_SKIN, Skin
+from model.skin_model import NO_SKIN, Skin
 
 Excitation = Literal["voltage", "load"]
 
