@@ -18,8 +18,8 @@ import psutil
 from bench_window import until
 from PySide6.QtCore import QSettings
 
+from app.cli.headless import make_protocol
 from app.cli.main import GC_THRESHOLD
-from app.cli.run import make_protocol
 from app.config.bench_file import load_bench
 from app.gui.application import qt_application
 from app.gui.main_window import MainWindow

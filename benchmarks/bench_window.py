@@ -20,8 +20,8 @@ import numpy as np
 from PySide6.QtCore import QObject, QSettings
 from PySide6.QtWidgets import QApplication
 
+from app.cli.headless import make_protocol
 from app.cli.main import GC_THRESHOLD
-from app.cli.run import make_protocol
 from app.config.bench_file import load_bench
 from app.gui.application import qt_application
 from app.gui.main_window import MainWindow

@@ -18,7 +18,7 @@ from PySide6.QtCore import QBuffer, QSettings
 from PySide6.QtWidgets import QApplication
 
 from app.archive.catalogue import Catalogue
-from app.cli.run import make_protocol
+from app.cli.headless import make_protocol
 from app.config.bench_file import load_bench
 from app.gui.application import qt_application
 from app.gui.main_window import MainWindow

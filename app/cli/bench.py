@@ -1,10 +1,8 @@
 """The commands `check`, `devices`, `bench new` and `faults`."""
 
-import argparse
-import json
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,18 +11,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.headless import select_bench
+from app.cli.headless import make_protocol, run_headless, run_request, select_bench
 from app.cli.options import (
     JSON_PLAIN,
+    CommandGroup,
+    CommandSyntax,
     ProtocolOptions,
-    define_command,
     faults_option,
     option,
     repeated,
     switch,
 )
 from app.cli.output import print_json
-from app.cli.run import make_protocol, run_headless
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import path_argument
 from app.common.units import display_unit
@@ -37,47 +35,45 @@ from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
 
 
 @dataclass(frozen=True)
-class CheckOptions(ProtocolOptions):
-    """Options of `check`."""
+class CheckCommand(ProtocolOptions):
+    """Run the wiring check; the exit code is 0 if all passed, 1 if not or if the run failed, 3 UNSAFE."""
 
     faults: Sequence[str] = faults_option()
     json: bool = switch("--json", "the table as one JSON object on standard output, SI units")
 
-
-def check(options: CheckOptions) -> int:
-    """Run the wiring check; return 0 if all passed, 1 if not or if the run failed, 3 UNSAFE."""
-    bench = select_bench(options)
-    protocol = make_protocol(WiringCheck.name, options.settings)
-    assert isinstance(protocol, WiringCheck)
-    events: list[Any] = []
-    # The run itself is shown to the operator; only the table is JSON.
-    code, path = run_headless(bench, options, protocol, False, [events.append], options.faults)
-    points = [event.point for event in events if isinstance(event, PointMeasured)]
-    verdicts = protocol.verdicts(points)
-    if verdicts:
-        rest = next((event for event in events if isinstance(event, RestMeasured)), None)
-        verdicts = (*verdicts, _rest_verdict(rest, points[0].drive))
-    passed = code == ExitCode.DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
-    if options.json:
-        ended = next((event for event in events if isinstance(event, RunEnded)), None)
-        record = {
-            "passed": passed,
-            "status": ended.status if ended else "failed",
-            "reason": ended.reason if ended else "the bench could not be opened",
-            "file": str(path) if path else None,
-            "checks": [_verdict_record(verdict) for verdict in verdicts],
-        }
-        print_json(record)
-    else:
-        Console(markup=False).print(
-            _verdict_table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
-        )
-        for verdict in verdicts:
-            if not verdict.passed:
-                Console(stderr=True, markup=False).print(
-                    f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True
-                )
-    return code if code != ExitCode.DONE else (ExitCode.DONE if passed else ExitCode.FAILED)
+    def execute(self) -> int:
+        bench = select_bench(self)
+        protocol = make_protocol(WiringCheck.name, self.settings)
+        assert isinstance(protocol, WiringCheck)
+        events: list[Any] = []
+        # The run itself is shown to the operator; only the table is JSON.
+        code, path = run_headless(bench, run_request(self, protocol), False, [events.append], self.faults)
+        points = [event.point for event in events if isinstance(event, PointMeasured)]
+        verdicts = protocol.verdicts(points)
+        if verdicts:
+            rest = next((event for event in events if isinstance(event, RestMeasured)), None)
+            verdicts = (*verdicts, _rest_verdict(rest, points[0].drive))
+        passed = code == ExitCode.DONE and bool(verdicts) and all(verdict.passed for verdict in verdicts)
+        if self.json:
+            ended = next((event for event in events if isinstance(event, RunEnded)), None)
+            record = {
+                "passed": passed,
+                "status": ended.status if ended else "failed",
+                "reason": ended.reason if ended else "the bench could not be opened",
+                "file": str(path) if path else None,
+                "checks": [_verdict_record(verdict) for verdict in verdicts],
+            }
+            print_json(record)
+        else:
+            Console(markup=False).print(
+                _verdict_table(verdicts) if verdicts else "The check was not carried to its end: there is no table."
+            )
+            for verdict in verdicts:
+                if not verdict.passed:
+                    Console(stderr=True, markup=False).print(
+                        f"{verdict.name}: {verdict.remedy}", highlight=False, soft_wrap=True
+                    )
+        return code if code != ExitCode.DONE else (ExitCode.DONE if passed else ExitCode.FAILED)
 
 
 def _rest_verdict(rest: RestMeasured | None, initial_v: float) -> Verdict:
@@ -127,112 +123,99 @@ class DiscoveryOptions:
 
 
 @dataclass(frozen=True)
-class DevicesOptions(DiscoveryOptions):
-    """Options of `devices`."""
+class DevicesCommand(DiscoveryOptions):
+    """Print the connected devices; finding none is no failure."""
 
     json: bool = switch("--json", JSON_PLAIN)
 
-
-def list_devices(options: DevicesOptions) -> int:
-    """Print the connected devices; finding none is no failure."""
-    found, notes = find_devices(options.hosts, options.server)
-    if options.json:
-        print_json({"found": [asdict(one) for one in found], "notes": notes})
+    def execute(self) -> int:
+        found, notes = find_devices(self.hosts, self.server)
+        if self.json:
+            print_json({"found": [asdict(one) for one in found], "notes": notes})
+            return ExitCode.DONE
+        table = Table(title="Connected" if found else "Nothing was found", title_justify="left")
+        for head in ("what", "where", "who"):
+            table.add_column(head, overflow="fold")
+        for one in found:
+            table.add_row(one.role, one.where, one.identity)
+        Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
+        for note in notes:
+            sys.stderr.write(f"{note}\n")
         return ExitCode.DONE
-    table = Table(title="Connected" if found else "Nothing was found", title_justify="left")
-    for head in ("what", "where", "who"):
-        table.add_column(head, overflow="fold")
-    for one in found:
-        table.add_row(one.role, one.where, one.identity)
-    Console(markup=False, highlight=False).print(table if found else "Nothing was found.")
-    for note in notes:
-        sys.stderr.write(f"{note}\n")
-    return ExitCode.DONE
 
 
 @dataclass(frozen=True)
-class NewBenchOptions(DiscoveryOptions):
-    """Options of `bench new`."""
+class NewBenchCommand(DiscoveryOptions):
+    """Write a first bench file from the devices that are found."""
 
     file: Path = option(type=path_argument, metavar="FILE", help="the file to write")
 
-
-def write_bench_template(options: NewBenchOptions) -> int:
-    """Write a first bench file from the devices that are found.
-
-    Raises:
-        UsageError: the file is there already, or cannot be written.
-    """
-    if options.file.exists():  # before the search, which takes seconds
-        raise UsageError(f"{options.file} is there already and is not overwritten; give another name")
-    found, notes = find_devices(options.hosts, options.server)
-    try:
-        with options.file.open("x", encoding="utf-8") as file:
-            file.write(bench_template(found, options.server))
-    except FileExistsError:
-        raise UsageError(f"{options.file} is there already and is not overwritten; give another name") from None
-    except OSError as error:
-        raise UsageError(f"{options.file} cannot be written: {error.strerror or error}") from None
-    for note in notes:
-        sys.stderr.write(f"{note}\n")
-    have = [f"{one.role} {one.identity}" for one in found if one.role in ("generator", "supply", "card")]
-    sys.stderr.write(
-        f"{options.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it\n"
-    )
-    return ExitCode.DONE
+    def execute(self) -> int:
+        if self.file.exists():  # before the search, which takes seconds
+            raise UsageError(f"{self.file} is there already and is not overwritten; give another name")
+        found, notes = find_devices(self.hosts, self.server)
+        try:
+            with self.file.open("x", encoding="utf-8") as file:
+                file.write(bench_template(found, self.server))
+        except FileExistsError:
+            raise UsageError(f"{self.file} is there already and is not overwritten; give another name") from None
+        except OSError as error:
+            raise UsageError(f"{self.file} cannot be written: {error.strerror or error}") from None
+        for note in notes:
+            sys.stderr.write(f"{note}\n")
+        have = [f"{one.role} {one.identity}" for one in found if one.role in ("generator", "supply", "card")]
+        sys.stderr.write(
+            f"{self.file}: {', '.join(have) or 'nothing was found, the addresses are examples'}. Go through it\n"
+        )
+        return ExitCode.DONE
 
 
 @dataclass(frozen=True)
-class FaultsOptions:
-    """Options of `faults`."""
+class FaultsCommand:
+    """Print the faults that can be injected into a simulated bench."""
 
     json: bool = switch("--json", JSON_PLAIN)
 
-
-def list_faults(options: FaultsOptions) -> int:
-    """Print the faults that can be injected into a simulated bench."""
-    if options.json:
-        sys.stdout.write(json.dumps(FAULT_DESCRIPTIONS) + "\n")
+    def execute(self) -> int:
+        if self.json:
+            print_json(FAULT_DESCRIPTIONS)
+            return ExitCode.DONE
+        width = max(map(len, FAULT_DESCRIPTIONS))
+        sys.stdout.write("".join(f"{name:{width}}  {text}\n" for name, text in FAULT_DESCRIPTIONS.items()))
         return ExitCode.DONE
-    width = max(map(len, FAULT_DESCRIPTIONS))
-    sys.stdout.write("".join(f"{name:{width}}  {words}\n" for name, words in FAULT_DESCRIPTIONS.items()))
-    return ExitCode.DONE
 
 
-def _define_bench(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Bench files."
-    verbs = parser.add_subparsers(title="what to do", metavar="VERB", required=True)
-    define_command(
-        verbs.add_parser("new", help="write a first bench file from what is found"),
-        NewBenchOptions,
-        write_bench_template,
-        "Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",
-        "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
-    )
-
-
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "check": lambda parser: define_command(
-        parser,
-        CheckOptions,
-        check,
+COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
+    "check": CommandSyntax(
+        CheckCommand,
         "The wiring check: rest, a tenth of a volt to either side and a small sine. Prints every figure with "
         "its limits. Exit code 0 all passed, 1 something did not, 3 UNSAFE.",
         "example: tactor-bench check --bench bench1.toml --set level_v='50 mV'",
     ),
-    "devices": lambda parser: define_command(
-        parser,
-        DevicesOptions,
-        list_devices,
+    "devices": CommandSyntax(
+        DevicesCommand,
         "What can be found: USB, VXI-11 and serial VISA resources, NI cards of this computer or of a gRPC "
         "server, serial ports. A raw LAN socket cannot be found, only asked: name its host.",
         "example: tactor-bench devices --host 192.0.2.7 --server 192.0.2.8:31763",
     ),
-    "bench": _define_bench,
-    "faults": lambda parser: define_command(
-        parser,
-        FaultsOptions,
-        list_faults,
+    "bench": CommandGroup(
+        "Bench files.",
+        None,
+        "what to do",
+        "VERB",
+        {
+            "new": (
+                "write a first bench file from what is found",
+                CommandSyntax(
+                    NewBenchCommand,
+                    "Write a first, commented bench file from what `tactor-bench devices` finds. Never overwrites one.",
+                    "example: tactor-bench bench new bench1.toml --host 192.0.2.7",
+                ),
+            )
+        },
+    ),
+    "faults": CommandSyntax(
+        FaultsCommand,
         "The faults of a simulated bench, for 'tactor-bench run ... --fault NAME@SECONDS'.",
         "example: tactor-bench run sine-dwell --speed max --fault scpi-dropped@3",
     ),

@@ -1,10 +1,8 @@
 """The command `campaign`: the measurements of one specimen in their order."""
 
-import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,108 +18,105 @@ from app.campaign.queue import (
     rehearse_campaign,
 )
 from app.campaign.status import ItemState
-from app.cli.headless import exit_code, headless_session, select_bench
-from app.cli.options import BenchOptions, define_command, faults_option, option, switch
+from app.cli.headless import headless_session, select_bench
+from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
 from app.cli.output import print_json, print_line
-from app.common.errors import ExitCode, UsageError
+from app.common.errors import ExitCode, usage_errors
 from app.common.formatting import format_bytes, format_duration, format_uncertain
 from drivers import BenchError
 from protocols.runfile.reader import RunReadError
 
 
 @dataclass(frozen=True)
-class CampaignOptions(BenchOptions):
-    """Options of `campaign new`, `status` and `rehearse`."""
+class CampaignCommand(BenchOptions):
+    """Begin, print or rehearse a campaign."""
 
     json: bool = switch("--json", "one JSON object on standard output, SI units")
+    verb: str = ""
+
+    @usage_errors(CampaignError, RunReadError)
+    def execute(self) -> int:
+        folder, specimen = self.out or Path("runs"), self.specimen or "unnamed"
+        if self.verb == "new":
+            return _print_campaign(Campaign.create(folder, specimen, select_bench(self).config.simulated), self.json)
+        return self.apply(Campaign.open(folder, specimen))
+
+    def apply(self, known: Campaign) -> int:
+        """Do what the verb says with an existing campaign; return the exit code."""
+        return _rehearse(known, self) if self.verb == "rehearse" else _print_campaign(known, self.json)
 
 
 @dataclass(frozen=True)
-class ItemOptions(CampaignOptions):
-    """Options of the verbs for one item."""
+class ItemCommand(CampaignCommand):
+    """Change one item of a campaign, and print the campaign."""
 
     item: str = option(help="name of the item, as in 'status'")
 
+    def apply(self, known: Campaign) -> int:
+        self.change(known)
+        return _print_campaign(known, self.json)
+
+    def change(self, known: Campaign) -> None:
+        {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[self.verb](self.item)
+
 
 @dataclass(frozen=True)
-class SkipOptions(ItemOptions):
-    """Options of `campaign skip`."""
+class SkipCommand(ItemCommand):
+    """Leave an item out."""
 
     reason: str = option("--reason", default="skipped", help="why; kept in the campaign. '' takes it in again")
 
+    def change(self, known: Campaign) -> None:
+        known.skip(self.item, self.reason)
+
 
 @dataclass(frozen=True)
-class MoveOptions(ItemOptions):
-    """Options of `campaign move`."""
+class MoveCommand(ItemCommand):
+    """Put an item before another one."""
 
     before: str = option("--before", required=True, metavar="ITEM", help="the item it shall stand before")
 
+    def change(self, known: Campaign) -> None:
+        known.move(self.item, self.before)
+
 
 @dataclass(frozen=True)
-class RunItemOptions(CampaignOptions):
-    """Options of `campaign run` and `resume`."""
+class RunItemCommand(CampaignCommand):
+    """Measure the next items of a campaign, or resume one."""
 
     item: str = option(nargs="?", default="", help="name of the item, as in 'status'")
     all: bool = switch("--all", "go on with what comes next until all is done")
     hands_free: bool = switch("--hands-free", "like --all, but only what nobody must touch the specimen for")
     faults: Sequence[str] = faults_option()
 
-
-def campaign(verb: str, options: CampaignOptions) -> int:
-    """Run `tactor-bench campaign VERB`."""
-    folder, specimen = options.out or Path("runs"), options.specimen or "unnamed"
-    try:
-        if verb == "new":
-            return _print_campaign(
-                Campaign.create(folder, specimen, select_bench(options).config.simulated), options.json
-            )
-        known = Campaign.open(folder, specimen)
-        match options:
-            case RunItemOptions():
-                return _run(known, options, verb == "resume")
-            case SkipOptions():
-                known.skip(options.item, options.reason)
-            case MoveOptions():
-                known.move(options.item, options.before)
-            case ItemOptions():
-                {"accept": known.accept, "repeat": known.repeat, "reject": known.reject}[verb](options.item)
-            case _ if verb == "rehearse":
-                return _rehearse(known, options)
-        return _print_campaign(known, options.json)
-    except (CampaignError, RunReadError) as error:
-        raise UsageError(str(error)) from None
+    def apply(self, known: Campaign) -> int:
+        bench = select_bench(self)
+        check_bench_kind(known, bench.config.simulated)
+        line: ItemState | None = first_item(known, self.item, self.hands_free, self.verb == "resume")
+        runner, go_on = CampaignRunner(known), self.all or self.hands_free
+        with headless_session(bench, self.json, [runner], self.faults) as front:
+            while line is not None:
+                if not self.json:
+                    action = ACTION_LABELS[line.next_action].lower()
+                    sys.stderr.write(f"campaign of {known.specimen}: {action} {line.item.name} ({line.title})\n")
+                runner.start(front.session, line)
+                front.wait()
+                if front.exit_code != ExitCode.DONE or front.interrupted.is_set() or not go_on:
+                    break
+                line = next_item_after(known, line, self.hands_free)
+        if not self.json:
+            _print_campaign(known, as_json=False)
+        return front.exit_code
 
 
-def _run(campaign_: Campaign, options: RunItemOptions, resume: bool) -> int:
-    bench = select_bench(options)
-    check_bench_kind(campaign_, bench.config.simulated)
-    line: ItemState | None = first_item(campaign_, options.item, options.hands_free, resume)
-    conductor, on = CampaignRunner(campaign_), options.all or options.hands_free
-    with headless_session(bench, options.json, [conductor], options.faults) as front:
-        while line is not None:
-            if not options.json:
-                action = ACTION_LABELS[line.next_action].lower()
-                sys.stderr.write(f"campaign of {campaign_.specimen}: {action} {line.item.name} ({line.title})\n")
-            conductor.start(front.session, line)
-            front.wait()
-            if exit_code(front.session) != ExitCode.DONE or front.interrupted.is_set() or not on:
-                break
-            line = next_item_after(campaign_, line, options.hands_free)
-    if not options.json:
-        _print_campaign(campaign_, as_json=False)
-    return exit_code(front.session)
-
-
-def _rehearse(campaign_: Campaign, options: CampaignOptions) -> int:
+@usage_errors(BenchError)
+def _rehearse(campaign_: Campaign, options: CampaignCommand) -> int:
     from app.campaign.summary import identified_tactor
     from app.session.connect import connect
 
     bench = select_bench(options)
-    try:
-        with connect(bench.config, None if bench.config.simulated else bench.speed) as lab:
-            rehearsal = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
-    except BenchError as error:
-        raise UsageError(str(error)) from None
+    with connect(bench.config, None if bench.config.simulated else bench.speed) as lab:
+        rehearsal = rehearse_campaign(campaign_, lab.bench, identified_tactor(campaign_, lab.bench.amplifier.map))
     if options.json:
         items = [{"item": item.name, **asdict(one)} for item, one in rehearsal.items]
         print_json({**asdict(rehearsal), "items": items})
@@ -142,7 +137,7 @@ def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
     lines.append(
         f"together {format_duration(rehearsal.duration_s)}, {rehearsal.prompts} prompts, {volts}, {format_bytes(rehearsal.file_bytes)}"
     )
-    return "\n".join([*lines, *(f"caution: {words}" for words in rehearsal.cautions)])
+    return "\n".join([*lines, *(f"caution: {text}" for text in rehearsal.cautions)])
 
 
 def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
@@ -186,43 +181,44 @@ def _item_record(state: ItemState) -> dict[str, Any]:
 def _item_text(state: ItemState) -> str:
     mark = STATUS_MARKS.get(state.status, " ")
     accepted = "accepted, " if state.accepted else ""
-    words = [f"{mark} {state.item.name:10} {state.status:10} {state.title:16} {accepted}{state.reason}"]
+    lines = [f"{mark} {state.item.name:10} {state.status:10} {state.title:16} {accepted}{state.reason}"]
     if state.run is not None:
-        words.append(f"    {state.run.name}")
-    words += [f"    {e.name}: {format_uncertain(e.value, e.standard_error, e.unit)}" for e in state.estimates]
-    return "\n".join(words)
+        lines.append(f"    {state.run.name}")
+    lines += [f"    {e.name}: {format_uncertain(e.value, e.standard_error, e.unit)}" for e in state.estimates]
+    return "\n".join(lines)
 
 
-VERBS: Mapping[str, tuple[type[CampaignOptions], str]] = {
-    "new": (CampaignOptions, "begin a campaign of a specimen: the paper's measurements in their order"),
-    "status": (CampaignOptions, "what is done, stale, missing or failed, and what comes next"),
-    "rehearse": (CampaignOptions, "go through what is left without moving anything: time, prompts, volts, bytes"),
-    "run": (RunItemOptions, "measure the next item, or the one that is named"),
-    "resume": (RunItemOptions, "go on with the item that was broken off"),
-    "skip": (SkipOptions, "leave an item out"),
-    "repeat": (ItemOptions, "measure an item again: its runs until now do not count"),
-    "accept": (ItemOptions, "say that what the run of an item found has been looked at and is taken"),
-    "reject": (ItemOptions, "do not accept the run of an item that counts now"),
-    "move": (MoveOptions, "put an item before another one"),
+VERBS: Mapping[str, tuple[type[CampaignCommand], str]] = {
+    "new": (CampaignCommand, "begin a campaign of a specimen: the paper's measurements in their order"),
+    "status": (CampaignCommand, "what is done, stale, missing or failed, and what comes next"),
+    "rehearse": (CampaignCommand, "go through what is left without moving anything: time, prompts, volts, bytes"),
+    "run": (RunItemCommand, "measure the next item, or the one that is named"),
+    "resume": (RunItemCommand, "go on with the item that was broken off"),
+    "skip": (SkipCommand, "leave an item out"),
+    "repeat": (ItemCommand, "measure an item again: its runs until now do not count"),
+    "accept": (ItemCommand, "say that what the run of an item found has been looked at and is taken"),
+    "reject": (ItemCommand, "do not accept the run of an item that counts now"),
+    "move": (MoveCommand, "put an item before another one"),
 }
 
 
-def _define_campaign(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
+COMMANDS: Mapping[str, CommandGroup] = {
+    "campaign": CommandGroup(
         "All measurements of one specimen, each after what it is based on. How they stand is read from the run "
-        "files; a campaign can be stopped, killed and gone on with at any time."
+        "files; a campaign can be stopped, killed and gone on with at any time.",
+        "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7",
+        "what to do",
+        "VERB",
+        {
+            verb: (
+                text,
+                CommandSyntax(
+                    command,
+                    f"{text[0].upper()}{text[1:]}.",
+                    f"example: tactor-bench campaign {verb} {'' if command is CampaignCommand else 'dwell '}--specimen T7",
+                ),
+            )
+            for verb, (command, text) in VERBS.items()
+        },
     )
-    parser.epilog = "example: tactor-bench campaign new --specimen T7 && tactor-bench campaign run --all --specimen T7"
-    verbs = parser.add_subparsers(title="what to do", metavar="VERB", required=True)
-    for verb, (kind, text) in VERBS.items():
-        item = "" if kind is CampaignOptions else "dwell "
-        define_command(
-            verbs.add_parser(verb, help=text),
-            kind,
-            partial(campaign, verb),
-            f"{text[0].upper()}{text[1:]}.",
-            f"example: tactor-bench campaign {verb} {item}--specimen T7",
-        )
-
-
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"campaign": _define_campaign}
+}

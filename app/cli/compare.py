@@ -1,17 +1,16 @@
 """The command `compare`: two runs of one protocol, point by point at the same settings."""
 
-import argparse
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.special import chdtrc
 
-from app.cli.options import JSON_OBJECT, define_command, option, switch
+from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import UsageError
+from app.common.errors import usage_errors
 from app.common.inputs import path_argument
 from app.common.tables import Column, Table
 from model.identification import format_p_value
@@ -25,21 +24,17 @@ Point = dict[str, float]
 
 
 @dataclass(frozen=True)
-class CompareOptions:
-    """Options of `compare`."""
+class CompareCommand:
+    """Compare two runs of one protocol point by point."""
 
     first: Path = option(type=path_argument)
     second: Path = option(type=path_argument)
     json: bool = switch("--json", JSON_OBJECT)
 
-
-def compare_runs(options: CompareOptions) -> int:
-    """Compare two runs of one protocol point by point."""
-    try:
-        with Run(options.first) as a, Run(options.second) as b:
-            return render(_comparison_result(a, b), options.json)
-    except (RunReadError, ValueError) as error:
-        raise UsageError(str(error)) from None
+    @usage_errors(RunReadError, ValueError)
+    def execute(self) -> int:
+        with Run(self.first) as a, Run(self.second) as b:
+            return render(_comparison_result(a, b), self.json)
 
 
 def _comparison_result(a: Run, b: Run) -> CommandResult:
@@ -88,7 +83,7 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
             f"; chi-square of the differences {chi:.1f} for {len(deviations)} points ({format_p_value(float(chdtrc(len(deviations), chi)), 2)}), statistical errors only"
         )
     if len(deviations) < len(pairs):
-        notes.append(f"of {len(pairs) - len(deviations)} points nobody told how certain they are")
+        notes.append(f"of {len(pairs) - len(deviations)} points no uncertainty is given")
     notes += _drive_differences(a, b, left, right)
     return CommandResult(
         "compare", {}, (Table("points", title, columns if deviations else columns[:-1]),), tuple(notes)
@@ -110,8 +105,8 @@ def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list
         found: dict[tuple[str, ...], Point] = {}
         for point in points:
             setting = tuple(f"{point[name]:.4g}" for name in (x, *named))
-            turn = sum(known[:-1] == setting for known in found)
-            found[*setting, str(turn)] = point
+            number = sum(known[:-1] == setting for known in found)
+            found[*setting, str(number)] = point
         return found
 
     others = by_setting(right)
@@ -135,11 +130,9 @@ def _usable_points(run: Run) -> list[Point]:
     ]
 
 
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "compare": lambda parser: define_command(
-        parser,
-        CompareOptions,
-        compare_runs,
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "compare": CommandSyntax(
+        CompareCommand,
         "Points of two runs side by side: values, difference, and the difference in standard errors.",
         "example: tactor-bench compare runs/A_sine-dwell.h5 runs/B_sine-dwell.h5",
     )

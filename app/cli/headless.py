@@ -1,19 +1,23 @@
 """A session with the terminal as its front end: progress, prompts, signals, exit codes."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from app.cli.options import BenchOptions
 from app.common.errors import ExitCode, UsageError
 from app.config.bench_file import BenchConfig
-from app.session.request import choose_bench
+from app.session.request import build_protocol, choose_bench, load_protocol_class
 from app.session.session import Session
-from protocols.base import RunStatus
+from protocols.base import Protocol, RunStatus
+from protocols.registry import load_plug_ins
+from protocols.runner.request import RunRequest
 
 EXIT_CODES = {RunStatus.COMPLETED: ExitCode.DONE, RunStatus.UNSAFE: ExitCode.UNSAFE}
 
@@ -31,10 +35,11 @@ class HeadlessSession:
         while not self.session.finished.wait(0.1):
             pass
 
-
-def exit_code(session: Session) -> int:
-    """Return the exit code for the last run of a session."""
-    return ExitCode.FAILED if session.outcome is None else EXIT_CODES.get(session.outcome[0], ExitCode.FAILED)
+    @property
+    def exit_code(self) -> int:
+        """Exit code for the last run."""
+        outcome = self.session.outcome
+        return EXIT_CODES.get(outcome[0], ExitCode.FAILED) if outcome else ExitCode.FAILED
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,56 @@ def select_bench(options: BenchOptions) -> SelectedBench:
         UsageError: the bench file is wrong, or an option does not fit the bench.
     """
     return SelectedBench(options.bench, *choose_bench(options.bench, options.speed, options.seed, option="--"))
+
+
+def make_protocol(name: str, settings: Sequence[str]) -> Protocol:
+    """Return the protocol `name` with `NAME=VALUE` settings.
+
+    Raises:
+        UsageError: an unknown protocol or parameter, or a value out of range; every error is listed.
+    """
+    kind = load_protocol_class(name, warn)
+    values: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals:
+            raise UsageError(f"--set {setting}: write NAME=VALUE, for example --set peak_to_peak_v=4")
+        values[key.strip()] = value.strip()
+    return build_protocol(kind, values)
+
+
+def warn(problem: str) -> None:
+    """Print a warning on standard error."""
+    sys.stderr.write(f"{problem}\n")
+
+
+def load_all_protocols() -> None:
+    """Load the protocols of installed packages, with a warning for each broken one."""
+    for problem in load_plug_ins():
+        warn(problem)
+
+
+def run_request(options: BenchOptions, protocol: Protocol) -> RunRequest:
+    """Return the request to run a protocol with the folder and the specimen of the options."""
+    return RunRequest(protocol, options.out or Path("runs"), options.specimen or "unnamed")
+
+
+def run_headless(
+    bench: SelectedBench,
+    request: RunRequest,
+    as_json: bool = False,
+    observers: Sequence[Callable[[Any], None]] = (),
+    planned_faults: Sequence[str] = (),
+) -> tuple[int, Path | None]:
+    """Run a protocol with the terminal as front end; return the exit code and the run file.
+
+    The `observers` receive every event besides the terminal; `planned_faults` are faults of a simulated bench,
+    `NAME@SECONDS`.
+    """
+    with headless_session(bench, as_json, observers, planned_faults) as front:
+        front.session.run(request)
+        front.wait()
+    return front.exit_code, front.session.path if front.session.outcome else None
 
 
 @contextmanager

@@ -1,19 +1,25 @@
-"""The command `identify`: parameters of a specimen from its runs, and their acceptance as a calibration."""
+"""The commands `identify` and `calibration`: parameters of a specimen from its runs, and their accepted versions."""
 
-import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from app.cli.identify_tables import identification_command_result, profile_table, proposals_table, rank_proposals
-from app.cli.options import JSON_OBJECT, define_command, option, repeated, switch
+from app.cli.identify_tables import (
+    estimate_table,
+    identification_command_result,
+    profile_table,
+    proposals_table,
+    rank_proposals,
+)
+from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import UsageError
+from app.common.errors import UsageError, usage_errors
 from app.common.inputs import path_argument
 from app.common.progress import track
+from app.common.tables import Column, Table
 from app.common.units import UnitError, to_number
 from app.common.version import version
 from app.config.bench_file import ConfigError
@@ -23,7 +29,7 @@ from app.identification.identify import IdentificationResult, Method, identify
 from app.identification.observations import ObservationError, amplifier_of
 from app.identification.recalibration import Correction
 from model import ParameterError
-from model.identification import Calibration, FitOptions, JointFit, parameter_spec
+from model.identification import Calibration, FitOptions, JointFit, compare_calibrations, parameter_spec
 from protocols.runfile.reader import Run, RunReadError
 
 INADEQUATE_MODEL_HINT = (
@@ -33,8 +39,8 @@ SIMULATED_SHAPES_NOTE = ", as many as the simulated tactor has"
 
 
 @dataclass(frozen=True)
-class IdentifyOptions:
-    """Options of `calibration accept`, and of `identify` but for --accept."""
+class AcceptCommand:
+    """Identify the parameters of a specimen from its runs, and accept them as its calibration."""
 
     runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files of one specimen")
     method: Method = option("--method", choices=("joint", "chain"), default="joint", help="(default: joint)")
@@ -73,70 +79,65 @@ class IdentifyOptions:
     by: str = option("--by", default="", metavar="NAME", help="who accepts it")
     note: str = option("--note", default="", help="a remark kept with it")
     json: bool = switch("--json", JSON_OBJECT)
+    accept: bool = True
 
-
-@dataclass(frozen=True)
-class IdentifyAndAcceptOptions(IdentifyOptions):
-    """Options of `identify`."""
-
-    accept: bool = switch("--accept", "keep the result as the specimen's calibration")
-
-
-def identify_runs(options: IdentifyOptions, accept: bool) -> int:
-    """Identify the parameters of a specimen from its runs, and accept them if asked."""
-    if options.method == "chain" and (options.free or options.fixed or options.robust):
-        raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
-    if options.method == "chain" and (options.profile or options.next is not None):
-        raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
-    if not 0 < options.coverage < 1:
-        raise UsageError(f"--coverage {options.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
-    free = tuple(name.strip() for name in options.free.split(",") if name.strip())
-    fixed = dict(_parse_fixed(text) for text in options.fixed)
-    corrected = _correction(options)
-    try:
-        notes = [words for path in options.runs if corrected and (words := corrected.describe_changes(path))]
+    @usage_errors(ConfigError, ObservationError, RunReadError, CalibrationError, ValueError)
+    def execute(self) -> int:
+        if self.method == "chain" and (self.free or self.fixed or self.robust):
+            raise UsageError("--free, --fix and --robust are for the joint fit; the chain's steps are the paper's")
+        if self.method == "chain" and (self.profile or self.next is not None):
+            raise UsageError("--profile and --next are for the joint fit: the chain has no common covariance to ask")
+        if not 0 < self.coverage < 1:
+            raise UsageError(f"--coverage {self.coverage:g}: it must lie between 0 and 1, e.g. 0.95")
+        free = tuple(name.strip() for name in self.free.split(",") if name.strip())
+        fixed = dict(_parse_fixed(text) for text in self.fixed)
+        corrected = _correction(self)
+        notes = [text for path in self.runs if corrected and (text := corrected.describe_changes(path))]
         setting = FitOptions(
             free=free or None,
             fixed=fixed,
-            loss="cauchy" if options.robust else "linear",
+            loss="cauchy" if self.robust else "linear",
             amplifier=corrected.amplifier.amplifier_map
             if corrected and corrected.amplifier
-            else amplifier_of(options.runs),
+            else amplifier_of(self.runs),
         )
         found = identify(
-            options.runs,
-            options.method,
+            self.runs,
+            self.method,
             setting,
-            options.shapes,
+            self.shapes,
             open_run=corrected.open if corrected else Run,
             track=lambda paths: track(paths, "reducing anew" if corrected else "reading runs"),
         )
         answer = identification_command_result(found)
         if found.joint_fit is not None:
-            answer = _add_proposals(answer, found, found.joint_fit, options)
-    except (ObservationError, RunReadError, ParameterError, ValueError) as error:
-        raise UsageError(str(error)) from None
-    notes.append(
-        f"fitted with {found.shapes} shape functions" + (SIMULATED_SHAPES_NOTE if found.observations.simulated else "")
-    )
-    if accept:
-        notes.append(_accept(found, options, corrected))
-    return render(replace(answer, notes=(*answer.notes, *notes)), options.json)
+            answer = _add_proposals(answer, found, found.joint_fit, self)
+        notes.append(
+            f"fitted with {found.shapes} shape functions"
+            + (SIMULATED_SHAPES_NOTE if found.observations.simulated else "")
+        )
+        if self.accept:
+            notes.append(_accept(found, self, corrected))
+        return render(replace(answer, notes=(*answer.notes, *notes)), self.json)
 
 
-def _correction(options: IdentifyOptions) -> Correction | None:
+@dataclass(frozen=True)
+class IdentifyCommand(AcceptCommand):
+    """Identify the parameters of a specimen from its runs, and accept them if requested."""
+
+    accept: bool = switch("--accept", "keep the result as the specimen's calibration")
+
+
+def _correction(options: AcceptCommand) -> Correction | None:
     if not options.bench:
         return None
     if options.bench == "sim":
         raise UsageError("--bench sim: give the corrected bench file itself")
-    try:
-        return Correction.from_bench_file(Path(options.bench))
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    return Correction.from_bench_file(Path(options.bench))
 
 
 def _add_proposals(
-    result: CommandResult, identification: IdentificationResult, fit: JointFit, options: IdentifyOptions
+    result: CommandResult, identification: IdentificationResult, fit: JointFit, options: AcceptCommand
 ) -> CommandResult:
     """Return the result with profiles and proposals of a joint fit, and a note on what to measure next."""
     tables, notes = list(result.tables), list(result.notes)
@@ -161,41 +162,164 @@ def _parse_fixed(text: str) -> tuple[str, float]:
         raise UsageError(f"--fix {text}: {error}") from None
 
 
-def _accept(identification: IdentificationResult, options: IdentifyOptions, correction: Correction | None) -> str:
+def _accept(identification: IdentificationResult, options: AcceptCommand, correction: Correction | None) -> str:
     folder = options.runs[0].parent
-    try:
-        known = calibrations.read_calibrations(folder, identification.specimen)
-        number = max((each.version for each in known.versions), default=0) + 1
-        accepted = Calibration(
-            specimen=identification.specimen,
-            version=number,
-            estimates=identification.estimates,
-            covariance=tuple(tuple(row) for row in np.asarray(identification.covariance).tolist()),
-            method=identification.method,
-            runs=tuple(path.name for path in options.runs),
-            code=version(),
-            accepted_at=datetime.now(UTC).isoformat(timespec="seconds"),
-            accepted_by=options.by,
-            simulated=identification.observations.simulated,
-            fixed=dict(identification.fixed),
-            note=options.note,
-            reduced=correction.as_record() if correction else {},
-        )
-        path = calibrations.write_calibrations(
-            folder, identification.specimen, Calibrations((*known.versions, accepted), number)
-        )
-    except (CalibrationError, ParameterError) as error:
-        raise UsageError(str(error)) from None
+    known = calibrations.read_calibrations(folder, identification.specimen)
+    number = max((each.version for each in known.versions), default=0) + 1
+    accepted = Calibration(
+        specimen=identification.specimen,
+        version=number,
+        estimates=identification.estimates,
+        covariance=tuple(tuple(row) for row in np.asarray(identification.covariance).tolist()),
+        method=identification.method,
+        runs=tuple(path.name for path in options.runs),
+        code=version(),
+        accepted_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        accepted_by=options.by,
+        simulated=identification.observations.simulated,
+        fixed=dict(identification.fixed),
+        note=options.note,
+        reduced=correction.as_record() if correction else {},
+    )
+    path = calibrations.write_calibrations(
+        folder, identification.specimen, Calibrations((*known.versions, accepted), number)
+    )
     return f"accepted as version {number} of {identification.specimen}, now active, in {path}"
 
 
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "identify": lambda parser: define_command(
-        parser,
-        IdentifyAndAcceptOptions,
-        lambda options: identify_runs(options, options.accept),
+@dataclass(frozen=True)
+class ShowCalibrationCommand:
+    """Print one version of a specimen's calibration, the active one by default."""
+
+    specimen: str = option()
+    version: int | None = option("--version", type=int)
+    folder: Path = folder_option()
+    json: bool = switch("--json", JSON_OBJECT)
+
+    def execute(self) -> int:
+        try:
+            return render(self.result(calibrations.read_calibrations(self.folder, self.specimen)), self.json)
+        except CalibrationError as error:
+            raise UsageError(f"specimen {self.specimen}: {error}") from None
+
+    def result(self, known: Calibrations) -> CommandResult:
+        return _version_result(known.get(self.version), known)
+
+
+@dataclass(frozen=True)
+class UseCalibrationCommand(ShowCalibrationCommand):
+    """Make another version of a specimen's calibration the active one."""
+
+    version: int = option(type=int)
+
+    def result(self, known: Calibrations) -> CommandResult:
+        known = replace(known, active=known.get(self.version).version)
+        calibrations.write_calibrations(self.folder, self.specimen, known)
+        return super().result(known)
+
+
+@dataclass(frozen=True)
+class DiffCalibrationCommand(ShowCalibrationCommand):
+    """Print what changed between two versions of a specimen's calibration."""
+
+    version: None = None
+    first: int = option(type=int)
+    second: int = option(type=int)
+
+    def result(self, known: Calibrations) -> CommandResult:
+        return _difference_result(known.get(self.first), known.get(self.second))
+
+
+def _version_result(version: Calibration, calibrations: Calibrations) -> CommandResult:
+    simulated = ", SIMULATED" if version.simulated else ""
+    active = "active" if version.version == calibrations.active else f"version {calibrations.active} is active"
+    title = f"Specimen {version.specimen}, version {version.version} ({active}){simulated}"
+    notes = [
+        f"{version.method}, accepted {version.accepted_at} by {version.accepted_by or 'nobody named'}, program {version.code}",
+        f"from {', '.join(version.runs)}",
+    ]
+    return CommandResult(
+        "calibration show",
+        {name: value for name, value in version.fixed.items() if value is not None},
+        (estimate_table(title, version.estimates),),
+        (*notes, *_correction_lines(version), *([version.note] if version.note else []), *_version_lines(calibrations)),
+        extra={"version": version.version, "active": calibrations.active, "record": version.as_record()},
+    )
+
+
+def _version_lines(calibrations: Calibrations) -> list[str]:
+    """Return one line that lists all versions, if there are several."""
+    if len(calibrations.versions) < 2:
+        return []
+    each = (
+        f"{c.version} ({c.accepted_at[:10]}{', ' + c.accepted_by if c.accepted_by else ''}"
+        f"{', active' if c.version == calibrations.active else ''})"
+        for c in calibrations.versions
+    )
+    return [f"versions: {'; '.join(each)}"]
+
+
+def _correction_lines(version: Calibration) -> list[str]:
+    """Return the corrected instrument calibration that a version is based on."""
+    if not version.reduced:
+        return []
+    sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
+    words = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
+    if sensor:
+        when = sensor["calibrated"] or "date not recorded"
+        words.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
+    if amplifier:
+        words.append(
+            f"{amplifier['name']} {amplifier['serial']}, {amplifier['slope_below']:g} and {amplifier['slope_above']:g} V/V"
+        )
+    return ["; ".join(words)]
+
+
+def _difference_result(old: Calibration, new: Calibration) -> CommandResult:
+    every = compare_calibrations(old, new)
+    table = Table(
+        "changes",
+        f"Specimen {new.specimen}: version {old.version} to {new.version}",
+        (
+            Column("name", "", [c.name for c in every], "parameter"),
+            Column("before", "", [c.before for c in every]),
+            Column("after", "", [c.after for c in every]),
+            Column("unit", "", [c.unit for c in every]),
+            Column("standard_errors", "", [c.sigmas for c in every], "in standard errors", format_spec="+.1f"),
+        ),
+    )
+    return CommandResult("calibration diff", {}, (table,))
+
+
+COMMANDS: Mapping[str, CommandSyntax | CommandGroup] = {
+    "identify": CommandSyntax(
+        IdentifyCommand,
         "Parameters of the beam model from any runs of one specimen: all at once, weighted by their errors, or "
         "step by step as the paper did. What the runs do not tell is named instead of guessed.",
         "example: tactor-bench identify runs/*_T7_*.h5 --accept --by 'K. Tanaka'",
-    )
+    ),
+    "calibration": CommandGroup(
+        "What was accepted of a specimen: one version after the other, one of them active.",
+        "example: tactor-bench calibration show T7",
+        "what",
+        "WHAT",
+        {
+            "accept": (
+                "identify these runs and keep the result: identify --accept",
+                CommandSyntax(AcceptCommand, example="example: calibration accept runs/*_T7_*.h5 --by 'K. Tanaka'"),
+            ),
+            "show": (
+                "one version, the active one by default",
+                CommandSyntax(ShowCalibrationCommand, example="example: calibration show T7"),
+            ),
+            "diff": (
+                "what changed between two versions",
+                CommandSyntax(DiffCalibrationCommand, example="example: calibration diff T7 1 2"),
+            ),
+            "use": (
+                "make another version the active one",
+                CommandSyntax(UseCalibrationCommand, example="example: calibration use T7 1"),
+            ),
+        },
+    ),
 }

@@ -1,26 +1,24 @@
 """The command `import`: tables and time series as run files."""
 
-import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.importing.importer import ImportOptions, import_files, read_time
 from app.archive.importing.points import ImportedRun
-from app.cli.options import JSON_OBJECT, define_command, option, repeated, switch
+from app.cli.options import JSON_OBJECT, CommandSyntax, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import UsageError
+from app.common.errors import UsageError, usage_errors
 from app.common.inputs import path_argument, specimen_argument
 from app.common.progress import terminal_progress
 from app.common.tables import Column, Table
 from app.common.units import UnitError, to_number
 from app.config.bench_file import ConfigError, load_bench
-from app.config.tables import AmplifierTable
 
 
 @dataclass(frozen=True)
-class ImportArguments:
-    """Options of `import` as they are written."""
+class ImportCommand:
+    """Import tables and time series as run files."""
 
     files: Sequence[Path] = option(
         nargs="+",
@@ -98,16 +96,15 @@ class ImportArguments:
     dry_run: bool = switch("--dry-run", "tell what would be read, and write nothing")
     json: bool = switch("--json", JSON_OBJECT)
 
+    @usage_errors(ConfigError)
+    def execute(self) -> int:
+        description = self.files[0].name if len(self.files) == 1 else f"{len(self.files)} files"
+        with terminal_progress(description, self.json) as progress:
+            taken, written = import_files(_options(self), load_bench(self.bench).amplifier, progress)
+        return render(_import_result(taken, written), self.json)
 
-def import_command(options: ImportArguments) -> int:
-    """Import tables and time series as run files."""
-    words = options.files[0].name if len(options.files) == 1 else f"{len(options.files)} files"
-    with terminal_progress(words, options.json) as progress:
-        taken, written = import_files(_options(options), _load_amplifier(options.bench), progress)
-    return render(_import_result(taken, written), options.json)
 
-
-def _options(options: ImportArguments) -> ImportOptions:
+def _options(options: ImportCommand) -> ImportOptions:
     elongation = _parse_number("--membrane-elongation", options.membrane_elongation, "m")
     if elongation is not None and not 0 <= elongation <= 0.05:
         raise UsageError(f"--membrane-elongation {options.membrane_elongation}: it must lie between 0 and 50 mm")
@@ -153,13 +150,6 @@ def _parse_number(option: str, text: str | None, unit: str) -> float | None:
     return number
 
 
-def _load_amplifier(bench: str) -> AmplifierTable:
-    try:
-        return load_bench(bench).amplifier
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
-
-
 def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> CommandResult:
     tables, notes = [], list[str]()
     for taken in runs:
@@ -179,24 +169,22 @@ def _import_result(runs: Sequence[ImportedRun], written: Sequence[Path]) -> Comm
                 max_rows=200,
             )
         )
-        notes += [f"caution: {words}" for words in taken.warnings]
+        notes += [f"caution: {text}" for text in taken.warnings]
         if taken.unused_columns:
             notes.append(f"left out: {', '.join(repr(head) for head in taken.unused_columns)}")
     notes += [f"wrote {path}" for path in written] or ["nothing was written (--dry-run)"]
     more = {
         "written": [str(path) for path in written],
         "points": sum(len(taken.points) for taken in runs),
-        "cautions": [words for taken in runs for words in taken.warnings],
+        "cautions": [text for taken in runs for text in taken.warnings],
         "left_out": [head for taken in runs for head in taken.unused_columns],
     }
     return CommandResult("import", {}, tuple(tables), tuple(notes), extra=more)
 
 
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "import": lambda parser: define_command(
-        parser,
-        ImportArguments,
-        import_command,
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "import": CommandSyntax(
+        ImportCommand,
         "Tables of frequency and amplitude, load and deflection, voltage and deflection, mass and frequency, or time series "
         "under a sine, as run files that are listed, identified, exported and reported like measured ones. Each says that it was "
         "imported, from which file and which columns, and has no raw samples. Units stand in the header ('frequency [Hz]', "

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from app.cli.options import BenchOptions, add_options, read_options
+from app.cli.options import BenchOptions, add_options, define_command, read_options
 from app.common.errors import ExitCode, UsageError
 from app.common.inputs import truncate_text
 
@@ -51,7 +51,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "identify": ("app.cli.identify", "parameters of a specimen from its runs, with errors"),
     "compare": ("app.cli.compare", "what differs between two runs of the same kind"),
     "calibration": (
-        "app.cli.calibration",
+        "app.cli.identify",
         "the accepted estimates of a specimen: accept, show, diff, use another version",
     ),
     "report": ("app.cli.report", "the report of a specimen: PDF and HTML"),
@@ -93,7 +93,7 @@ class _Commands(argparse._SubParsersAction):  # type: ignore[type-arg]  # noqa: 
         """Add the options of a command to its parser, once."""
         parser = self.choices[name]
         if parser.get_default("command") is None and parser.description is None:
-            import_module(COMMANDS[name][0]).COMMANDS[name](parser)
+            define_command(parser, import_module(COMMANDS[name][0]).COMMANDS[name])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -171,9 +171,9 @@ def complete_parser() -> argparse.ArgumentParser:
 
 
 def _open_window(namespace: argparse.Namespace) -> int:
-    from app.cli.run import WindowOptions, window
+    from app.cli.run import WindowCommand
 
-    return window(read_options(WindowOptions, namespace))
+    return read_options(WindowCommand, namespace).execute()
 
 
 if __name__ == "__main__":

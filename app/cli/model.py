@@ -1,35 +1,28 @@
 """The command `model`: parameters, modes, statics, responses, latency, membrane and convergence of the model."""
 
-import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from annotated_types import Interval
 
 from app.cli.model_options import (
     VOLTAGE,
-    SpecimenOptions,
-    allow_negative_values,
+    Topic,
     describe_specimen,
     read_load,
     read_specimen,
     read_values,
     shapes_option,
-    translate_model_errors,
 )
 from app.cli.model_response import (
-    FrequencyResponseOptions,
-    MembraneOptions,
-    StepOptions,
-    frequency_response,
-    membrane,
-    step,
+    FrequencyResponseTopic,
+    MembraneTopic,
+    StepTopic,
 )
-from app.cli.options import FileOptions, define_command, group, option
-from app.cli.output import NO_FILES, CommandResult, check_output_files, render
+from app.cli.options import CommandGroup, CommandSyntax, FileOptions, group, option
+from app.cli.output import CommandResult
 from app.common.errors import UsageError
 from app.common.progress import track
 from app.common.tables import Column, Table
@@ -52,124 +45,100 @@ SHAPE_COUNT = ParameterSpec("n", "", Interval(), "number of shape functions", 7)
 CURVE_POINTS = 201
 
 
-class TopicOptions(Protocol):
-    """Options that every topic has."""
-
-    @property
-    def json(self) -> bool: ...
-
-    @property
-    def files(self) -> FileOptions: ...
-
-
-Options = TypeVar("Options", bound=TopicOptions)
-
-
-def topic_command(compute: Callable[[Options], CommandResult], options: Options) -> int:
-    """Compute and print the result of a topic."""
-    check_output_files(options.files)
-    with translate_model_errors():
-        result = compute(options)
-    return render(result, options.json, options.files)
-
-
 @dataclass(frozen=True)
-class ParametersOptions(SpecimenOptions):
-    """Options of `model parameters`."""
+class ParametersTopic(Topic):
+    """Every parameter with unit and meaning, and the derived quantities."""
 
-    @property
-    def files(self) -> FileOptions:
-        """Return no files: the parameters are only printed."""
-        return NO_FILES
+    def compute(self) -> CommandResult:
+        specimen = read_specimen(self, on_membrane=True)
+        t, values = specimen.tactor, specimen_record(specimen)
+        known = variable_specs()
 
+        def listed(name: str, title: str, names: list[str]) -> Table:
+            facts = (
+                Column(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
+                for n in names
+            )
+            return Table(name, title, tuple(facts), vertical=True)
 
-def parameters(options: ParametersOptions) -> CommandResult:
-    """Return every parameter with unit and meaning, and the derived quantities."""
-    specimen = read_specimen(options, on_membrane=True)
-    t, values = specimen.tactor, specimen_record(specimen)
-    known = variable_specs()
-
-    def listed(name: str, title: str, names: list[str]) -> Table:
-        facts = (
-            Column(n, known[n].unit, [values[n]], description=f"{known[n].description}; {known[n].limits}")
-            for n in names
+        derived = (
+            Column("I_Al", "m^4", [t.I_Al], description="second moment of area of the plate"),
+            Column("k1", "N m^2", [t.k1], description="bending stiffness of the bare plate"),
+            Column(
+                "eta", "kg/m", [t.eta], description="added mass per length of the third segment, m_add / (2 (L - L2))"
+            ),
+            Column("tau", "s", [t.tau], description="characteristic time sqrt(rho1 L^4 / k1)"),
+            Column("c_bar", "kg/(m s)", [t.c_bar], description="characteristic damping k1 tau / L^4"),
+            Column("k_s", "N/m^2", [values["k_s"]], description="distributed stiffness of the skin"),
+            Column("c_s", "kg/(m s)", [values["c_s"]], description="distributed damping of the skin"),
         )
-        return Table(name, title, tuple(facts), vertical=True)
-
-    derived = (
-        Column("I_Al", "m^4", [t.I_Al], description="second moment of area of the plate"),
-        Column("k1", "N m^2", [t.k1], description="bending stiffness of the bare plate"),
-        Column("eta", "kg/m", [t.eta], description="added mass per length of the third segment, m_add / (2 (L - L2))"),
-        Column("tau", "s", [t.tau], description="characteristic time sqrt(rho1 L^4 / k1)"),
-        Column("c_bar", "kg/(m s)", [t.c_bar], description="characteristic damping k1 tau / L^4"),
-        Column("k_s", "N/m^2", [values["k_s"]], description="distributed stiffness of the skin"),
-        Column("c_s", "kg/(m s)", [values["c_s"]], description="distributed damping of the skin"),
-    )
-    tables = (
-        listed("tactor", "Tactor", [q.name for q in parameter_specs(Tactor)]),
-        listed("skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]),
-        Table("derived", "What follows", derived, vertical=True),
-    )
-    note = "Change one with --set, for example --set 'L=22 mm'; k_s and c_s too, in place of the membrane's."
-    return CommandResult("model parameters", values, tables, (note,))
+        tables = (
+            listed("tactor", "Tactor", [q.name for q in parameter_specs(Tactor)]),
+            listed(
+                "skin", "Membrane and skin", [*(q.name for q in parameter_specs(Membrane)), "delta", "contact_length"]
+            ),
+            Table("derived", "What follows", derived, vertical=True),
+        )
+        note = "Change one with --set, for example --set 'L=22 mm'; k_s and c_s too, in place of the membrane's."
+        return CommandResult("model parameters", values, tables, (note,))
 
 
 @dataclass(frozen=True)
-class ModesOptions(SpecimenOptions):
-    """Options of `model modes`."""
+class ModesTopic(Topic):
+    """Undamped frequencies, poles and damping ratios, free and on the skin."""
 
     n: int = shapes_option()
     count: int = option("--count", type=int, default=3, help="how many modes to tell (default: %(default)s)")
     files: FileOptions = group(FileOptions, "the mode shapes")
 
-
-def modes(options: ModesOptions) -> CommandResult:
-    """Return undamped frequencies, poles and damping ratios, free and on the skin."""
-    on = read_specimen(options, on_membrane=True)
-    free = Specimen(on.tactor)
-    count = min(options.count, options.n)
-    if count < 1:
-        raise UsageError(f"--count {options.count}: ask for at least one mode")
-    x = np.linspace(0, on.tactor.L, CURVE_POINTS)
-    columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
-    tables = []
-    for key, head, specimen in (("free", "free", free), ("on_skin", "on the skin", on)):
-        f = natural_frequencies(on.tactor, specimen.skin, options.n)[:count]
-        columns.append(Column(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
-        s = poles(on.tactor, specimen.skin, options.n)
-        s = s[s.imag >= 0][:count]
-        tables.append(
-            Table(
-                f"{key}_poles",
-                f"Poles, {describe_specimen(specimen)}",
-                (
-                    Column("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", format_spec=".2f"),
-                    Column("damping_ratio", "", damping_ratios(s), "damping ratio", format_spec=".4f"),
-                    Column("pole_re", "1/s", s.real, "real part", format_spec=".2f"),
-                    Column("pole_im", "rad/s", s.imag, "imaginary part", format_spec=".2f"),
-                ),
+    def compute(self) -> CommandResult:
+        on = read_specimen(self, on_membrane=True)
+        free = Specimen(on.tactor)
+        count = min(self.count, self.n)
+        if count < 1:
+            raise UsageError(f"--count {self.count}: ask for at least one mode")
+        x = np.linspace(0, on.tactor.L, CURVE_POINTS)
+        columns, panels, curve = [Column("mode", "", range(1, count + 1))], [], [Column("x", "m", x)]
+        tables = []
+        for key, head, specimen in (("free", "free", free), ("on_skin", "on the skin", on)):
+            f = natural_frequencies(on.tactor, specimen.skin, self.n)[:count]
+            columns.append(Column(f"{key}_frequency", "Hz", f, f"{head}, undamped", format_spec=".2f"))
+            s = poles(on.tactor, specimen.skin, self.n)
+            s = s[s.imag >= 0][:count]
+            tables.append(
+                Table(
+                    f"{key}_poles",
+                    f"Poles, {describe_specimen(specimen)}",
+                    (
+                        Column("frequency", "Hz", np.abs(s) / (2 * np.pi), "frequency |s|/2π", format_spec=".2f"),
+                        Column("damping_ratio", "", damping_ratios(s), "damping ratio", format_spec=".4f"),
+                        Column("pole_re", "1/s", s.real, "real part", format_spec=".2f"),
+                        Column("pole_im", "rad/s", s.imag, "imaginary part", format_spec=".2f"),
+                    ),
+                )
             )
+            shapes = mode_shapes(on.tactor, x, specimen.skin, self.n, count)
+            curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
+            lines = tuple(
+                FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
+            )
+            caption = f"Undamped mode shapes of the half beam, {describe_specimen(specimen)}."
+            panels.append(
+                PaperFigure(f"modes_{key}", "x, clamp to centre", "m", "mode shape", "kg^-1/2", lines, caption)
+            )
+        first = Table("undamped", "Natural frequencies without damping", tuple(columns))
+        return CommandResult(
+            "model modes",
+            specimen_record(on),
+            (first, *tables),
+            csv_table=Table("shapes", "", tuple(curve)),
+            figures=tuple(panels),
         )
-        shapes = mode_shapes(on.tactor, x, specimen.skin, options.n, count)
-        curve += [Column(f"{head}, mode {i}", "kg^-1/2", shape) for i, shape in enumerate(shapes, 1)]
-        lines = tuple(
-            FigureCurve(f"mode {i}, {hz:.1f} Hz", x, w) for i, (hz, w) in enumerate(zip(f, shapes, strict=True), 1)
-        )
-        caption = f"Undamped mode shapes of the half beam, {describe_specimen(specimen)}."
-        panels.append(PaperFigure(f"modes_{key}", "x, clamp to centre", "m", "mode shape", "kg^-1/2", lines, caption))
-    first = Table("undamped", "Natural frequencies without damping", tuple(columns))
-    return CommandResult(
-        "model modes",
-        specimen_record(on),
-        (first, *tables),
-        csv_table=Table("shapes", "", tuple(curve)),
-        figures=tuple(panels),
-    )
 
 
 @dataclass(frozen=True)
-class StaticOptions(SpecimenOptions):
-    """Options of `model static`."""
+class StaticTopic(Topic):
+    """Compliance, voltage gain, and the shape under a load and a voltage together."""
 
     load: str = option(
         "--load", default="1 N", help="force at the centre, or a mass for its weight (default: %(default)s)"
@@ -177,40 +146,40 @@ class StaticOptions(SpecimenOptions):
     voltage: str = option("--voltage", default="1500 V", help="voltage on the specimen (default: %(default)s)")
     files: FileOptions = group(FileOptions, "the shape w(x)")
 
-
-def static(options: StaticOptions) -> CommandResult:
-    """Return compliance, voltage gain, and the shape under a load and a voltage together."""
-    specimen = read_specimen(options)
-    t, volts, load_n = specimen.tactor, read_number(options.voltage, VOLTAGE), read_load(options.load)
-    x = np.linspace(0, t.L, CURVE_POINTS)
-    if specimen.membrane is None and specimen.skin.k_s == 0:
-        compliance, gain, w = load_compliance(t), voltage_gain(t), deflection(t, x, volts, load_n)
-    else:  # Eqs. (7) and (8) are without skin; the closed form at 0 Hz includes it
-        unit = [exact_response(t, 0.0, specimen.skin, x, source)[:, 0].real for source in ("load", "voltage")]
-        compliance, gain, w = unit[0][-1], unit[1][-1], load_n * unit[0] + volts * unit[1]
-    facts = Table(
-        "static",
-        f"Static deflection of the centre, {describe_specimen(specimen)}",
-        (
-            Column("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
-            Column("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
-            Column("load", "N", [load_n], "load"),
-            Column("voltage", "V", [volts], "voltage"),
-            Column("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
-            Column("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
-            Column("deflection", "m", [w[-1]], "both", "µm"),
-        ),
-        vertical=True,
-    )
-    caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {describe_specimen(specimen)}."
-    figure = PaperFigure("static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption)
-    curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
-    return CommandResult("model static", specimen_record(specimen), (facts,), csv_table=curve, figures=(figure,))
+    def compute(self) -> CommandResult:
+        specimen = read_specimen(self)
+        t, volts, load_n = specimen.tactor, read_number(self.voltage, VOLTAGE), read_load(self.load)
+        x = np.linspace(0, t.L, CURVE_POINTS)
+        if specimen.membrane is None and specimen.skin.k_s == 0:
+            compliance, gain, w = load_compliance(t), voltage_gain(t), deflection(t, x, volts, load_n)
+        else:  # Eqs. (7) and (8) are without skin; the closed form at 0 Hz includes it
+            unit = [exact_response(t, 0.0, specimen.skin, x, source)[:, 0].real for source in ("load", "voltage")]
+            compliance, gain, w = unit[0][-1], unit[1][-1], load_n * unit[0] + volts * unit[1]
+        facts = Table(
+            "static",
+            f"Static deflection of the centre, {describe_specimen(specimen)}",
+            (
+                Column("compliance", "m/N", [compliance], "per newton at the centre, Eq. (7) corrected", "µm/N"),
+                Column("voltage_gain", "m/V", [gain], "per volt on the specimen, Eq. (8)", "nm/V", ".6g"),
+                Column("load", "N", [load_n], "load"),
+                Column("voltage", "V", [volts], "voltage"),
+                Column("by_load", "m", [compliance * load_n], "deflection by the load", "µm"),
+                Column("by_voltage", "m", [gain * volts], "deflection by the voltage", "µm"),
+                Column("deflection", "m", [w[-1]], "both", "µm"),
+            ),
+            vertical=True,
+        )
+        caption = f"Static deflection under {load_n:.4g} N and {volts:.4g} V, {describe_specimen(specimen)}."
+        figure = PaperFigure(
+            "static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption
+        )
+        curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
+        return CommandResult("model static", specimen_record(specimen), (facts,), csv_table=curve, figures=(figure,))
 
 
 @dataclass(frozen=True)
-class ConvergenceOptions(SpecimenOptions):
-    """Options of `model convergence`."""
+class ConvergenceTopic(Topic):
+    """Error of n shape functions against the closed form, for several n."""
 
     shapes: str = option(
         "--shapes", default="3,5,7,10,14,20,28,40", metavar="LIST", help="values of n (default: %(default)s)"
@@ -218,99 +187,90 @@ class ConvergenceOptions(SpecimenOptions):
     frequencies: str = option("--frequencies", default="1:500:500", metavar="LIST", help="(default: %(default)s)")
     files: FileOptions = group(FileOptions, "the table")
 
+    def compute(self) -> CommandResult:
+        from model.studies.convergence import convergence as study
 
-def convergence(options: ConvergenceOptions) -> CommandResult:
-    """Return the error of n shape functions against the closed form, for several n."""
-    from model.studies.convergence import convergence as study
-
-    specimen = read_specimen(options)
-    n: list[Any] = [int(v) if v == int(v) else v for v in read_values(options.shapes, SHAPE_COUNT)]
-    f = read_values(options.frequencies, FREQUENCY_SPEC)
-    got = [study(specimen.tactor, specimen.skin, f, [k]) for k in track(n, "shape functions")]
-    worst, worst_amplitude, first = (
-        np.concatenate(column)
-        for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)
-    )
-    table = Table(
-        "convergence",
-        f"Worst deviation from the closed form over {min(f):g} to {max(f):g} Hz, {describe_specimen(specimen)}",
-        (
-            Column("n", "", n, format_spec="g"),
-            Column("error", "", worst, "complex", "%", ".3g"),
-            Column("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
-            Column("first_frequency", "Hz", first, "first frequency, undamped", format_spec=".4f"),
-        ),
-    )
-    shapes = np.array(n, float)
-    lines = (FigureCurve("complex", shapes, worst), FigureCurve("amplitude", shapes, worst_amplitude))
-    figure = PaperFigure(
-        "convergence", "number of shape functions n", "", "worst relative error", "", lines, f"{table.title}."
-    )
-    return CommandResult("model convergence", specimen_record(specimen), (table,), figures=(figure,), log_scale=True)
+        specimen = read_specimen(self)
+        n: list[Any] = [int(v) if v == int(v) else v for v in read_values(self.shapes, SHAPE_COUNT)]
+        f = read_values(self.frequencies, FREQUENCY_SPEC)
+        got = [study(specimen.tactor, specimen.skin, f, [k]) for k in track(n, "shape functions")]
+        worst, worst_amplitude, first = (
+            np.concatenate(column)
+            for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)
+        )
+        table = Table(
+            "convergence",
+            f"Worst deviation from the closed form over {min(f):g} to {max(f):g} Hz, {describe_specimen(specimen)}",
+            (
+                Column("n", "", n, format_spec="g"),
+                Column("error", "", worst, "complex", "%", ".3g"),
+                Column("amplitude_error", "", worst_amplitude, "amplitude", "%", ".3g"),
+                Column("first_frequency", "Hz", first, "first frequency, undamped", format_spec=".4f"),
+            ),
+        )
+        shapes = np.array(n, float)
+        lines = (FigureCurve("complex", shapes, worst), FigureCurve("amplitude", shapes, worst_amplitude))
+        figure = PaperFigure(
+            "convergence", "number of shape functions n", "", "worst relative error", "", lines, f"{table.title}."
+        )
+        return CommandResult(
+            "model convergence", specimen_record(specimen), (table,), figures=(figure,), log_scale=True
+        )
 
 
-def _define_model(parser: argparse.ArgumentParser) -> None:
-    parser.description = "The theory on its own: every number of the model, for any parameters."
-    parser.epilog = "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075"
-    topics = parser.add_subparsers(title="topics", metavar="TOPIC", required=True)
-
-    def topic(
-        name: str, kind: type[Options], compute: Callable[[Options], CommandResult], text: str, example: str
-    ) -> None:
-        command = topics.add_parser(name, help=text)
-        allow_negative_values(command)
-        description = f"{text[:1].upper()}{text[1:]}."
-        define_command(command, kind, partial(topic_command, compute), description, f"example: tactor-bench {example}")
-
-    topic(
-        "parameters",
-        ParametersOptions,
-        parameters,
+TOPICS: Mapping[str, tuple[type[Topic], str, str]] = {
+    "parameters": (
+        ParametersTopic,
         "every parameter with value, unit, limits and meaning, and what follows from them",
         "model parameters --set 'E_Al=69 GPa' --elongation '1.27 mm'",
-    )
-    topic(
-        "modes",
-        ModesOptions,
-        modes,
+    ),
+    "modes": (
+        ModesTopic,
         "natural frequencies, poles and damping ratios, free and on the membrane",
         "model modes --set m_add=0 --pre-stretch 0.0075 --picture modes.png",
-    )
-    topic(
-        "static",
-        StaticOptions,
-        static,
+    ),
+    "static": (
+        StaticTopic,
         "deflection under a load and a voltage, Eqs. (7, corrected) and (8), and its shape",
         "model static --load '200 g' --voltage '1500 V' --csv shape.csv",
-    )
-    topic(
-        "frequency-response",
-        FrequencyResponseOptions,
-        frequency_response,
+    ),
+    "frequency-response": (
+        FrequencyResponseTopic,
         "amplitude against frequency under the drive as the amplifier delivers it: 2 x fundamental and max - min",
         "model frequency-response --frequencies 1:500:500 --elongation '1.27 mm' --csv response.csv",
-    )
-    topic(
-        "step",
-        StepOptions,
-        step,
+    ),
+    "step": (
+        StepTopic,
         "latency of a voltage step and of a sine's onset: time to 50 µm, rise, overshoot, settling",
         "model step --voltage '1500 V' --frequency '160 Hz' --picture step.png",
-    )
-    topic(
-        "membrane",
-        MembraneOptions,
-        membrane,
+    ),
+    "membrane": (
+        MembraneTopic,
         "sag of the membrane by von Karman with linear theory beside it, skin stiffness and damping, by pre-stretch",
         "model membrane --elongation '0:6.35 mm:6' --set 'E_m=6.95 MPa'",
-    )
-    topic(
-        "convergence",
-        ConvergenceOptions,
-        convergence,
+    ),
+    "convergence": (
+        ConvergenceTopic,
         "error of n shape functions against the closed form",
         "model convergence --shapes 3,5,7,10,20,40 --frequencies 1:500:500",
+    ),
+}
+"""Topics with their help and an example."""
+
+COMMANDS: Mapping[str, CommandGroup] = {
+    "model": CommandGroup(
+        "The theory on its own: every number of the model, for any parameters.",
+        "example: tactor-bench model modes --set 'm_add=5 g' --pre-stretch 0.0075",
+        "topics",
+        "TOPIC",
+        {
+            name: (
+                text,
+                CommandSyntax(
+                    topic, f"{text[:1].upper()}{text[1:]}.", f"example: tactor-bench {example}", negative_values=True
+                ),
+            )
+            for name, (topic, text, example) in TOPICS.items()
+        },
     )
-
-
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"model": _define_model}
+}

@@ -1,6 +1,5 @@
 """Options of the model's commands: `--set`, numbers with units, lists and ranges."""
 
-import argparse
 import json
 import math
 import re
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 from annotated_types import Interval
 
-from app.cli.options import option, repeated, switch
+from app.cli.options import FileOptions, option, repeated, switch
+from app.cli.output import NO_FILES, CommandResult, check_output_files, render
 from app.common.errors import UsageError
 from app.common.units import PEAK_TO_PEAK, UnitError, read_number, to_number
 from model import (
@@ -42,9 +42,6 @@ SET_HELP = (
     "a parameter with its value, unit understood, e.g. 'L=22 mm'; may be given often. "
     "'tactor-bench model parameters' lists them. @FILE takes many from a TOML or JSON file, as the Explore page copies them"
 )
-
-NEGATIVE_NUMBER = re.compile(r"-\.?\d")
-"""What argparse takes for a negative number instead of an option; before Python 3.14 it does not recognise `-500V`."""
 
 NUMBER_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(?P<unit>[^\d\s].*)")
 
@@ -149,6 +146,25 @@ class SpecimenOptions(ParameterOptions):
     )
 
 
+class Topic(SpecimenOptions):
+    """A topic of the command `model`.
+
+    It is no dataclass itself, so that the options of a topic's `files`, if it writes any, are the last ones.
+    """
+
+    files: FileOptions = NO_FILES
+
+    def compute(self) -> CommandResult:
+        """Return the result, which is then written and printed."""
+        raise NotImplementedError
+
+    def execute(self) -> int:
+        check_output_files(self.files)
+        with translate_model_errors():
+            result = self.compute()
+        return render(result, self.json, self.files)
+
+
 @dataclass(frozen=True)
 class DriveOptions:
     """The drive at the amplifier's input."""
@@ -170,11 +186,6 @@ class DriveOptions:
 def shapes_option(default: int | None = 7) -> Any:
     """Declare `-n`."""
     return option("-n", type=int, default=default, help="number of shape functions, 3 to 300 (default: 7)")
-
-
-def allow_negative_values(parser: argparse.ArgumentParser) -> None:
-    """Let values such as `-500V` follow an option."""
-    parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - argparse has no public access to it
 
 
 def read_specimen(options: SpecimenOptions, on_membrane: bool = False) -> Specimen:

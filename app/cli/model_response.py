@@ -12,7 +12,7 @@ from app.cli.model_options import (
     ELONGATION,
     VOLTAGE,
     DriveOptions,
-    SpecimenOptions,
+    Topic,
     describe_specimen,
     read_settings,
     read_specimen,
@@ -67,8 +67,8 @@ POINTS = 2001
 
 
 @dataclass(frozen=True)
-class FrequencyResponseOptions(SpecimenOptions):
-    """Options of `model frequency-response`."""
+class FrequencyResponseTopic(Topic):
+    """Fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
 
     n: int = shapes_option()
     drive: DriveOptions = group(DriveOptions)
@@ -85,51 +85,49 @@ class FrequencyResponseOptions(SpecimenOptions):
     exact: bool = switch("--exact", "the closed-form solution beside the n shape functions")
     files: FileOptions = group(FileOptions, "the response")
 
-
-def frequency_response(options: FrequencyResponseOptions) -> CommandResult:
-    """Return fundamental and max - min under the amplifier's drive, and the margin over the perception threshold."""
-    specimen = read_specimen(options)
-    t, skin, n = specimen.tactor, specimen.skin, options.n
-    usual = CURVE_HZ if options.files.csv or options.files.picture else DWELL_HZ
-    f = np.array(read_values(usual if options.frequencies is None else options.frequencies, PERIODIC_FREQUENCY_SPEC))
-    amplitude, offset = options.drive.read()
-    at = None if options.at is None else read_number(options.at, _position_spec(specimen))
-    got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=options.waveform, n=n, x=at)
-    twice = 2 * np.abs(got.fundamental)
-    H = receptance(t, f, skin, n, at)
-    columns = [
-        Column("frequency", "Hz", f, format_spec=".6g"),
-        Column("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
-        Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
-        Column("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
-        Column("receptance_re", "m/V", H.real, displayed=False),
-        Column("receptance_im", "m/V", H.imag, displayed=False),
-        Column("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
-    ]
-    lines = [FigureCurve("max - min", f, got.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
-    if options.exact:
-        exact = exact_response(t, f, skin, at)
-        V = fourier_series(options.waveform, amplitude, offset, AmplifierMap(), 1)
-        columns.append(Column("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
-        lines.append(FigureCurve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
-    where = describe_specimen(specimen)
-    title = f"Response to a {options.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
-    table = Table("response", title, tuple(columns))
-    figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
-    note, bands = _describe_felt_bands(f, got.peak_to_peak)
-    return CommandResult(
-        "model frequency-response",
-        specimen_record(specimen),
-        (table,),
-        (note,),
-        figures=(figure,),
-        extra={"felt_hz": bands},
-    )
+    def compute(self) -> CommandResult:
+        specimen = read_specimen(self)
+        t, skin, n = specimen.tactor, specimen.skin, self.n
+        usual = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
+        f = np.array(read_values(usual if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
+        amplitude, offset = self.drive.read()
+        at = None if self.at is None else read_number(self.at, _position_spec(specimen))
+        got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
+        twice = 2 * np.abs(got.fundamental)
+        H = receptance(t, f, skin, n, at)
+        columns = [
+            Column("frequency", "Hz", f, format_spec=".6g"),
+            Column("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
+            Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
+            Column("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
+            Column("receptance_re", "m/V", H.real, displayed=False),
+            Column("receptance_im", "m/V", H.imag, displayed=False),
+            Column("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
+        ]
+        lines = [FigureCurve("max - min", f, got.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
+        if self.exact:
+            exact = exact_response(t, f, skin, at)
+            V = fourier_series(self.waveform, amplitude, offset, AmplifierMap(), 1)
+            columns.append(Column("exact", "m", 2 * np.abs(V[1] * exact), "closed form", "µm", ".1f"))
+            lines.append(FigureCurve("2 x fundamental, closed form", f, 2 * np.abs(V[1] * exact)))
+        where = describe_specimen(specimen)
+        title = f"Response to a {self.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
+        table = Table("response", title, tuple(columns))
+        figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
+        note, bands = _describe_felt_bands(f, got.peak_to_peak)
+        return CommandResult(
+            "model frequency-response",
+            specimen_record(specimen),
+            (table,),
+            (note,),
+            figures=(figure,),
+            extra={"felt_hz": bands},
+        )
 
 
 @dataclass(frozen=True)
-class StepOptions(SpecimenOptions):
-    """Options of `model step`."""
+class StepTopic(Topic):
+    """Latency of a step and of a sine's onset."""
 
     n: int = shapes_option()
     drive: DriveOptions = group(DriveOptions)
@@ -140,47 +138,45 @@ class StepOptions(SpecimenOptions):
     duration: str | None = option("--duration", help="of the curves (default: until both have settled)")
     files: FileOptions = group(FileOptions, "both curves")
 
-
-def step(options: StepOptions) -> CommandResult:
-    """Return the latency of a step and of a sine's onset."""
-    specimen = read_specimen(options)
-    t, skin, n = specimen.tactor, specimen.skin, options.n
-    volts, hz = read_number(options.voltage, VOLTAGE), read_number(options.frequency, PERIODIC_FREQUENCY_SPEC)
-    amplitude, offset = options.drive.read()
-    threshold, tolerance = (
-        read_number(options.threshold, THRESHOLD_SPEC),
-        read_number(options.tolerance, TOLERANCE_SPEC),
-    )
-    stepped = step_latency(t, volts, threshold, tolerance, skin, n)
-    begun = sine_latency(t, hz, amplitude, offset, threshold, tolerance, skin, n=n)
-    where, felt = describe_specimen(specimen), f"time to {1e6 * threshold:g} µm"
-    tables = (
-        _latency_table(
-            "step", f"Step of {volts:g} V on the specimen, {where}", "final deflection", felt, stepped, tolerance
-        ),
-        _latency_table(
-            "sine_onset",
-            f"Onset of a sine of {hz:g} Hz, {2 * amplitude:g} V peak to peak around {offset:g} V at the amplifier's input",
-            "amplitude of the fundamental",
-            felt,
-            begun,
-            tolerance,
-        ),
-    )
-    longest = max(stepped.settling_s or 0.02, begun.settling_s or 0.02)
-    duration = 1.5 * longest if options.duration is None else read_number(options.duration, DURATION)
-    time = np.linspace(0, duration, POINTS)
-    V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
-    w = step_response(t, time, volts, skin, n)
-    onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
-    curve = Table(
-        "time",
-        "",
-        (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
-    )
-    lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
-    figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
-    return CommandResult("model step", specimen_record(specimen), tables, csv_table=curve, figures=(figure,))
+    def compute(self) -> CommandResult:
+        specimen = read_specimen(self)
+        t, skin, n = specimen.tactor, specimen.skin, self.n
+        volts, hz = read_number(self.voltage, VOLTAGE), read_number(self.frequency, PERIODIC_FREQUENCY_SPEC)
+        amplitude, offset = self.drive.read()
+        threshold, tolerance = (
+            read_number(self.threshold, THRESHOLD_SPEC),
+            read_number(self.tolerance, TOLERANCE_SPEC),
+        )
+        stepped = step_latency(t, volts, threshold, tolerance, skin, n)
+        begun = sine_latency(t, hz, amplitude, offset, threshold, tolerance, skin, n=n)
+        where, felt = describe_specimen(specimen), f"time to {1e6 * threshold:g} µm"
+        tables = (
+            _latency_table(
+                "step", f"Step of {volts:g} V on the specimen, {where}", "final deflection", felt, stepped, tolerance
+            ),
+            _latency_table(
+                "sine_onset",
+                f"Onset of a sine of {hz:g} Hz, {2 * amplitude:g} V peak to peak around {offset:g} V at the amplifier's input",
+                "amplitude of the fundamental",
+                felt,
+                begun,
+                tolerance,
+            ),
+        )
+        longest = max(stepped.settling_s or 0.02, begun.settling_s or 0.02)
+        duration = 1.5 * longest if self.duration is None else read_number(self.duration, DURATION)
+        time = np.linspace(0, duration, POINTS)
+        V = fourier_series("sine", amplitude, offset, AmplifierMap(), harmonic_orders(np.array([hz])))
+        w = step_response(t, time, volts, skin, n)
+        onset = onset_response(tactor_modal_form(t, skin, n), time, hz, V).real
+        curve = Table(
+            "time",
+            "",
+            (Column("time", "s", time), Column("step", "m", w), Column("sine_onset", "m", onset)),
+        )
+        lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
+        figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
+        return CommandResult("model step", specimen_record(specimen), tables, csv_table=curve, figures=(figure,))
 
 
 def _position_spec(specimen: Specimen) -> ParameterSpec:
@@ -220,8 +216,8 @@ ELONGATION_CURVE = "0:6.35 mm:64"
 
 
 @dataclass(frozen=True)
-class MembraneOptions(SpecimenOptions):
-    """Options of `model membrane`."""
+class MembraneTopic(Topic):
+    """Sag under the own weight and the resulting skin, at each pre-stretch."""
 
     pre_stretch: str | None = option(
         "--pre-stretch", metavar="DELTA", help="of the membrane, e.g. 0.0075 or '0.75 %%', one or a list"
@@ -233,63 +229,67 @@ class MembraneOptions(SpecimenOptions):
     load: str | None = option("--load", help="weight per length in its place, e.g. '0.906 N/m'")
     files: FileOptions = group(FileOptions, "the table")
 
-
-def membrane(options: MembraneOptions) -> CommandResult:
-    """Return sag under the own weight and the resulting skin, at each pre-stretch."""
-    values = read_settings(options.settings)
-    if "delta" in values:
-        raise UsageError("--set delta: the membrane is told at several pre-stretches; write --pre-stretch 0.0075")
-    if options.pre_stretch is not None and options.elongation is not None:
-        raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
-    specimen = replace_variables(Specimen(membrane=Membrane()), values)
-    m = specimen.membrane or Membrane()
-    if options.pre_stretch is not None:
-        delta = np.array(read_values(options.pre_stretch, PRE_STRETCH))
-    else:
-        usual = ELONGATION_CURVE if options.files.csv or options.files.picture else ELONGATIONS
-        wanted = usual if options.elongation is None else options.elongation
-        delta = np.array(read_values(wanted, ELONGATION)) / m.L_m
-    q = (
-        weight_per_length(m, read_number(options.density, DENSITY))
-        if options.load is None
-        else read_number(options.load, WEIGHT)
-    )
-    sags = [_sag_result(m, q, float(d)) for d in delta]
-    skins = [replace(specimen, delta=float(d)).skin for d in delta]
-    table = Table(
-        "membrane",
-        f"Membrane, E_m = {m.E_m / 1e6:.4g} MPa, under {q:.4g} N/m of its own weight",
-        (
-            Column("elongation", "m", delta * m.L_m, display_unit="mm", format_spec=".2f"),
-            Column("pre_stretch", "", delta, "pre-stretch", format_spec=".5f"),
-            Column("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
-            Column("linear_sag", "m", [s.linear_theory_m for s in sags], "linear theory", "mm", ".3f"),
-            Column("tension", "N", [s.tension_n for s in sags], "tension", format_spec=".4g"),
-            Column("stretch", "", [s.stretch for s in sags], format_spec=".5f"),
-            Column("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), format_spec=".5g"),
-            Column("k_s", "N/m^2", [s.k_s for s in skins]),
-            Column("c_s", "kg/(m s)", [s.c_s for s in skins]),
-        ),
-    )
-    note = (
-        "Sag: bending with the tension that the deflection itself makes (von Karman) and the pre-stretch; linear theory leaves "
-        "the former out. k_s and c_s are those of the weightless membrane at its pre-stretch."
-    )
-    lines = {c.name: c for c in table.columns}
-    panels = tuple(
-        PaperFigure(
-            name, "elongation of the membrane", "m", words, lines[names[0]].unit or "", curves, words.capitalize() + "."
+    def compute(self) -> CommandResult:
+        values = read_settings(self.settings)
+        if "delta" in values:
+            raise UsageError("--set delta: the membrane is told at several pre-stretches; write --pre-stretch 0.0075")
+        if self.pre_stretch is not None and self.elongation is not None:
+            raise UsageError("the pre-stretch is given twice, by --pre-stretch and --elongation; leave one out")
+        specimen = replace_variables(Specimen(membrane=Membrane()), values)
+        m = specimen.membrane or Membrane()
+        if self.pre_stretch is not None:
+            delta = np.array(read_values(self.pre_stretch, PRE_STRETCH))
+        else:
+            usual = ELONGATION_CURVE if self.files.csv or self.files.picture else ELONGATIONS
+            wanted = usual if self.elongation is None else self.elongation
+            delta = np.array(read_values(wanted, ELONGATION)) / m.L_m
+        q = (
+            weight_per_length(m, read_number(self.density, DENSITY))
+            if self.load is None
+            else read_number(self.load, WEIGHT)
         )
-        for name, words, names in (
-            ("sag", "sag of the centre", ("sag", "linear_sag")),
-            ("k_s", "skin stiffness k_s", ("k_s",)),
-            ("c_s", "skin damping c_s", ("c_s",)),
+        sags = [_sag_result(m, q, float(d)) for d in delta]
+        skins = [replace(specimen, delta=float(d)).skin for d in delta]
+        table = Table(
+            "membrane",
+            f"Membrane, E_m = {m.E_m / 1e6:.4g} MPa, under {q:.4g} N/m of its own weight",
+            (
+                Column("elongation", "m", delta * m.L_m, display_unit="mm", format_spec=".2f"),
+                Column("pre_stretch", "", delta, "pre-stretch", format_spec=".5f"),
+                Column("sag", "m", [s.centre_m for s in sags], "sag", "mm", ".3f"),
+                Column("linear_sag", "m", [s.linear_theory_m for s in sags], "linear theory", "mm", ".3f"),
+                Column("tension", "N", [s.tension_n for s in sags], "tension", format_spec=".4g"),
+                Column("stretch", "", [s.stretch for s in sags], format_spec=".5f"),
+                Column("k_point", "N/m", point_stiffness(m.L_m, m.b_m, m.h_m, m.E_m, delta), format_spec=".5g"),
+                Column("k_s", "N/m^2", [s.k_s for s in skins]),
+                Column("c_s", "kg/(m s)", [s.c_s for s in skins]),
+            ),
         )
-        for curves in [
-            tuple(FigureCurve(lines[n].heading or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)
-        ]
-    )
-    return CommandResult("model membrane", specimen_record(specimen), (table,), (note,), figures=panels)
+        note = (
+            "Sag: bending with the tension that the deflection itself makes (von Karman) and the pre-stretch; linear theory leaves "
+            "the former out. k_s and c_s are those of the weightless membrane at its pre-stretch."
+        )
+        lines = {c.name: c for c in table.columns}
+        panels = tuple(
+            PaperFigure(
+                name,
+                "elongation of the membrane",
+                "m",
+                words,
+                lines[names[0]].unit or "",
+                curves,
+                words.capitalize() + ".",
+            )
+            for name, words, names in (
+                ("sag", "sag of the centre", ("sag", "linear_sag")),
+                ("k_s", "skin stiffness k_s", ("k_s",)),
+                ("c_s", "skin damping c_s", ("c_s",)),
+            )
+            for curves in [
+                tuple(FigureCurve(lines[n].heading or n, delta * m.L_m, np.asarray(lines[n].values)) for n in names)
+            ]
+        )
+        return CommandResult("model membrane", specimen_record(specimen), (table,), (note,), figures=panels)
 
 
 def _sag_result(m: Membrane, q: float, delta: float) -> SagSolution:

@@ -1,10 +1,11 @@
-"""Typed command options: dataclass fields that declare the arguments of a command, and groups that commands share."""
+"""Commands and their typed options: dataclass fields that declare arguments, and groups that commands share."""
 
 import argparse
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from app.common.inputs import path_argument, seed_argument, specimen_argument
 
@@ -41,6 +42,7 @@ def add_options(parser: argparse.ArgumentParser, kind: Any, what: str = "") -> N
     for each in fields(kind):
         if "group" in each.metadata:
             add_options(parser, each.metadata["group"], each.metadata["what"])
+        if "flags" not in each.metadata:
             continue
         keywords = dict(each.metadata["keywords"])
         keywords["help"] = keywords.get("help", "").replace("WHAT", what) or None
@@ -61,17 +63,51 @@ def read_options(kind: type[T], namespace: argparse.Namespace) -> T:
     return kind(**{name: value for name, value in values.items() if value is not None})
 
 
-def define_command(
-    parser: argparse.ArgumentParser,
-    kind: type[T],
-    run: Callable[[T], int],
-    description: str | None = None,
-    epilog: str | None = None,
-) -> None:
-    """Give a command's parser its options, its help text and the function that runs it."""
-    add_options(parser, kind)
-    parser.description, parser.epilog = description or parser.description, epilog or parser.epilog
-    parser.set_defaults(command=lambda namespace: run(read_options(kind, namespace)))
+class Command(Protocol):
+    """A command: a dataclass whose fields are its options, and what it does with them."""
+
+    def execute(self) -> int:
+        """Run the command and return its exit code."""
+
+
+@dataclass(frozen=True)
+class CommandSyntax:
+    """How a command is parsed: its options and help text."""
+
+    command: type[Command]
+    description: str | None = None
+    example: str | None = None
+    negative_values: bool = False
+    """Whether values such as `-500V` may follow an option."""
+
+
+@dataclass(frozen=True)
+class CommandGroup:
+    """A command of several verbs, each with a line of help; a field `verb` of their dataclass holds the verb."""
+
+    description: str
+    example: str | None
+    title: str
+    metavar: str
+    verbs: Mapping[str, tuple[str, CommandSyntax]]
+
+
+NEGATIVE_NUMBER = re.compile(r"-\.?\d")
+"""What argparse takes for a negative number instead of an option; before Python 3.14 it does not recognise `-500V`."""
+
+
+def define_command(parser: argparse.ArgumentParser, syntax: CommandSyntax | CommandGroup) -> None:
+    """Give the parser of a command its options, its help text and the function that runs it."""
+    parser.description, parser.epilog = syntax.description, syntax.example
+    if isinstance(syntax, CommandGroup):
+        verbs = parser.add_subparsers(title=syntax.title, metavar=syntax.metavar, dest="verb", required=True)
+        for name, (text, verb) in syntax.verbs.items():
+            define_command(verbs.add_parser(name, help=text), verb)
+        return
+    if syntax.negative_values:
+        parser._negative_number_matcher = NEGATIVE_NUMBER  # noqa: SLF001 - argparse has no public access to it
+    add_options(parser, syntax.command)
+    parser.set_defaults(command=lambda namespace: read_options(syntax.command, namespace).execute())
 
 
 JSON_OBJECT = "as one JSON object, SI units"

@@ -1,14 +1,13 @@
 """The command `report`: the PDF and HTML report of a specimen."""
 
-import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.cli.options import define_command, folder_option, option, switch
+from app.cli.options import CommandSyntax, folder_option, option, switch
 from app.cli.output import check_output_file, print_json, writing_output
-from app.common.errors import ExitCode, UsageError
+from app.common.errors import ExitCode, UsageError, usage_errors
 from app.common.inputs import path_argument
 from app.common.progress import terminal_progress
 from app.plotting.run_figure import run_figure
@@ -24,8 +23,8 @@ from protocols.runfile.schema import safe_name
 
 
 @dataclass(frozen=True)
-class ReportOptions:
-    """Options of `report`."""
+class ReportCommand:
+    """Write the report of a specimen."""
 
     specimen: str | None = option(nargs="?")
     folder: Path = folder_option()
@@ -47,36 +46,33 @@ class ReportOptions:
     )
     json: bool = switch("--json", "its numbers as one JSON object, SI units")
 
-
-def report_command(options: ReportOptions) -> int:
-    """Write the report of a specimen."""
-    if options.new_limits is not None:
-        return _write_example_limits(options.new_limits)
-    if options.specimen is None:
-        raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
-    if not options.folder.is_dir():
-        raise UsageError(f"there is no folder {options.folder}; name the one your runs are in with --folder")
-    out = options.out
-    try:
-        limits = _read_limits(options)
-        out.mkdir(parents=True, exist_ok=True)
-        with terminal_progress("report") as bar:
-            progress: ReportProgress = lambda text, done, total: bar.update(done / max(total, 1), text)  # noqa: E731
-            content, specimen, runs = build_report(options.folder, options.specimen, limits, progress)
-            files = write_report(content, specimen, runs, out, progress)
-    except (ReportError, LimitsError, RunReadError) as error:
-        raise UsageError(str(error)) from None
-    except OSError as error:
-        raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
-    for path in files:
-        sys.stderr.write(f"wrote {path}\n")
-    if options.json:
-        print_json({**content.record, "files": [str(path) for path in files]})
-    for outcome in content.limit_outcomes:
-        if outcome.verdict != "pass":
-            why = f" ({outcome.why})" if outcome.why else ""
-            sys.stderr.write(f"{outcome.verdict}: {outcome.name} is {outcome.found}, asked {outcome.asked}{why}\n")
-    return ExitCode.DONE if content.passed else ExitCode.FAILED
+    @usage_errors(ReportError, LimitsError, RunReadError)
+    def execute(self) -> int:
+        if self.new_limits is not None:
+            return _write_example_limits(self.new_limits)
+        if self.specimen is None:
+            raise UsageError("a specimen is missing: 'tactor-bench report T7'; 'tactor-bench runs' lists them")
+        if not self.folder.is_dir():
+            raise UsageError(f"there is no folder {self.folder}; name the one your runs are in with --folder")
+        out = self.out
+        try:
+            limits = _read_limits(self)
+            out.mkdir(parents=True, exist_ok=True)
+            with terminal_progress("report") as bar:
+                progress: ReportProgress = lambda text, done, total: bar.update(done / max(total, 1), text)  # noqa: E731
+                content, specimen, runs = build_report(self.folder, self.specimen, limits, progress)
+                files = write_report(content, specimen, runs, out, progress)
+        except OSError as error:
+            raise UsageError(f"the report cannot be written to {out}: {error.strerror or error}") from None
+        for path in files:
+            sys.stderr.write(f"wrote {path}\n")
+        if self.json:
+            print_json({**content.record, "files": [str(path) for path in files]})
+        for outcome in content.limit_outcomes:
+            if outcome.verdict != "pass":
+                why = f" ({outcome.why})" if outcome.why else ""
+                sys.stderr.write(f"{outcome.verdict}: {outcome.name} is {outcome.found}, asked {outcome.asked}{why}\n")
+        return ExitCode.DONE if content.passed else ExitCode.FAILED
 
 
 def write_report(
@@ -106,7 +102,7 @@ def write_report(
     return files
 
 
-def _read_limits(options: ReportOptions) -> Limits | None:
+def _read_limits(options: ReportCommand) -> Limits | None:
     """Return the limits of the option, or those beside the runs; None if there are none.
 
     Raises:
@@ -139,11 +135,9 @@ def _write_example_limits(path: Path) -> int:
     return ExitCode.DONE
 
 
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "report": lambda parser: define_command(
-        parser,
-        ReportOptions,
-        report_command,
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "report": CommandSyntax(
+        ReportCommand,
         "One page to sign, and an appendix: the paper's figures from this specimen with bands and residuals, parameters "
         "with errors beside the paper's, margin over the skin's threshold, latency, quality of the points, instruments, hashes of the "
         "run files, every run. With limits also pass or fail: exit code 1 where a limit is not met, or cannot be told to be. The same "

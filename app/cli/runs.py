@@ -1,10 +1,9 @@
 """The commands `runs` and `export`: the runs of a folder, and runs as files for other programs."""
 
-import argparse
 import json
 import sqlite3
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 from app.archive.catalogue import Catalogue
 from app.archive.export import PARTS, ExportError, Format, Part, export_run
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
-from app.cli.options import define_command, option, repeated, switch
+from app.cli.options import CommandSyntax, option, repeated, switch
 from app.cli.output import print_line
 from app.common.errors import ExitCode, UsageError
 from app.common.formatting import format_bytes, format_duration
@@ -25,8 +24,8 @@ DEFAULT_ROWS = 40
 
 
 @dataclass(frozen=True)
-class RunsOptions:
-    """Options of `runs`."""
+class RunsCommand:
+    """List the runs of a folder."""
 
     folder: Path = option(nargs="?", type=path_argument, default=Path("runs"), help="(default: runs)")
     specimen: str = option("--specimen", default="", help="runs of this specimen")
@@ -44,37 +43,35 @@ class RunsOptions:
     rebuild: bool = switch("--rebuild", "throw the index away and read every file again")
     json: bool = switch("--json", "one JSON list on standard output, SI units")
 
-
-def list_runs(options: RunsOptions) -> int:
-    """List the runs of a folder."""
-    folder = options.folder
-    if not folder.is_dir():
-        raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
-    wanted = _run_filter(options)
-    catalogue = Catalogue(folder)
-    try:
-        if options.rebuild:
-            catalogue.index.unlink(missing_ok=True)
-        with terminal_progress("reading runs", options.json) as progress:
-            scanned = catalogue.scan(progress=lambda done, total: progress.update(done / max(total, 1)))
-        entries = catalogue.entries()
-    except (sqlite3.Error, OSError) as error:
-        raise UsageError(
-            f"the index {catalogue.index} cannot be used: {error}; make room there or take the file away"
-        ) from None
-    for sentence in scanned.skipped:
-        sys.stderr.write(f"{sentence}\n")
-    found = wanted.apply(entries)
-    if options.json:
-        print_line(json.dumps([_run_record(folder, entry) for entry in found]))
-    else:
-        _print_runs(found, len(entries), options.all)
-    return ExitCode.DONE
+    def execute(self) -> int:
+        folder = self.folder
+        if not folder.is_dir():
+            raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
+        wanted = _run_filter(self)
+        catalogue = Catalogue(folder)
+        try:
+            if self.rebuild:
+                catalogue.index.unlink(missing_ok=True)
+            with terminal_progress("reading runs", self.json) as progress:
+                scanned = catalogue.scan(progress=lambda done, total: progress.update(done / max(total, 1)))
+            entries = catalogue.entries()
+        except (sqlite3.Error, OSError) as error:
+            raise UsageError(
+                f"the index {catalogue.index} cannot be used: {error}; make room there or take the file away"
+            ) from None
+        for sentence in scanned.skipped:
+            sys.stderr.write(f"{sentence}\n")
+        found = wanted.apply(entries)
+        if self.json:
+            print_line(json.dumps([_run_record(folder, entry) for entry in found]))
+        else:
+            _print_runs(found, len(entries), self.all)
+        return ExitCode.DONE
 
 
 @dataclass(frozen=True)
-class ExportOptions:
-    """Options of `export`."""
+class ExportCommand:
+    """Write runs as files for other programs."""
 
     runs: Sequence[Path] = option(nargs="+", type=path_argument, metavar="RUN", help="run files")
     format: Format = option("--format", choices=("csv", "json", "mat"), default="csv", help="(default: csv)")
@@ -87,28 +84,30 @@ class ExportOptions:
         "only this part: about, points, estimates, events or raw; may be given often (default: all)",
     )
 
+    def execute(self) -> int:
+        parts: Sequence[Part] = tuple(p for p in PARTS if p in self.parts) if self.parts else PARTS
+        unknown = [p for p in self.parts if p not in PARTS]
+        if unknown:
+            raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
+        failed = False
+        for run_path in self.runs:
+            try:
+                with (
+                    Run(run_path) as run,
+                    terminal_progress(run_path.name) as progress,
+                    translate_read_errors(run_path),
+                ):
+                    written = export_run(run, self.out or run_path.parent, self.format, parts, progress)
+            except (RunReadError, ExportError) as error:
+                failed = True
+                sys.stderr.write(f"{error}\n")
+                continue
+            for file in written:
+                print_line(str(file))
+        return ExitCode.FAILED if failed else ExitCode.DONE
 
-def export_command(options: ExportOptions) -> int:
-    """Write runs as files for other programs."""
-    parts: Sequence[Part] = tuple(p for p in PARTS if p in options.parts) if options.parts else PARTS
-    unknown = [p for p in options.parts if p not in PARTS]
-    if unknown:
-        raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
-    failed = False
-    for run_path in options.runs:
-        try:
-            with Run(run_path) as run, terminal_progress(run_path.name) as progress, translate_read_errors(run_path):
-                written = export_run(run, options.out or run_path.parent, options.format, parts, progress)
-        except (RunReadError, ExportError) as error:
-            failed = True
-            sys.stderr.write(f"{error}\n")
-            continue
-        for file in written:
-            print_line(str(file))
-    return ExitCode.FAILED if failed else ExitCode.DONE
 
-
-def _run_filter(options: RunsOptions) -> RunFilter:
+def _run_filter(options: RunsCommand) -> RunFilter:
     try:
         since = read_since(options.since) if options.since else ""
     except ValueError:
@@ -171,19 +170,15 @@ def _run_record(folder: Path, summary: RunSummary) -> dict[str, Any]:
     }
 
 
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {
-    "runs": lambda parser: define_command(
-        parser,
-        RunsOptions,
-        list_runs,
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "runs": CommandSyntax(
+        RunsCommand,
         "The runs in a folder and below, newest first. An index in the user's cache makes it quick; the files "
         "are what counts, and what was moved, added or deleted is noticed.",
         "example: tactor-bench runs --specimen T7 --since 7d --search 'good weights'",
     ),
-    "export": lambda parser: define_command(
-        parser,
-        ExportOptions,
-        export_command,
+    "export": CommandSyntax(
+        ExportCommand,
         "Points, estimates, events and raw samples with their times, SI units in every header. What comes "
         "from a simulated bench has SIMULATED in its name.",
         "example: tactor-bench export runs/20261121T091502Z_T7_sine-dwell.h5 --format csv --out sheets",

@@ -1,6 +1,5 @@
 """The commands `study` and `figures`: parameter studies, and the theory curves of the paper's figures."""
 
-import argparse
 import importlib.util
 import logging
 import sys
@@ -20,7 +19,6 @@ from app.cli.model_options import (
     DriveOptions,
     ParameterOptions,
     SpecimenOptions,
-    allow_negative_values,
     read_settings,
     read_specimen,
     read_values,
@@ -28,7 +26,7 @@ from app.cli.model_options import (
     shapes_option,
     translate_model_errors,
 )
-from app.cli.options import FileOptions, define_command, group, option, repeated, switch
+from app.cli.options import CommandSyntax, FileOptions, group, option, repeated, switch
 from app.cli.output import (
     CommandResult,
     check_output_files,
@@ -177,8 +175,8 @@ MAX_NUMBERS = 50_000_000
 
 
 @dataclass(frozen=True)
-class StudyOptions:
-    """Options of `study`."""
+class StudyCommand:
+    """Compute a study, or its sensitivity."""
 
     preset: str | None = option(nargs="?", metavar="PRESET", help="fig10, fig11 or fig12: a study of the paper")
     vary: Sequence[str] = repeated(
@@ -211,25 +209,23 @@ class StudyOptions:
         "--cluster", metavar="ADDRESS|local", help="compute on a Dask cluster, or on one started here"
     )
 
-
-def study(options: StudyOptions) -> int:
-    """Compute a study, or its sensitivity."""
-    with translate_model_errors():
-        wanted = read_study(options)
-        _check_output_paths(options)
-    try:
+    def execute(self) -> int:
         with translate_model_errors():
-            answer = _sensitivity(wanted, options) if options.sensitivity else _compute_study(wanted, options)
-    except StorageError as error:
-        sys.stderr.write(f"tactor-bench: {error}\n")
-        return ExitCode.FAILED
-    except KeyboardInterrupt:
-        sys.stderr.write("tactor-bench: stopped; nothing was written\n")
-        return ExitCode.FAILED
-    return render(answer, options.specimen.json, options.files)
+            wanted = read_study(self)
+            _check_output_paths(self)
+        try:
+            with translate_model_errors():
+                answer = _sensitivity(wanted, self) if self.sensitivity else _compute_study(wanted, self)
+        except StorageError as error:
+            sys.stderr.write(f"tactor-bench: {error}\n")
+            return ExitCode.FAILED
+        except KeyboardInterrupt:
+            sys.stderr.write("tactor-bench: stopped; nothing was written\n")
+            return ExitCode.FAILED
+        return render(answer, self.specimen.json, self.files)
 
 
-def read_study(options: StudyOptions) -> Study:
+def read_study(options: StudyCommand) -> Study:
     """Return the study that the options describe.
 
     Raises:
@@ -264,7 +260,7 @@ def read_study(options: StudyOptions) -> Study:
     )
 
 
-def _check_overlap(base: Study, options: StudyOptions) -> None:
+def _check_overlap(base: Study, options: StudyCommand) -> None:
     """Raise UsageError for a value of a varied parameter: it would have no effect."""
     given = {f"--set {name}": name for name in read_settings(options.specimen.settings)}
     given |= {
@@ -279,7 +275,7 @@ def _check_overlap(base: Study, options: StudyOptions) -> None:
         raise UsageError(f"{options.preset} has its own pre-stretch; leave it out, or write the study with --vary")
 
 
-def _check_output_paths(options: StudyOptions) -> None:
+def _check_output_paths(options: StudyCommand) -> None:
     """Raise UsageError for output that could not be written, before anything is computed."""
     check_output_files(options.files)
     if options.out is not None:
@@ -289,7 +285,7 @@ def _check_output_paths(options: StudyOptions) -> None:
             raise UsageError(str(error)) from None
 
 
-def _compute_study(request: Study, options: StudyOptions) -> CommandResult:
+def _compute_study(request: Study, options: StudyCommand) -> CommandResult:
     sets, points = prod(request.shape), len(request.frequency_hz)
     keep = options.files.csv is not None or options.files.picture is not None or options.specimen.json
     if keep and sets * points > MAX_NUMBERS:
@@ -350,7 +346,7 @@ def _set_progress(total: int) -> Iterator[Callable[[int], None]]:
         yield advance
 
 
-def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
+def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
     """Return Sobol indices over the range of each variable's values."""
     from model.studies.sensitivity import sobol_indices_of
 
@@ -380,8 +376,8 @@ def _sensitivity(request: Study, options: StudyOptions) -> CommandResult:
 
 
 @dataclass(frozen=True)
-class FiguresOptions:
-    """Options of `figures`."""
+class FiguresCommand:
+    """Draw the theory curves of the paper's figures and write them as CSV."""
 
     out: Path = option(
         "--out",
@@ -394,36 +390,36 @@ class FiguresOptions:
     pdf: bool = switch("--pdf", "PDF beside PNG")
     parameters: ParameterOptions = group(ParameterOptions)
 
-
-def write_figures(options: FiguresOptions) -> int:
-    """Draw the theory curves of the paper's figures and write them as CSV."""
-    folder = options.out
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
-    with translate_model_errors():
-        settings = options.parameters.settings
-        specimen = read_specimen(SpecimenOptions(settings), on_membrane=True)
-        if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(settings)]:
-            raise UsageError(f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'")
-        everything = paper_figures(specimen.tactor, specimen.membrane)
-    chosen = _select_panels(everything, options.only)
-    suffixes = (".png", ".pdf") if options.pdf else (".png",)
-    written = []
-    for name, panels in track(list(chosen.items()), "drawing"):
-        paths = [folder / f"{name}{suffix}" for suffix in suffixes]
-        for path in paths:
-            with writing_output(path):
-                draw_figure(panels, path)
-        sheet = folder / f"{name}.csv"
-        with writing_output(sheet):
-            curves_table(panels).to_csv(sheet)
-        files = [str(path) for path in (*paths, sheet)]
-        written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
-    if options.parameters.json:
-        print_json({"command": "figures", "figures": written})
-    return ExitCode.DONE
+    def execute(self) -> int:
+        folder = self.out
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"the folder {folder} cannot be made: {error.strerror}; choose another") from None
+        with translate_model_errors():
+            settings = self.parameters.settings
+            specimen = read_specimen(SpecimenOptions(settings), on_membrane=True)
+            if own := [name for name in ("delta", "contact_length", "k_s", "c_s") if name in read_settings(settings)]:
+                raise UsageError(
+                    f"--set {own[0]}: the figures choose their own skin; vary it with 'tactor-bench study'"
+                )
+            everything = paper_figures(specimen.tactor, specimen.membrane)
+        chosen = _select_panels(everything, self.only)
+        suffixes = (".png", ".pdf") if self.pdf else (".png",)
+        written = []
+        for name, panels in track(list(chosen.items()), "drawing"):
+            paths = [folder / f"{name}{suffix}" for suffix in suffixes]
+            for path in paths:
+                with writing_output(path):
+                    draw_figure(panels, path)
+            sheet = folder / f"{name}.csv"
+            with writing_output(sheet):
+                curves_table(panels).to_csv(sheet)
+            files = [str(path) for path in (*paths, sheet)]
+            written.append({"name": name, "files": files, "captions": {p.name: p.caption for p in panels}})
+        if self.parameters.json:
+            print_json({"command": "figures", "figures": written})
+        return ExitCode.DONE
 
 
 def _select_panels(all_panels: Sequence[PaperFigure], names: Sequence[str]) -> dict[str, list[PaperFigure]]:
@@ -448,29 +444,20 @@ def curves_table(panels: Sequence[PaperFigure]) -> Table:
     return Table(first.name, first.name, tuple(columns))
 
 
-def _define_study(parser: argparse.ArgumentParser) -> None:
-    allow_negative_values(parser)
-    define_command(
-        parser,
-        StudyOptions,
-        study,
+COMMANDS: Mapping[str, CommandSyntax] = {
+    "study": CommandSyntax(
+        StudyCommand,
         "The response for every combination of the values given, or one of the paper's studies.",
         "examples: tactor-bench study fig10 --csv fig10.csv;  "
         "tactor-bench study --vary E_m=1e3:1e9:25:log --vary delta=0:0.04:9 --out skin.h5;  "
         "tactor-bench study --sensitivity --vary k2=6e-3,8e-3 --vary 'm_add=6,9 g'",
-    )
-
-
-def _define_figures(parser: argparse.ArgumentParser) -> None:
-    allow_negative_values(parser)
-    define_command(
-        parser,
-        FiguresOptions,
-        write_figures,
+        negative_values=True,
+    ),
+    "figures": CommandSyntax(
+        FiguresCommand,
         "The theory curves of the paper's figures. Where the text's claim and the equations differ, the "
         "caption in the picture says so.",
         "example: tactor-bench figures --out figures --only fig9 --pdf",
-    )
-
-
-COMMANDS: Mapping[str, Callable[[argparse.ArgumentParser], None]] = {"study": _define_study, "figures": _define_figures}
+        negative_values=True,
+    ),
+}

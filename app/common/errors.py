@@ -1,5 +1,7 @@
 """Exit codes and usage errors of the program."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 
 
@@ -15,3 +17,12 @@ class ExitCode(IntEnum):
 
 class UsageError(Exception):
     """A command cannot use what it was given; the message names the value and the remedy."""
+
+
+@contextmanager
+def usage_errors(*kinds: type[Exception]) -> Iterator[None]:
+    """Raise UsageError with the message of an error of these kinds; also a decorator."""
+    try:
+        yield
+    except kinds as error:
+        raise UsageError(str(error)) from None

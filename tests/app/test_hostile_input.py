@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.cli import run as commands
+from app.cli import headless as commands
 from app.cli.main import complete_parser, main
 from app.common.errors import ExitCode
 from protocols.measurements.sine_dwell import SineDwell

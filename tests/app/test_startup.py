@@ -7,18 +7,28 @@ import pytest
 
 HEAVY = ("numpy", "pydantic", "scipy", "h5py", "pint", "rich", "matplotlib", "pyvisa", "nidaqmx", "grpc", "PySide6")
 
-TOLD = "import sys; {}; print(*(m for m in {!r} if m in sys.modules))"
+PROGRAM = """
+import contextlib, io, sys
+with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+    {}
+print(*(m for m in {!r} if m in sys.modules))
+"""
 
 
 def loaded(code: str) -> set[str]:
-    told = subprocess.run([sys.executable, "-c", TOLD.format(code, HEAVY)], capture_output=True, text=True, check=True)
-    return set(told.stdout.split())
+    program = PROGRAM.format(code, HEAVY)
+    printed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return set(printed.stdout.split())
 
 
 @pytest.mark.parametrize(
     ("code", "needs"),
     [
         ("import app.cli.main; app.cli.main._parser()", set()),
+        *(
+            (f"import app.cli.main; app.cli.main.main(['{name}', '--help'])", set())
+            for name in ("run", "window", "show")
+        ),
         (
             "import app.cli.model, app.cli.study, app.common.units; app.common.units.to_number('4 V', 'V')",
             {"pydantic", "pint"},
