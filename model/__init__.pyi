@@ -1,4 +1,7 @@
 from .amplifier_map import AmplifierMap as AmplifierMap
+from .arrays import Array as Array
+from .arrays import Complex as Complex
+from .arrays import Mask as Mask
 from .estimate import EstimatedQuantity as EstimatedQuantity
 from .membrane import GRAVITY as GRAVITY
 from .membrane import LOAD_SPEC as LOAD_SPEC

@@ -1,4 +1,4 @@
-"""Array types of the model."""
+"""Array types: floats, complex numbers, flags."""
 
 import numpy as np
 from numpy.typing import NDArray

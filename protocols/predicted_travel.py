@@ -5,17 +5,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
-from model import AmplifierMap, Tactor
+from model import AmplifierMap, Array, Tactor
 from model.response import amplifier_response, poles, samples_per_period, voltage_gain
 from protocols.base import PlanEntry
 
 SWEEP_POINTS = 101
 """Frequencies at which a sweep is evaluated; it is slow enough to be quasi-stationary."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError
 from app.identification.identify import IdentificationResult, Method
 from app.identification.identify import identify as identify_runs
 from app.identification.observations import ObservationError, amplifier_of
-from model import Membrane, Tactor
+from model import Array, Membrane, Tactor
 from model.identification import Adequacy, Calibration, FitOptions, IdentificationError
 from tactor_bench._catalogue import CatalogueEntry
 from tactor_bench._run import MeasuredRun
@@ -55,7 +54,7 @@ class Identification:
         )  # fmt: skip
         self.estimates = EstimateTable(found.estimates)
         self.names: tuple[str, ...] = tuple(self.estimates)
-        self.covariance: NDArray[np.float64] = np.asarray(found.covariance, float)
+        self.covariance: Array = np.asarray(found.covariance, float)
         self.fixed: Mapping[str, float | None] = found.fixed
         self.tactor: Tactor = found.tactor
         self.membrane: Membrane = found.membrane

@@ -5,9 +5,9 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from model import AmplifierMap, Membrane, ParameterError, Skin, Specimen, Tactor
+from model import AmplifierMap, Array, Complex, Membrane, ParameterError, Skin, Specimen, Tactor
 from model.identification import Calibration, parse_elongation
 from model.response import PeriodicResponse, Waveform, amplifier_response, frequency_response
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["AmplifierMap", "Membrane", "ParameterError", "Response", "Skin", "Tactor", "response"]
 
-Array = NDArray[np.float64]
 SHAPES = 7
 
 PARTS_HZ = (15.0, 60.0)
@@ -41,8 +40,8 @@ class Response:
 
     frequency_hz: Array
     peak_to_peak: Array
-    fundamental: NDArray[np.complex128]
-    receptance: NDArray[np.complex128]
+    fundamental: Complex
+    receptance: Complex
     peak_to_peak_band: UncertaintyBand | None
     fundamental_band: UncertaintyBand | None
     specimen: Specimen

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Self, TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers import Drive
+from model import Array
 from protocols.base import Quality, Recording
 from protocols.runfile.open import RunReadError
 from protocols.runfile.reader import LoggedEvent, Run, translate_read_errors
@@ -20,7 +20,6 @@ from tactor_bench._tables import CurveTable, EstimateTable, Points
 
 __all__ = ["MeasuredRun", "Quality", "RunReadError", "Samples", "open_run"]
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -3,16 +3,12 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from app.common.formatting import format_quantity
+from model import Array, Mask
 from protocols.base import Quality, ResultCurve, usable_mask
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = NDArray[np.float64]
 
 
 class ValueWithError(Protocol):
@@ -113,7 +109,7 @@ class Points(ColumnTable):
         return tuple(Quality(int(each)) for each in self["quality"])
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Whether fits and summaries may use each point, (N,): no flag speaks against it."""
         return usable_mask(self["quality"])
 

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.common.minmax import minmax_decimate, minmax_pairs
 from app.session.messages import LogLine, Severity, describe_event, describe_point
+from model import Array, Mask
 from protocols.base import (
     EVENTS,
     BlockStored,
@@ -30,7 +30,6 @@ from protocols.resume import measured_points
 from protocols.runfile.reader import LoggedEvent, Run, RunReadError, translate_read_errors
 from protocols.runfile.trace import RunTrace
 
-Array = NDArray[np.float64]
 ROWS_PER_CHUNK = 1_000_000
 TRACE_COLUMNS = 2000
 
@@ -88,7 +87,7 @@ class MeasuredResponse:
     """Its peak amplitude."""
     fundamental_errors: Array
     phase: Array
-    usable: NDArray[np.bool_]
+    usable: Mask
 
     @property
     def title(self) -> str:

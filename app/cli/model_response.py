@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
 from app.cli.model_options import (
     DENSITY,
@@ -28,6 +27,7 @@ from model import LOAD_SPEC as WEIGHT
 from model import (
     PRE_STRETCH,
     AmplifierMap,
+    Array,
     Membrane,
     ParameterError,
     ParameterSpec,
@@ -183,9 +183,7 @@ def _position_spec(specimen: Specimen) -> ParameterSpec:
     return ParameterSpec("at", "m", Interval(ge=0, le=specimen.tactor.L), "distance from the clamp", None)
 
 
-def _describe_felt_bands(
-    f: NDArray[np.float64], amplitude: NDArray[np.float64]
-) -> tuple[str, tuple[tuple[float, float], ...]]:
+def _describe_felt_bands(f: Array, amplitude: Array) -> tuple[str, tuple[tuple[float, float], ...]]:
     """Return the bands in which max - min exceeds the perception threshold of the abdomen, as text and in Hz."""
     rising, order = np.unique(f, return_index=True)
     bands = usable_bands(rising, amplitude[order])

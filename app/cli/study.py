@@ -40,7 +40,7 @@ from app.common.progress import terminal_progress, track
 from app.common.tables import Column, Table
 from app.common.units import display_unit
 from app.plotting.charts import draw_figure
-from model import replace_variables
+from model import Array, replace_variables
 from model.response import FREQUENCY_SPEC
 from model.studies.paper_figures import FigureCurve, PaperFigure, paper_figures
 from model.studies.parameter_study import MEASURE_UNITS, STUDY_PRESETS, Measure, Study, StudyResult
@@ -64,7 +64,7 @@ def study_record(result: StudyResult) -> dict[str, Any]:
     return {"axes": axes, result.measure: {"unit": result.unit, "values": lists}}
 
 
-def study_summary(study: Study, amplitude: NDArray[np.float64]) -> tuple[Column, ...]:
+def study_summary(study: Study, amplitude: Array) -> tuple[Column, ...]:
     """Return a table of the combinations with their peaks."""
     f, peak = np.asarray(study.frequency_hz), amplitude.argmax(1)
     index = np.unravel_index(np.arange(len(amplitude)), study.shape or (1,))

@@ -1,9 +1,8 @@
 """Min/max decimation: the smallest and largest value of each column, which draw like the whole signal."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array
 
 
 def minmax_pairs(values: Array, samples_per_column: int) -> Array:

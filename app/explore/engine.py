@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.explore.state import ExploreSetting, KeptCurve
 from app.live.model_curve import CurveCache, ModelCurve
-
-Array = NDArray[np.float64]
+from model import Array
 
 FREQUENCIES = 300
 LOWEST_HZ = 1.0

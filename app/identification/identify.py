@@ -5,11 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from app.identification.observations import read_observations, shape_count_of_file
-from model import EstimatedQuantity, Membrane, Tactor, parameter_specs
+from model import Array, EstimatedQuantity, Membrane, Tactor, parameter_specs
 from model.identification import (
     Adequacy,
     CurveValidation,
@@ -47,7 +44,7 @@ class IdentificationResult:
     method: Method
     observations: ObservationSet
     estimates: tuple[EstimatedQuantity, ...]
-    covariance: NDArray[np.float64]
+    covariance: Array
     fixed: Mapping[str, float | None]
     """Parameters of the model that were held, with their values."""
     verdict: str

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model import AmplifierMap, ParameterError
+from model import AmplifierMap, Array, Mask, ParameterError
 from model.identification import (
     FitOptions,
     FrequencyResponseObservation,
@@ -35,7 +34,7 @@ CARD_READBACK_MARGIN_V = 0.02
 DEFAULT_SHAPE_COUNT = 20
 """Shape functions for a real tactor; for a simulated one, the number of the simulation."""
 
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Array]
 
 
 class ObservationError(Exception):
@@ -130,7 +129,7 @@ def _common_arguments(run: Run) -> dict[str, Any]:
 
 
 def _response(
-    run: Run, columns: Columns, good: NDArray[np.bool_], label: str, elongation_m: float | None
+    run: Run, columns: Columns, good: Mask, label: str, elongation_m: float | None
 ) -> FrequencyResponseObservation:
     sine, width = (
         good & np.isfinite(columns[name]) & (columns[f"{name}_errors"] > 0) for name in ("fundamental", "peak_to_peak")
@@ -165,11 +164,11 @@ def _response(
     )
 
 
-def _sine_dwell(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _sine_dwell(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     yield _response(run, columns, good, run.path.stem, None)
 
 
-def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _membrane_series(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     """Yield one response for each elongation and each free reference."""
     for part in dict.fromkeys(columns["part"].tolist()):
         at = columns["part"] == part
@@ -181,7 +180,7 @@ def _membrane_series(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Ite
             yield _response(run, mine, good[at], f"{run.path.stem} {words}", None if free else elongation)
 
 
-def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _mass_resonance(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     peak = "frequency" if np.isfinite(columns["frequency"]).any() else "resonance"  # a table may have the latter only
     frequency, errors = columns[peak], columns[f"{peak}_errors"]
     yield MassResonanceObservation(
@@ -195,7 +194,7 @@ def _mass_resonance(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
     )
 
 
-def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _voltage_steps(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     errors = columns["deflection_errors"]
     direction = np.nan_to_num(columns["direction"])
     time = columns["read_time"]
@@ -211,7 +210,7 @@ def _voltage_steps(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Itera
     )
 
 
-def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _static_loading(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     """Yield each side separately; pushing is positive for any sensor sign. An unknown side is the mean of both."""
     sides: tuple[tuple[float, Side], ...] = ((1.0, "mfc"), (-1.0, "aluminium"), (np.nan, "both"))
     for side, name in sides:
@@ -234,7 +233,7 @@ def _static_loading(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iter
         )
 
 
-def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterator[Observation]:
+def _membrane_sag(run: Run, columns: Columns, good: Mask) -> Iterator[Observation]:
     """Yield the mean sag: errors common to the repeats (reference depth, geometry) do not average out."""
     if not good.any():
         return
@@ -251,7 +250,7 @@ def _membrane_sag(run: Run, columns: Columns, good: NDArray[np.bool_]) -> Iterat
     )
 
 
-OBSERVATION_READERS: dict[str, Callable[[Run, Columns, NDArray[np.bool_]], Iterator[Observation]]] = {
+OBSERVATION_READERS: dict[str, Callable[[Run, Columns, Mask], Iterator[Observation]]] = {
     "sine-dwell": _sine_dwell,
     "membrane-series": _membrane_series,
     "mass-resonance": _mass_resonance,

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.config.bench_file import ConfigError, load_bench
 from app.config.tables import AmplifierTable
 from drivers import LaserSensor
+from model import Array
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable
 from protocols.resume import protocol_of_run
 from protocols.runfile.reader import Run, RunReadError
@@ -122,12 +122,12 @@ class RecalibratedRun(Run):
         now = self._correction.amplifier
         return super().configuration | ({"amplifier": now.model_dump()} if now else {})
 
-    def points(self) -> dict[str, NDArray[np.float64]]:
+    def points(self) -> dict[str, Array]:
         """Return the points reduced again, one per entry, from its latest recordings."""
         return self._reduced_points
 
     @cached_property
-    def _reduced_points(self) -> dict[str, NDArray[np.float64]]:
+    def _reduced_points(self) -> dict[str, Array]:
         protocol = protocol_of_run(self, self.path.name)
         begun, measured = self.entries(), set(super().points()[ENTRY_COLUMN].astype(int).tolist())
         made = []

@@ -7,7 +7,8 @@ import threading
 
 import numpy as np
 
-from app.common.minmax import Array, minmax_pairs
+from app.common.minmax import minmax_pairs
+from model import Array
 
 
 class MinMaxTrace:

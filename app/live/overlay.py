@@ -10,8 +10,8 @@ import numpy as np
 
 from app.identification.active_model import PAPER_MODEL, ActiveModel, load_active_model
 from app.live.latest_only import LatestOnlyWorker
-from app.live.model_curve import Array, CurveCache, ModelCurve
-from model import AmplifierMap
+from app.live.model_curve import CurveCache, ModelCurve
+from model import AmplifierMap, Array
 from protocols.base import Protocol
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +20,7 @@ class MeasuredPoints:
     x: Array
     y: Array
     half_interval: Array
-    usable: NDArray[np.bool_]
+    usable: Mask
     marker: str = "o"
     model_y: Array | None = None
     """Model values at the points; the residual strip shows the difference."""
@@ -170,7 +169,7 @@ def draw_measured(
     x: Array,
     y: Array,
     errors: Array,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     label: str | None,
     face: Any = "tab:red",
     hollow: str = "none",

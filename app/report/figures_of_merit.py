@@ -8,15 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel
-from model import Membrane, ParameterSpec, Tactor
+from model import Array, Membrane, ParameterSpec, Tactor
 from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
 from model.response import THRESHOLD_M, perception_margin, step_latency, usable_bands
 from model.studies.uncertainty import UncertaintyBand
-
-Array = NDArray[np.float64]
 
 FULL_DRIVE_TOLERANCE = 0.02
 """Relative difference from the largest drive up to which a drive counts as full."""

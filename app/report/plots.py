@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.plotting.panels import MeasuredPoints, PlotLine, PlotPanel, ReportPlot
 from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, SpecimenModel
+from model import Array, Mask
 from model.identification import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -23,7 +24,6 @@ from model.identification import (
 from model.response import THRESHOLD_M, load_compliance, voltage_gain
 from model.studies.uncertainty import UncertaintyBand
 
-Array = NDArray[np.float64]
 TITLE = "Fig. 9: frequency response"
 ERROR_BARS_NOTE = (
     "Below: measured less model (Δ), in the same unit. Bars and bands: 95 %. Hollow: flagged, and in no fit."
@@ -220,9 +220,7 @@ def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation])
     volts = np.linspace(map_.low_v, map_.high_v, 51)
     band = specimen.curve_with_band(lambda t, _: voltage_gain(t) * map_.specimen_v(volts))
 
-    def chosen(
-        pick: Callable[[VoltageStepsObservation], NDArray[np.bool_]], label: str, marker: str
-    ) -> Iterable[MeasuredPoints]:
+    def chosen(pick: Callable[[VoltageStepsObservation], Mask], label: str, marker: str) -> Iterable[MeasuredPoints]:
         at = [pick(run) for run in runs]
         if any(each.any() for each in at):
             x, y, half = _join_rows(
@@ -234,13 +232,13 @@ def steps_plot(specimen: SpecimenModel, runs: Sequence[VoltageStepsObservation])
                 label, x, y, half, _concatenate(r.usable[a] for r, a in zip(runs, at, strict=True)), marker, model
             )
 
-    def none(run: VoltageStepsObservation) -> NDArray[np.bool_]:
+    def none(run: VoltageStepsObservation) -> Mask:
         return np.full(run.input_v.size, run.rising is None)
 
-    def rising(run: VoltageStepsObservation) -> NDArray[np.bool_]:
+    def rising(run: VoltageStepsObservation) -> Mask:
         return ~none(run) if run.rising is None else run.rising & ~none(run)
 
-    def falling(run: VoltageStepsObservation) -> NDArray[np.bool_]:
+    def falling(run: VoltageStepsObservation) -> Mask:
         return np.zeros(run.input_v.size, bool) if run.rising is None else ~run.rising
 
     dots = (*chosen(none, "measured", "o"), *chosen(rising, "rising", "^"), *chosen(falling, "falling", "v"))

@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.identification.identify import IdentificationResult, identify_observations
 from app.report.runs import ReportRun
-from model import AmplifierMap, Membrane, ParameterError, Skin, Tactor, parameter_specs, skin, variable_specs
+from model import AmplifierMap, Array, Membrane, ParameterError, Skin, Tactor, parameter_specs, skin, variable_specs
 from model.identification import (
     FitOptions,
     FrequencyResponseObservation,
@@ -21,7 +20,6 @@ from model.identification import (
 from model.response import amplifier_response
 from model.studies.uncertainty import EstimateSet, UncertaintyBand, linear_band
 
-Array = NDArray[np.float64]
 CurveFunction = Callable[[Tactor, Membrane], Array]
 
 LOW_HZ, HIGH_HZ = 5.0, 250.0

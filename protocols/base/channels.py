@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers import DISPLACEMENT_CHANNEL, DRIVE_CHANNEL, LaserSensor, Scale
+from model import Array
 from protocols.base.quality import Quality
 
 TABULATED_SCANS = 1 << 18
@@ -31,7 +32,7 @@ class ChannelCalibration:
         """Return the calibrations of drive and displacement."""
         return cls(scales[DRIVE_CHANNEL]), cls(scales[DISPLACEMENT_CHANNEL], sensor)
 
-    def to_si(self, raw: NDArray[np.int16]) -> NDArray[np.float64]:
+    def to_si(self, raw: NDArray[np.int16]) -> Array:
         """Return volts, or metres with a sensor; same shape as `raw`."""
         if raw.size >= TABULATED_SCANS:  # the same numbers in half the time
             counts = np.arange(1 << 16, dtype=np.uint16)

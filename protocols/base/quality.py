@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from enum import IntFlag
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.deprecated import renamed
+from model import Mask
 
 
 @renamed(words="description")
@@ -45,6 +45,6 @@ class Quality(IntFlag):
         return not self & ~(Quality.SIMULATED | Quality.CALIBRATION_EXPIRED | Quality.IMPORTED)
 
 
-def usable_mask(flags: Iterable[float]) -> NDArray[np.bool_]:
+def usable_mask(flags: Iterable[float]) -> Mask:
     """Return which values, by their stored flags, fits and summaries may use; (N,)."""
     return np.array([Quality(int(each)).usable for each in flags], bool)

@@ -4,16 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers import Drive
+from model import Array as Array
 from model import EstimatedQuantity as EstimatedQuantity
 from protocols.base.quality import Quality
 from protocols.base.steps import Prompt
-
-Array = NDArray[np.float64]
-
 
 MAX_RECORDING_SCANS = 50_000_000
 """Limit of one recording, which its analysis holds in memory: a gigabyte."""

@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers import Drive
 from drivers.deprecated import renamed
+from model import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +83,7 @@ class Ask:
 class Detector(Protocol):
     """Detects an event in drive (V) and displacement (m), block by block."""
 
-    def feed(self, drive_v: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> bool:
+    def feed(self, drive_v: Array, displacement_m: Array) -> bool:
         """Process samples; return True once the event is detected."""
 
 

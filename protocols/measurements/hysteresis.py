@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Interval, Len, Unit
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from drivers import Sine
+from model import Array
 from protocols.base import (
     CurveColumn,
     EstimatedQuantity,
@@ -30,8 +30,6 @@ from protocols.base import (
 from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
-
-Array = NDArray[np.float64]
 
 SOURCE = "line through the loop widths of this run over frequency"
 
@@ -217,7 +215,7 @@ def _close_loop(loop: Array) -> Array:
     return np.append(loop, loop[0])
 
 
-def _advance(samples: NDArray[np.float64], shift: float) -> NDArray[np.float64]:
+def _advance(samples: Array, shift: float) -> Array:
     """The samples as they would be `by` samples earlier, on straight lines between them; shorter at the end."""
     at = np.arange(samples.size, dtype=float) + shift
     inside = at[(at >= 0) & (at <= samples.size - 1)]

@@ -11,9 +11,8 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Interval, Unit
-from numpy.typing import NDArray
 
-from model import Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
+from model import Array, Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
 from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
 from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate
 from protocols.signals.levels import combine_errors, estimate_level
@@ -142,7 +141,7 @@ class MembraneSag(Protocol):
             pass  # no modulus explains this sag; the sag itself is reported
         return tuple(found)
 
-    def mean_sag(self, sags_m: NDArray[np.float64], errors_m: NDArray[np.float64]) -> tuple[float, float]:
+    def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:
         """Mean of the sags, (N,), and its standard error, that of the reference's depth included (m)."""
         scatter_m = float(sags_m.std(ddof=1)) / math.sqrt(sags_m.size) if sags_m.size > 1 else 0.0
         own_m = float(np.sqrt(np.sum(errors_m**2))) / sags_m.size

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers import Closeable, LaserSensor
-from model import AmplifierMap
+from model import AmplifierMap, Array
 from protocols.base import CurveColumn, EntryStarted, EstimatedQuantity, Recording, ResultCurve, RunStatus
 from protocols.runfile.open import NewerFormatError, NotARunError, RunReadError, open_run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN, FORMAT, FORMAT_VERSION
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     import h5py
 
 __all__ = ["LoggedEvent", "NewerFormatError", "NotARunError", "Run", "RunReadError", "translate_read_errors"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

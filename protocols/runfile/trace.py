@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers import LaserSensor, Scale, channel_skew_s, from_record
+from model import Array
 from protocols.base import ChannelCalibration, Quality, Recording
 from protocols.runfile.schema import CHANNELS, ENTRY_COLUMN
 
 if TYPE_CHECKING:
     import h5py
-
-Array = NDArray[np.float64]
 
 
 def read_sensor(entry: "h5py.Group") -> LaserSensor:

@@ -1,9 +1,9 @@
 """Input checks of the estimators, and the coverage factor of an interval."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from model import Array
 
 
 def check_samples(name: str, samples: ArrayLike, min_size: int) -> Array:

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from protocols.signals.checks import check_positive, check_samples
-
-Array = NDArray[np.float64]
 
 BINS_PER_DECADE = 20
 """Samples are averaged in bins of the logarithm of time: the late decades hold nearly all samples, and say no more."""

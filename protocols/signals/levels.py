@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model import Array
 from protocols.signals.checks import check_positive, check_samples
-
-Array = NDArray[np.float64]
 
 MAINS_HZ = 50.0
 MAINS_ORDERS = 3

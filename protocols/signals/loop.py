@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model import Array
 from protocols.signals.checks import check_positive, check_samples
-
-Array = NDArray[np.float64]
 
 MIN_POINTS = 8
 GRID_LEVELS = 64

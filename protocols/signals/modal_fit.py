@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from model import Array, Complex
 
 MIN_LINES = 5
 
@@ -87,9 +87,7 @@ def fit_sdof(
     )
 
 
-def _fit_poles(
-    g: Array, H: NDArray[np.complex128], weight: Array, unknowns: int
-) -> tuple[Array, Array, int, Array] | None:
+def _fit_poles(g: Array, H: Complex, weight: Array, unknowns: int) -> tuple[Array, Array, int, Array] | None:
     """f0 and zeta, their standard errors, the degrees of freedom, and the linear terms a, b, c ... of 6 or 7 unknowns.
 
     The linear terms are solved for within (variable projection), so that only f0 and zeta are searched. None where there is

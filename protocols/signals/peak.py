@@ -16,13 +16,12 @@ tactor of the paper).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model import Array
 from protocols.signals.checks import check_positive, check_samples
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import OVERLAP_CORRELATION, band_spectrum, fast_length, make_block_averager
-
-Array = NDArray[np.float64]
 
 PEAK_BAND_HZ = (125.0, 500.0)
 """Where the paper looks for the peak."""

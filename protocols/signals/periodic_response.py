@@ -11,14 +11,12 @@ frequency for one mode. (After the local polynomial method of Pintelon & Schouke
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.legendre import legvander
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model import Array, Complex
 from protocols.signals.checks import check_pair, check_positive
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import POOLED_LINES, make_block_averager, pool_lines
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 WINDOW_LINES, POLYNOMIAL_DEGREE = 15, 6
 """A piece of the response, and the degree of the polynomial that must fit its inverse."""

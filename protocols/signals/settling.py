@@ -4,11 +4,9 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from protocols.signals.sine import fit_sine
-
-Array = NDArray[np.float64]
 
 
 @dataclass

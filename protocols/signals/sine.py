@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array, Complex
 
 NYQUIST_SHARE = 0.45
 """Harmonics above this share of the sample rate are not fitted: they cannot be distinguished from aliases."""
@@ -31,7 +30,7 @@ class SineFit:
     """
 
     frequency_hz: float
-    components: NDArray[np.complex128]
+    components: Complex
     offset: float
     drift_per_s: float
     noise: float

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array
+
 Bin = TypeVar("Bin", bound=np.inexact[Any])
 
 INTERLEAVED_ROWS = 8

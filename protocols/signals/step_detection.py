@@ -11,12 +11,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from protocols.signals.checks import check_positive
 from protocols.signals.levels import MAINS_HZ, combine_errors, estimate_level
-
-Array = NDArray[np.float64]
 
 
 class StepDetectionState(StrEnum):

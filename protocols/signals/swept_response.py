@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from model import Array, Complex
 from protocols.signals.checks import check_pair
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.spectral_blocks import (
@@ -23,8 +24,6 @@ from protocols.signals.spectral_blocks import (
     make_block_averager,
     pool_lines,
 )
-
-Array = NDArray[np.float64]
 
 SEARCH_CHUNK = 1 << 14
 """Samples looked at in one go."""
@@ -81,8 +80,6 @@ def check_drive_in_band(drive: Array, power: float, band_share: float, n: int, b
             "as with noise: check the drive channel's cable, and that the sweep went through this band"
         )
 
-
-Complex = NDArray[np.complex128]
 
 MIN_BINS_PER_LINE = 32
 """Bins under one line of a sweep: fewer leave no lags beside the gate for the noise."""

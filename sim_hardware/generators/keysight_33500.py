@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, accept_keywords, decode_block
 from sim_hardware.wires.scpi_engine import (
@@ -101,7 +101,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         self._reset_waveforms()
 
     def _reset_waveforms(self) -> None:
-        self._waveforms: dict[str, NDArray[np.float64]] = {}
+        self._waveforms: dict[str, Array] = {}
         self._selected = BUILT_IN_NAME
         self._rate_hz = 40e3
         self._interpolated = True
@@ -164,7 +164,7 @@ class SimulatedKeysight33500(SimulatedKeysightGenerator):
         self._selected = name
         self._output_waveform(BUILT_IN_WAVEFORM if name == BUILT_IN_NAME else self._waveforms[name])
 
-    def _output_waveform(self, points: NDArray[np.float64]) -> None:
+    def _output_waveform(self, points: Array) -> None:
         turn: dict[str, Any] = {}
         if self._generator.settings.function == "ARB":
             turn["frequency_hz"] = self._rate_hz / points.size

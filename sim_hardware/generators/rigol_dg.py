@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_generator import SOURCE_PATTERN, SimulatedScpiGenerator, decode_block
 from sim_hardware.wires.scpi_engine import (
@@ -44,7 +44,7 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         self._reset_waveform()
 
     def _reset_waveform(self) -> None:
-        self._packets: list[NDArray[np.float64]] = []
+        self._packets: list[Array] = []
         self._points = np.zeros(FREQUENCY_MODE_POINTS)
         self._sample_rate_mode = False
         self._rate_hz = 20e6

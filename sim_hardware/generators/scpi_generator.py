@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, OutputLevels
 from sim_hardware.plant.segments import ArbitraryWaveform
@@ -191,7 +191,7 @@ class SimulatedScpiGenerator:
             self._generator.apply_settings(trigger="BUS")
         self._generator.apply_settings(cycles=cycles)
 
-    def _load_waveform(self, points: NDArray[np.float64], interpolated: bool = False, **settings: Any) -> None:
+    def _load_waveform(self, points: Array, interpolated: bool = False, **settings: Any) -> None:
         """Play these points from now on, 1 being half of the amplitude."""
         if self.AMPLITUDE_IS_WAVEFORM_SPAN:
             points = points * (2 / max(float(np.ptp(points)), 1e-9))
@@ -199,7 +199,7 @@ class SimulatedScpiGenerator:
         self._generator.apply_settings(wave=ArbitraryWaveform(points.astype(np.float32), interpolated), **settings)
 
 
-def decode_block(argument: str, dtype: str, low: float, high: float) -> NDArray[np.float64]:
+def decode_block(argument: str, dtype: str, low: float, high: float) -> Array:
     """Return the points of a binary block.
 
     Raises:

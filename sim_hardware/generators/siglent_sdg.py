@@ -8,8 +8,8 @@ parameters that do not apply are missing from the reply; an inverted polarity is
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.generators.generator import SimulatedGenerator
 from sim_hardware.generators.scpi_levels import MAX_EMF_V, MIN_EMF_VPP
 from sim_hardware.plant.segments import ArbitraryWaveform
@@ -35,7 +35,7 @@ class SimulatedSiglentSdg:
         self._high_z = False
         self._inverted = False
         self._selected_name = BUILT_IN_NAME
-        self._stored_waveforms: dict[str, tuple[NDArray[np.float64], dict[str, str]]] = {}
+        self._stored_waveforms: dict[str, tuple[Array, dict[str, str]]] = {}
 
     def reset(self) -> None:
         self._reset_state()

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.generators.generator import SegmentFactory
-from sim_hardware.plant.segments import Array, ConstantSegment, Segment
+from sim_hardware.plant.segments import ConstantSegment, Segment
 from sim_hardware.plant.voltage_history import VoltageHistory
 
 RANGE_V = 10.0
@@ -58,7 +59,7 @@ class SampledSegment:
         return np.where(below < 0, self.initial_v, volts)
 
 
-def to_counts(volts: NDArray[np.float64]) -> Counts:
+def to_counts(volts: Array) -> Counts:
     """The converter's counts for these volts."""
     return np.rint(volts / VOLTS_PER_COUNT).clip(-32768, 32767).astype(np.int16)
 
@@ -105,7 +106,7 @@ class SimulatedAnalogOutput:
         """Hold the present level, as a stopped task does."""
         self._emit_segment(lambda t: ConstantSegment(float(self._segment.volts(np.array([t]))[0])))
 
-    def volts(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def volts(self, t: Array) -> Array:
         """Volts at the output at past times `t`, ascending."""
         return self._history.volts(t)
 

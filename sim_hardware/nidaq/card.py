@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers import Scale
+from model import Array
 from sim_hardware.nidaq.analog_output import SimulatedAnalogOutput
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.laser_view import LaserView
@@ -18,7 +19,6 @@ from sim_hardware.plant.parameters import CardParameters, SimulationParameters
 from sim_hardware.plant.plant import Plant
 from sim_hardware.plant.voltage_history import VoltageHistory
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int16]
 
 DRIVE_CHANNEL, SENSOR_CHANNEL = 0, 1

@@ -10,6 +10,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.nidaq.analog_output import FIFO_SAMPLES, RANGE_V, SimulatedAnalogOutput, to_counts
 from sim_hardware.nidaq.card import TIMEBASE_HZ
 from sim_hardware.nidaq.errors import NiError
@@ -74,7 +75,7 @@ class NiOutputTask(NiTask):
     def set_buffer(self, scans: int) -> None:
         self._counts = np.zeros(scans, np.int16)
 
-    def write(self, volts: NDArray[np.float64], auto_start: bool) -> int:
+    def write(self, volts: Array, auto_start: bool) -> int:
         """Write samples, or one level at once where there is no clock; how many were written.
 
         Raises:

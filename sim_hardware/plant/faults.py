@@ -4,7 +4,8 @@ import math
 import threading
 
 import numpy as np
-from numpy.typing import NDArray
+
+from model import Array, Mask
 
 FAULT_DESCRIPTIONS = {
     "scpi-silent": "the generator neither obeys nor answers, its output goes on",
@@ -68,7 +69,7 @@ class FaultState:
         with self._lock:
             return bool(self._intervals.get(name))
 
-    def active_since(self, name: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def active_since(self, name: str, t: Array) -> Array:
         """Return when the fault active at bench times `t` began, same shape; NaN where there was none."""
         with self._lock:
             spans = [tuple(span) for span in self._intervals.get(name, [])]
@@ -77,6 +78,6 @@ class FaultState:
             begin_s[(t >= begin) & (t < end)] = begin
         return begin_s
 
-    def was_active(self, name: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def was_active(self, name: str, t: Array) -> Mask:
         """Whether `name` was active at bench times `t`, same shape."""
         return ~np.isnan(self.active_since(name, t)) if self.was_ever_active(name) else np.zeros(t.shape, bool)

@@ -12,11 +12,9 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model import Array
 from sim_hardware.plant.voltage_history import HistoryEntry
-
-Array = NDArray[np.float64]
 
 _CHUNK = 1_000_000
 

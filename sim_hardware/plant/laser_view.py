@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model import sag
+from model import Array, sag
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.plant import Plant
-
-Array = NDArray[np.float64]
 
 MEMBRANE_SWING_HZ, MEMBRANE_SWING_DECAY_S = 4.0, 0.4
 """Swing of a released membrane: frequency and decay time, by air and rubber."""

@@ -6,9 +6,8 @@ They test whether a measurement detects them.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array
 
 VOLTAGE_SPAN_V = 2000.0
 """The whole stroke of the specimen's voltage, of which a loop's width is a share."""

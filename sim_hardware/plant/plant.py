@@ -13,18 +13,15 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers import Clock
+from model import Array
 from sim_hardware.plant.faults import FaultState
 from sim_hardware.plant.nonidealities import CreepModel, HysteresisModel
 from sim_hardware.plant.parameters import AmplifierParameters, SimulationParameters
 from sim_hardware.plant.setup_state import SetupState, initial_state, weight_force_n
 from sim_hardware.plant.stepper import BLOCK, Stepper, limit_slew
 from sim_hardware.plant.voltage_history import VoltageHistory
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 CURRENT_LIMIT_SLEW_FRACTION = 1e-3
 """Share of its slew rate that the amplifier keeps at its current limit."""

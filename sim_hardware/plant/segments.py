@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from model import Array
 
 _EDGE_S = 5e-6
 """How long a generator's output amplifier takes from one held point to the next: less than the plant's grid."""

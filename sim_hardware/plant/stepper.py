@@ -7,13 +7,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model import Skin, Tactor
+from model import Array, Complex, Skin, Tactor
 from model.response import load_compliance, system_matrices, tactor_modal_form
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BLOCK = 128
 """Grid steps simulated together; nothing is known of a block before it is complete."""

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from drivers import Clock
+from model import Array, Mask
 from sim_hardware.plant.segments import OpenOutputSegment, Segment
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +96,7 @@ class VoltageHistory:
         """Volts at the amplifier's input at past times `t`, ascending, shape (n,)."""
         return self.read(t)[0]
 
-    def read(self, t: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def read(self, t: ArrayLike) -> tuple[Array, Mask]:
         """Volts at the input, and whether high voltage was on, at past times `t`, ascending, both shape (n,)."""
         times = np.asarray(t, float)
         volts, hv = np.zeros(times.shape), np.zeros(times.shape, bool)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model import Array
 from sim_hardware.generators.generator import SegmentFactory
 from sim_hardware.plant.parameters import SupplyParameters
-from sim_hardware.plant.segments import Array, Segment
+from sim_hardware.plant.segments import Segment
 
 RISE_TAU_S = 1e-3
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.archive.importing.columns import ColumnMapping, TableImportError
 from app.archive.importing.table import ImportTable
@@ -24,13 +23,11 @@ from app.archive.importing.values import (
 )
 from app.common.progress import NO_PROGRESS, Progress
 from drivers import LaserSensor
-from model import GRAVITY
+from model import GRAVITY, Array
 from protocols.base import Protocol, Quality, ResultCurve, RunStatus
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 from protocols.runfile.writer import RunFileWriter, RunMetadata
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.archive.importing.columns import ColumnMapping, TableImportError
 from app.archive.importing.points import ImportedRun
@@ -13,12 +12,11 @@ from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportSettings, column_sources, table_values
 from app.common.progress import NO_PROGRESS, Progress
 from drivers import Sine
+from model import Array
 from protocols.base import CurveColumn, Quality, Recording, ResultCurve
 from protocols.measurements.sine_dwell import SinePoint, sine_point
 from protocols.registry import PROTOCOLS
 from protocols.signals import fit_frequency, fit_sine
-
-Array = NDArray[np.float64]
 
 MIN_CYCLES = 3
 VALUES_SHARE = 0.4

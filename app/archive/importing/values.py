@@ -7,16 +7,15 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.archive.importing.columns import ColumnMapping, TableImportError, TableKind, si_factor
 from app.archive.importing.table import ImportTable, TableColumn
 from app.common.progress import ITEMS_PER_UPDATE, NO_PROGRESS, Progress
 from app.common.units import UnitError, to_number
 from app.config.tables import AmplifierTable
+from model import Array
 from protocols.runfile.schema import ENTRY_COLUMN
 
-Array = NDArray[np.float64]
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
 SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 """Texts of the column `side`, besides 1 and -1."""

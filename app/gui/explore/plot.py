@@ -23,9 +23,10 @@ from app.gui.plots.base import (
     legend_share,
     round_step,
 )
-from app.gui.plots.series import SERIES, Array, PlotSeries
+from app.gui.plots.series import SERIES, PlotSeries
 from app.gui.widgets.theme import Theme
 from app.live.model_curve import ModelCurve
+from model import Array
 
 
 class ExplorePlot(PlotBase):

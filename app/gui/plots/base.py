@@ -11,11 +11,11 @@ from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QP
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
 from app.gui.plots.copy import PlotCopyButtons
-from app.gui.plots.series import Array, PlotSeries, series_as_text, series_of
+from app.gui.plots.series import PlotSeries, series_as_text, series_of
 from app.gui.widgets.layouts import column, make_label
 from app.gui.widgets.theme import Theme
 from app.session.messages import format_estimate
-from model import THRESHOLD_M
+from model import THRESHOLD_M, Array
 from protocols.base import RunEnded
 
 FELT_THRESHOLD_UM = 1e6 * THRESHOLD_M

@@ -18,11 +18,12 @@ from app.gui.plots.base import (
     curve_color,
     stable_range,
 )
-from app.gui.plots.series import Array, PlotSeries, series_of
+from app.gui.plots.series import PlotSeries, series_of
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
+from model import Array
 from protocols.base import ResultCurve
 
 MAX_DRAWN_POINTS = 4000

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap
 
+from model import Array
 from protocols.base import Protocol
-
-Array = NDArray[np.float64]
 
 LEGEND_ICON_SIZE = QSize(46, 14)
 

@@ -15,11 +15,10 @@ from app.gui.plots.base import (
     stable_range,
     trace_pen,
 )
-from app.gui.plots.series import Array
 from app.gui.widgets.layouts import make_label, row
 from app.gui.widgets.theme import Theme
 from app.live.feed import SPANS, LiveFeed, TimeSpan
-from model import AmplifierMap
+from model import AmplifierMap, Array
 
 SMOOTHING_S = 0.08
 """Time constant by which the display trails the samples, so that it scrolls smoothly although they arrive in blocks."""
