@@ -1,8 +1,8 @@
-"""Runs the fault matrix and writes docs/fault-matrix.md; exit code 1 if the program owes something in any cell.
+"""Fault matrix: runs every fault at every moment, writes docs/fault-matrix.md; exit code 1 if a cell violates a requirement.
 
     python docs/make_fault_matrix.py [PROTOCOL...]
 
-With protocols named, only their cells are run anew; all of them take some ten minutes.
+With protocol names only their cells are run; all of them take about ten minutes.
 """
 
 import sys
@@ -27,23 +27,23 @@ ON_WIRES = (
 )
 
 WIRE_ROW = 4
-"""Separators in a row of the second table; the first has one column a moment."""
+"""Number of separators in a row of the second table; the first table has one column per moment."""
 
 HEAD = """# The fault matrix
 
-Written by `python docs/make_fault_matrix.py`, which runs every cell on the simulated bench: the fault is broken at that
-moment of a real run and stays broken. Looked at is the world: the volts at the simulated amplifier's input, and the run
-file, which is opened afterwards. A cell says how the run ended and where the input stood then.
+Written by `python docs/make_fault_matrix.py`, which runs every cell on the simulated bench: the fault is injected at
+that moment of a real run and stays active. The outcome is determined from the voltage at the simulated amplifier's input and from
+the run file, which is opened afterwards. A cell gives the status of the run and the state of the input at its end.
 
-- **at rest**: the input stands still at rest and nothing will move it.
-- **unsafe**: rest could not be confirmed by measurement. The program says so (exit code 3) and what to do by hand. The input
-  may be at rest all the same, as where only the card was lost.
-- **-**: the protocol has no such moment, as where nothing is ramped.
-- **completed** after a fault on the way out: everything was measured, and rest was seen by the card although the source no
-  longer answered.
+- **at rest**: the input is constant at rest and no source will change it.
+- **unsafe**: rest could not be confirmed by measurement. The program reports this (exit code 3) and what to do by hand. The input
+  may be at rest nevertheless, for example if only the card was lost.
+- **-**: the protocol has no such moment, for example because nothing is ramped.
+- **completed** after a fault during safe shutdown: everything was measured, and the card measured rest although the source no
+  longer replied.
 
-Where the generator loses its power, its cable or its output, the input is pulled to -500 V on the specimen and no software
-brings it back: see [safety](safety.md) for the hardware remedy.
+If the generator loses its power, its cable or its output, the input is pulled to 0 V, -500 V on the specimen, and software cannot
+bring it back: see [safety](safety.md) for the hardware remedy.
 """
 
 
@@ -78,9 +78,9 @@ def main() -> int:
             bad += [f"{name}, {fault}, on wires: {one.words}" for one in [one] if one.faults]
             print(lines[-1], flush=True)
     lines += ["", "## The faults", "", "| fault | what it is |", "|---|---|"]
-    lines += [f"| {name} | {words} |" for name, words in FAULT_DESCRIPTIONS.items()]
+    lines += [f"| {name} | {description} |" for name, description in FAULT_DESCRIPTIONS.items()]
     (HERE / "fault-matrix.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print(f"{len(bad)} cells in which the program owes something", *bad, sep="\n")
+    print(f"{len(bad)} cells violate a requirement", *bad, sep="\n")
     return int(bool(bad))
 
 
@@ -90,17 +90,17 @@ def _run(fault: str, name: str, moment: str, wires: bool = False) -> Cell:
 
 
 def _log(one: Cell) -> str:
-    """The log without its times, addresses and what repeats itself."""
-    said = []
+    """Return the watchdog's log without times, addresses and repetitions."""
+    entries = []
     for line in one.watchdog_log.splitlines():
-        words = line.partition("  ")[2]
-        if "could not confirm rest" in words:
-            said.append("the program could not confirm rest")
-        elif "could NOT be brought to rest" in words:
-            said.append("asked for help; the source could NOT be brought to rest: it does not answer")
-        elif "was brought to rest" in words:
-            said.append("asked for help; the source was brought to rest")
-    return "; ".join(said) or "nothing"
+        message = line.partition("  ")[2]
+        if "could not confirm rest" in message:
+            entries.append("the program could not confirm rest")
+        elif "could NOT be brought to rest" in message:
+            entries.append("asked for help; the source could NOT be brought to rest: it does not answer")
+        elif "was brought to rest" in message:
+            entries.append("asked for help; the source was brought to rest")
+    return "; ".join(entries) or "nothing"
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Writes docs/reference from the code: protocols, commands, the run file, the Python API; and the lists of decisions and of pictures.
+"""Reference generator: protocols, commands, run file and Python API from the code; the lists of decisions and pictures.
 
 `python docs/make_reference.py`
 
-tests/docs/test_documentation.py fails where these pages are not what this script writes.
+tests/docs/test_documentation.py fails if these pages differ from the output of this script.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def pages() -> Iterator[tuple[str, str]]:
-    """Every page by its place below docs/."""
+    """Yield the path below docs/ and the text of every page."""
     yield "reference/protocols.md", MADE + "# Protocols\n\n" + "\n".join(protocol(kind) for kind in PROTOCOLS.values())
     yield "reference/commands.md", MADE + "# Commands\n\n" + "\n".join(commands())
     yield "reference/run-file.md", MADE + run_file()
@@ -53,7 +53,7 @@ def pages() -> Iterator[tuple[str, str]]:
 
 
 def protocol(kind: type[Protocol]) -> str:
-    """One protocol: what it does, its parameters, its points."""
+    """Return the section of one protocol: description, parameters, columns of its points."""
     defaults = kind.model_validate({})
     lines = [f"## {kind.title}: `{kind.name}`", "", cell(kind.__doc__ or ""), ""]
     high = "The specimen gets high voltage." if kind.high_voltage else "High voltage stays off."
@@ -63,14 +63,14 @@ def protocol(kind: type[Protocol]) -> str:
         limits = field.limits or (", ".join(field.choices) if field.choices else "")
         lines.append(f"| `{field.name}` | {default} | {cell(limits)} | {cell(field.description)} |")
     lines += ["", "| column of a point | unit | meaning |", "|---|---|---|"]
-    for name, (unit, words, width) in point_columns(kind.point_type).items():
+    for name, (unit, description, width) in point_columns(kind.point_type).items():
         several = f" ({width} values)" if width else ""
-        lines.append(f"| `{name}` | {unit} | {cell(words)}{several} |")
+        lines.append(f"| `{name}` | {unit} | {cell(description)}{several} |")
     return "\n".join([*lines, ""])
 
 
 def commands() -> Iterator[str]:
-    """The help of every command, as the program prints it."""
+    """Yield the help of every command, as the program prints it."""
     os.environ["COLUMNS"] = "100"
     for name, parser in every_parser("tactor-bench", complete_parser()):
         yield f"## `{name}`\n\n```text\n{parser.format_help().rstrip()}\n```\n"
@@ -85,7 +85,7 @@ def every_parser(name: str, parser: argparse.ArgumentParser) -> Iterator[tuple[s
 
 
 def run_file() -> str:
-    """What stands in a run file, taken from one."""
+    """Return the contents of a run file, listed from a real one."""
     from protocols.base.quality import Quality
     from protocols.measurements.sine_dwell import SineDwell
     from tests.helpers.simulated_bench import laboratory, run
@@ -93,22 +93,22 @@ def run_file() -> str:
     lines = [
         "# The run file",
         "",
-        "One HDF5 file a run, NeXus at heart: a NeXus viewer opens it to a plot. Below is everything that stands in the file",
+        "One HDF5 file per run, with NeXus classes: a NeXus viewer opens it with a default plot. The table below lists the contents of the file",
         "of a sine dwell; other protocols have other columns under `points`.",
         "",
-        "Raw samples are integers as the card gave them. `displacement_scaling_factor` and `displacement_offset` beside them",
-        "turn them into metres by NeXus' rule; the card's own polynomial is in `..._scaling_coefficients` (volts).",
-        "`status` is `running` until the run ends: a file that still says so, without its program, tells of a crash. Nothing raw",
-        "is ever rewritten; what is identified later is appended under `estimates`.",
+        "Raw samples are the card's integer counts. `displacement_scaling_factor` and `displacement_offset` convert them into metres",
+        "as defined by NeXus; the card's own polynomial is in `..._scaling_coefficients` (volts).",
+        "`status` is `running` until the run ends: a file that still has this status although its program has ended is that of a crashed run.",
+        "Raw data are never rewritten; results of later identification are appended under `estimates`.",
         "",
         "The version of the format is the attribute `format_version` of the file (`FORMAT_VERSION` in protocols/runfile/schema.py). A reader",
         "ignores groups, datasets without units, attributes and kinds of events that it does not know; a file of a newer version is",
-        "refused with the advice to install a newer program.",
+        "rejected with the advice to install a newer version of the program.",
         "",
-        "A run that was imported has `/entry/imported` besides, JSON: source files with SHA-256, columns and units, cautions. It has no",
-        "samples, no events and no instruments, and NaN for what its table did not tell.",
+        "An imported run also has `/entry/imported` (JSON): source files with SHA-256, columns and units, cautions. It has no",
+        "samples, events or instruments, and NaN for values that its table did not contain.",
         "",
-        "`points/quality` is a sum of flags; 0 is good. Those marked with * are facts, and leave a value usable:",
+        "`points/quality` is a sum of flags; 0 is good. Flags marked with * are informative; the value remains usable:",
         "",
         ", ".join(
             f"{flag.value} {(flag.name or '').lower().replace('_', ' ')}{'*' if flag.usable else ''}"
@@ -120,22 +120,22 @@ def run_file() -> str:
         "|---|---|---|---|",
     ]
 
-    def tell(name: str, item: Any) -> None:
+    def add_row(name: str, item: Any) -> None:
         if isinstance(item, h5py.Group):
-            kind, unit, words = str(item.attrs.get("NX_class", "group")), "", ""
+            kind, unit, meaning = str(item.attrs.get("NX_class", "group")), "", ""
         else:
             size = " x ".join("n" if most is None else str(most) for most in item.maxshape) if item.shape else ""
             kind = "text" if item.dtype.kind in "OS" else str(item.dtype) if item.dtype.names is None else "table"
             kind = f"{kind} [{size}]" if size else kind
-            unit, words = str(item.attrs.get("units", "")), str(item.attrs.get("long_name", ""))
+            unit, meaning = str(item.attrs.get("units", "")), str(item.attrs.get("long_name", ""))
             if item.dtype.names:
-                words = "columns " + ", ".join(item.dtype.names)
-        lines.append(f"| `/{name}` | {kind} | {unit} | {cell(re.sub(r' [(][^)]*[)]$', '', words))} |")
+                meaning = "columns " + ", ".join(item.dtype.names)
+        lines.append(f"| `/{name}` | {kind} | {unit} | {cell(re.sub(r' [(][^)]*[)]$', '', meaning))} |")
 
     with tempfile.TemporaryDirectory() as folder, laboratory() as lab:
         ran = run(SineDwell(frequencies_hz=(100, 150, 160, 170, 200)), Path(folder), lab)
         with h5py.File(ran.path) as file:
-            file.visititems(tell)
+            file.visititems(add_row)
     return "\n".join([*lines, ""])
 
 
@@ -144,7 +144,7 @@ def python_api() -> str:
     lines = [
         "# Python API",
         "",
-        "`import tactor_bench as tb`: [how to work with it](../how-to/work-in-a-notebook.md).",
+        "`import tactor_bench as tb`: [how to use it](../how-to/work-in-a-notebook.md).",
         "",
     ]
     public = {name: getattr(tb, name) for name in tb.__all__}
@@ -192,7 +192,14 @@ def parameters_of(kind: type) -> tuple[Any, ...]:
 
 
 def decisions() -> str:
-    lines = ["# Decisions", "", "Why the program is built as it is, in the order of the decisions.", ""]
+    lines = [
+        "# Decisions",
+        "",
+        "Design decisions and their reasons, in chronological order. A record is not rewritten when the program changes: names of packages,",
+        "modules and classes are those of its time. [0090](0090-packages-by-subject.md) has the present structure, the",
+        "[glossary](../glossary.md) the terms.",
+        "",
+    ]
     for record in sorted((HERE / "decisions").glob("[0-9]*.md")):
         number, _, title = record.read_text("utf-8").partition("\n")[0].removeprefix("# ").partition(". ")
         lines.append(f"- {number}: [{title}]({record.name})")
@@ -201,17 +208,17 @@ def decisions() -> str:
 
 def pictures() -> str:
     lines = ["# Pictures", "", "Taken by `docs/take_pictures.py` from the running program on its simulated bench.", ""]
-    there = {picture.stem for picture in (HERE / "pictures").glob("*.png")}
-    for name in sorted(n for n in there if not n.endswith(("-dark", "-large"))):
-        beside = [f"{name}{look}" for look in ("-dark", "-large", "-large-dark") if f"{name}{look}" in there]
-        words = name.replace("-", " ").capitalize()
-        more = ", ".join(f"[{other.removeprefix(name)[1:].replace('-', ', ')}]({other}.png)" for other in beside)
-        lines += [f"## {words}", "", f"![{words}]({name}.png)", "", *([f"Also: {more}.", ""] if more else [])]
+    existing = {picture.stem for picture in (HERE / "pictures").glob("*.png")}
+    for name in sorted(n for n in existing if not n.endswith(("-dark", "-large"))):
+        variants = [f"{name}{suffix}" for suffix in ("-dark", "-large", "-large-dark") if f"{name}{suffix}" in existing]
+        title = name.replace("-", " ").capitalize()
+        links = ", ".join(f"[{other.removeprefix(name)[1:].replace('-', ', ')}]({other}.png)" for other in variants)
+        lines += [f"## {title}", "", f"![{title}]({name}.png)", "", *([f"Also: {links}.", ""] if links else [])]
     return "\n".join(lines)
 
 
 def cell(text: str) -> str:
-    """Words that stand in one cell of a table."""
+    """Return a text as one cell of a table."""
     return " ".join(text.split()).replace("|", "\\|")
 
 
