@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.common.errors import UsageError
-from app.config.bench_file import BenchConfig
+from app.common import UsageError
+from app.config import BenchConfig
 from app.session.connect import UNATTENDED_BLOCK_S
 from app.session.connect import connect as open_instruments
 from app.session.request import build_protocol, choose_bench, load_protocol_class

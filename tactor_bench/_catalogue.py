@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from app.archive.catalogue import Catalogue
-from app.archive.run_summary import RunFilter, read_since
+from app.archive import Catalogue, RunFilter, read_since
 from tactor_bench._run import MeasuredRun
 
 

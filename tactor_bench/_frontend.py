@@ -14,7 +14,7 @@ from typing import Any
 
 from app.cli.console import STILL_ON, ConsoleObserver, StderrConsole
 from app.cli.prompts import KEY_HELP, ConsoleOperator, answer_instructions, can_poll_keyboard, match_answer
-from app.common.formatting import format_duration
+from app.common import format_duration
 from app.session.messages import Severity, describe_event
 from app.session.session import BenchOpened, Session, SessionEvent
 from protocols.base import (

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from app.common.formatting import format_quantity
+from app.common import format_quantity
 from model import Array, Mask
 from protocols.base import Quality, ResultCurve, usable_mask
 

@@ -1,1 +1,8 @@
-"""Run files on disk: catalogue, summaries, notes, replay, export and import."""
+"""Run files on disk: catalogue, summaries, notes, replay, export and transfer.
+
+Each name is imported when it is first used, so that the package costs nothing at start-up.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

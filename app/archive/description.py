@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from app.common.formatting import format_bytes, format_duration, format_outcome, format_point, format_quantity
+from app.common import format_bytes, format_duration, format_outcome, format_point, format_quantity
 from protocols.base import InjectedFaultChanged, Quality, format_with_uncertainty
 from protocols.registry import PROTOCOLS
 from protocols.resume import measured_points

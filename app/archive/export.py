@@ -11,8 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.archive.description import run_record
-from app.common.progress import NO_PROGRESS, Progress
-from app.common.tables import Column, Table
+from app.common import NO_PROGRESS, Column, Progress, Table
 from protocols.base import Quality, to_jsonable
 from protocols.runfile.reader import Run
 

@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.common.atomic_write import write_atomic
+from app.common import write_atomic
 
 NOTES_SUFFIX = ".notes.json"
 

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
-from app.common.formatting import format_quantity
+from app.common import format_quantity
 from model import EstimatedQuantity
 from protocols.base import RunStatus
 from protocols.registry import PROTOCOLS

@@ -8,8 +8,8 @@ from pathlib import Path
 from app.archive.export import Format, export_run
 from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
-from app.common.progress import NO_PROGRESS, Progress
-from app.config.tables import AmplifierTable
+from app.common import NO_PROGRESS, Progress
+from app.config import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError
 
 COPY_CHUNK_BYTES = 1 << 20

@@ -1,1 +1,8 @@
-"""Campaigns: plan, item status, queue and summary of a specimen."""
+"""Campaigns: plan, item status, queue and summary of a specimen.
+
+Each name is imported when it is first used, so that the package costs nothing at start-up.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

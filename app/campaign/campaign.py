@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 
 from pydantic import ValidationError
 
-from app.archive.run_summary import RunState, RunSummary
+from app.archive import RunState, RunSummary
 from app.campaign.plan import (
     CARRIED_PARAMETERS,
     PAPER_ITEMS,

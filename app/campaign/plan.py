@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.common.atomic_write import write_atomic
-from app.common.undo import UndoHistory
+from app.common import UndoHistory, write_atomic
 from protocols.base import Prompt
 from protocols.runfile.schema import safe_name
 

@@ -7,9 +7,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from app.archive.run_summary import RunState, RunSummary, read_run_summary
+from app.archive import RunState, RunSummary, read_run_summary
 from app.campaign.plan import CampaignItem
-from app.common.formatting import format_outcome
+from app.common import format_outcome
 from protocols.base import EstimatedQuantity
 
 

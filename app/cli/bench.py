@@ -23,11 +23,8 @@ from app.cli.options import (
     switch,
 )
 from app.cli.output import print_json
-from app.common.errors import ExitCode, UsageError
-from app.common.inputs import path_argument
-from app.common.units import display_unit
-from app.config.discovery import find_devices
-from app.config.template import bench_template
+from app.common import ExitCode, UsageError, display_unit, path_argument
+from app.config import bench_template, find_devices
 from drivers import REST_REPEATABILITY_V
 from protocols.base import PointMeasured, RestMeasured, RunEnded
 from protocols.measurements.wiring_check import Verdict, WiringCheck

@@ -6,23 +6,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from app.campaign.campaign import Campaign
-from app.campaign.plan import CampaignError
-from app.campaign.presentation import ACTION_LABELS, STATUS_MARKS
-from app.campaign.queue import (
+from app.campaign import (
+    ACTION_LABELS,
+    STATUS_MARKS,
+    Campaign,
+    CampaignError,
     CampaignRehearsal,
     CampaignRunner,
+    ItemState,
     check_bench_kind,
     first_item,
     next_item_after,
     rehearse_campaign,
 )
-from app.campaign.status import ItemState
 from app.cli.headless import headless_session, select_bench
 from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
 from app.cli.output import print_json, print_line
-from app.common.errors import ExitCode, usage_errors
-from app.common.formatting import format_bytes, format_duration, format_uncertain
+from app.common import ExitCode, format_bytes, format_duration, format_uncertain, usage_errors
 from drivers import BenchError
 from protocols.runfile.reader import RunReadError
 
@@ -111,7 +111,7 @@ class RunItemCommand(CampaignCommand):
 
 @usage_errors(BenchError)
 def _rehearse(campaign_: Campaign, options: CampaignCommand) -> int:
-    from app.campaign.summary import identified_tactor
+    from app.campaign import identified_tactor
     from app.session.connect import connect
 
     bench = select_bench(options)
@@ -141,7 +141,7 @@ def _rehearsal_text(rehearsal: CampaignRehearsal) -> str:
 
 
 def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
-    from app.campaign.summary import identify_campaign_runs
+    from app.campaign import identify_campaign_runs
 
     lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
     estimates = () if isinstance(found, str) else found.estimates

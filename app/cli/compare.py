@@ -10,9 +10,7 @@ from scipy.special import chdtrc
 
 from app.cli.options import JSON_OBJECT, CommandSyntax, option, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import usage_errors
-from app.common.inputs import path_argument
-from app.common.tables import Column, Table
+from app.common import Column, Table, path_argument, usage_errors
 from model.identification import format_p_value
 from protocols.base import usable_mask
 from protocols.runfile.reader import Run, RunReadError

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
-from app.common.formatting import format_curve, format_duration, format_point, format_quantity
+from app.common import format_curve, format_duration, format_point, format_quantity
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,

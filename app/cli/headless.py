@@ -11,8 +11,8 @@ from types import FrameType
 from typing import Any
 
 from app.cli.options import BenchOptions
-from app.common.errors import ExitCode, UsageError
-from app.config.bench_file import BenchConfig
+from app.common import ExitCode, UsageError
+from app.config import BenchConfig
 from app.session.request import build_protocol, choose_bench, load_protocol_class
 from app.session.session import Session
 from protocols.base import Protocol, RunStatus

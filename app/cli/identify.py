@@ -16,13 +16,8 @@ from app.cli.identify_tables import (
 )
 from app.cli.options import JSON_OBJECT, CommandGroup, CommandSyntax, folder_option, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import UsageError, usage_errors
-from app.common.inputs import path_argument
-from app.common.progress import track
-from app.common.tables import Column, Table
-from app.common.units import UnitError, to_number
-from app.common.version import version
-from app.config.bench_file import ConfigError
+from app.common import Column, Table, UnitError, UsageError, path_argument, to_number, track, usage_errors, version
+from app.config import ConfigError
 from app.identification import calibrations
 from app.identification.calibrations import CalibrationError, Calibrations
 from app.identification.identify import IdentificationResult, Method, identify

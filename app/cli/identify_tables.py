@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from app.cli.output import CommandResult
-from app.common.formatting import format_uncertain
-from app.common.progress import track
-from app.common.tables import Column, Table
+from app.common import Column, Table, format_uncertain, track
 from app.identification.identify import IdentificationResult
 from model import ParameterError
 from model.identification import (

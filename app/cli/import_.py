@@ -8,12 +8,18 @@ from app.archive.importing.importer import ImportOptions, import_files, read_tim
 from app.archive.importing.points import ImportedRun
 from app.cli.options import JSON_OBJECT, CommandSyntax, option, repeated, switch
 from app.cli.output import CommandResult, render
-from app.common.errors import UsageError, usage_errors
-from app.common.inputs import path_argument, specimen_argument
-from app.common.progress import terminal_progress
-from app.common.tables import Column, Table
-from app.common.units import UnitError, to_number
-from app.config.bench_file import ConfigError, load_bench
+from app.common import (
+    Column,
+    Table,
+    UnitError,
+    UsageError,
+    path_argument,
+    specimen_argument,
+    terminal_progress,
+    to_number,
+    usage_errors,
+)
+from app.config import ConfigError, load_bench
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from app.cli.options import BenchOptions, add_options, define_command, read_options
-from app.common.errors import ExitCode, UsageError
-from app.common.inputs import truncate_text
+from app.common import ExitCode, UsageError, truncate_text
 
 PROGRAM = "tactor-bench"
 COMMANDS: Mapping[str, tuple[str, str]] = {
@@ -71,7 +70,7 @@ class _Version(argparse.Action):
     """Prints the version, which is read from the installed packages only then because it is slow."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from app.common.version import version
+        from app.common import version
 
         parser.exit(message=f"{PROGRAM} {version()}\n")
 

@@ -23,10 +23,7 @@ from app.cli.model_response import (
 )
 from app.cli.options import CommandGroup, CommandSyntax, FileOptions, group, option
 from app.cli.output import CommandResult
-from app.common.errors import UsageError
-from app.common.progress import track
-from app.common.tables import Column, Table
-from app.common.units import read_number
+from app.common import Column, Table, UsageError, read_number, track
 from model import Membrane, ParameterSpec, Specimen, Tactor, parameter_specs, specimen_record, variable_specs
 from model.response import (
     FREQUENCY_SPEC,

@@ -15,8 +15,7 @@ from annotated_types import Interval
 
 from app.cli.options import FileOptions, option, repeated, switch
 from app.cli.output import NO_FILES, CommandResult, check_output_files, render
-from app.common.errors import UsageError
-from app.common.units import PEAK_TO_PEAK, UnitError, read_number, to_number
+from app.common import PEAK_TO_PEAK, UnitError, UsageError, read_number, to_number
 from model import (
     GRAVITY,
     PRE_STRETCH,

@@ -20,9 +20,7 @@ from app.cli.model_options import (
 )
 from app.cli.options import FileOptions, group, option, switch
 from app.cli.output import CommandResult
-from app.common.errors import UsageError
-from app.common.tables import Column, Table
-from app.common.units import read_number
+from app.common import Column, Table, UsageError, read_number
 from model import LOAD_SPEC as WEIGHT
 from model import (
     PRE_STRETCH,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from app.common.inputs import path_argument, seed_argument, specimen_argument
+from app.common import path_argument, seed_argument, specimen_argument
 
 T = TypeVar("T")
 

@@ -12,8 +12,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 
 from app.cli.options import FileOptions
-from app.common.errors import ExitCode, UsageError
-from app.common.tables import Column, Table
+from app.common import Column, ExitCode, Table, UsageError
 from model.studies.paper_figures import PaperFigure
 from protocols.base import to_jsonable
 from protocols.runfile.schema import is_hdf5

@@ -7,9 +7,7 @@ from pathlib import Path
 
 from app.cli.options import CommandSyntax, folder_option, option, switch
 from app.cli.output import check_output_file, print_json, writing_output
-from app.common.errors import ExitCode, UsageError, usage_errors
-from app.common.inputs import path_argument
-from app.common.progress import terminal_progress
+from app.common import ExitCode, UsageError, path_argument, terminal_progress, usage_errors
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report

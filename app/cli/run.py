@@ -22,8 +22,7 @@ from app.cli.options import (
     option,
     switch,
 )
-from app.common.errors import ExitCode, UsageError, usage_errors
-from app.common.inputs import path_argument
+from app.common import ExitCode, UsageError, path_argument, usage_errors
 
 if TYPE_CHECKING:
     from app.cli.headless import SelectedBench
@@ -101,7 +100,7 @@ class ShowCommand:
     )
 
     def execute(self) -> int:
-        from app.archive.description import run_record, run_text
+        from app.archive import run_record, run_text
         from app.cli.output import PICTURE_SUFFIXES, check_output_file, print_json, print_line
         from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
@@ -157,7 +156,7 @@ class ResumeCommand(BenchOptions, _AgainOptions):
 
 
 def _open_window(selected: "SelectedBench", options: BenchOptions, protocol: "Protocol", autostart: bool) -> int:
-    from app.config.bench_file import load_bench
+    from app.config import load_bench
     from app.gui.application import open_window
     from app.session.connect import connect
 

@@ -8,15 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.archive.catalogue import Catalogue
-from app.archive.export import PARTS, ExportError, Format, Part, export_run
-from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
+from app.archive import (
+    PARTS,
+    Catalogue,
+    ExportError,
+    Format,
+    Part,
+    RunFilter,
+    RunState,
+    RunSummary,
+    export_run,
+    read_since,
+)
 from app.cli.options import CommandSyntax, option, repeated, switch
 from app.cli.output import print_line
-from app.common.errors import ExitCode, UsageError
-from app.common.formatting import format_bytes, format_duration
-from app.common.inputs import path_argument
-from app.common.progress import terminal_progress
+from app.common import ExitCode, UsageError, format_bytes, format_duration, path_argument, terminal_progress
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 
 DEFAULT_ROWS = 40

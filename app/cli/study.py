@@ -34,11 +34,7 @@ from app.cli.output import (
     render,
     writing_output,
 )
-from app.common.errors import ExitCode, UsageError
-from app.common.inputs import path_argument
-from app.common.progress import terminal_progress, track
-from app.common.tables import Column, Table
-from app.common.units import display_unit
+from app.common import Column, ExitCode, Table, UsageError, display_unit, path_argument, terminal_progress, track
 from app.plotting.charts import draw_figure
 from model import Array, replace_variables
 from model.response import FREQUENCY_SPEC

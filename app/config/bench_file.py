@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from app.common.inputs import truncate_text
+from app.common import truncate_text
 from app.config.tables import (
     AmplifierTable,
     CardTable,

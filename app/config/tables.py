@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
 
-from app.common.units import read_value
+from app.common import read_value
 from app.config import driver_registry as drivers
 from drivers import DriveLimits, LaserSensor
 from drivers.sensors.laser_sensor import PRESETS

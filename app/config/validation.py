@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.common.inputs import truncate_text
+from app.common import truncate_text
 
 BOUNDS = {
     "greater_than": ("gt", "greater than"),

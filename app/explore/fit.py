@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.common.formatting import format_uncertain
+from app.common import format_uncertain
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
 from model import AmplifierMap, Membrane
 
 if TYPE_CHECKING:
-    from app.archive.replay import MeasuredResponse
+    from app.archive import MeasuredResponse
     from model.identification import FrequencyResponseObservation
 
 FREE_PARAMETERS = ("m_add", "c0", "mu")

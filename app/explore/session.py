@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.archive.replay import MeasuredResponse
-from app.common.undo import UndoHistory
+from app.archive import MeasuredResponse
+from app.common import UndoHistory
 from app.explore.engine import ExploreRequest
 from app.explore.sliders import SLIDERS
 from app.explore.state import DRIVE_SLIDER, ExploreSetting, KeptCurve, describe_difference, make_preset

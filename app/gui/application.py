@@ -13,8 +13,8 @@ from types import FrameType
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.common.units import to_number
-from app.config.bench_file import BenchConfig
+from app.common import to_number
+from app.config import BenchConfig
 from app.gui.main_window import MainWindow
 from app.live.session_link import Connect, MakeSession, SessionAdapter
 from app.session.session import Session

@@ -8,7 +8,7 @@ from PySide6.QtCore import QByteArray, QSettings, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QPaintEvent, QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QWidget
 
-from app.config.bench_file import BenchConfig, ConfigError
+from app.config import BenchConfig, ConfigError
 from app.gui.bench.fault_panel import FaultPanel
 from app.gui.bench.notices import NoticeArea
 from app.gui.bench.status_bar import BenchStatusBar

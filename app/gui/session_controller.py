@@ -25,7 +25,7 @@ from protocols.base import Protocol
 from protocols.runner.request import RunRequest
 
 if TYPE_CHECKING:
-    from app.campaign.queue import CampaignRunner
+    from app.campaign import CampaignRunner
 
 
 class SessionController(QObject):

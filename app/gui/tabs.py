@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from PySide6.QtCore import QSettings, QSignalBlocker, Qt, QTimer, Signal
 from PySide6.QtWidgets import QLabel, QTabWidget, QVBoxLayout, QWidget
 
-from app.config.bench_file import BenchConfig
+from app.config import BenchConfig
 from app.gui.campaign.controller import CampaignController
 from app.gui.measure.page import MeasurePage
 from app.gui.measure.presets import PresetStore, presets_path

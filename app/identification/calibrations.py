@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.common.atomic_write import write_atomic
+from app.common import write_atomic
 from model import ParameterError
 from model.identification import Calibration
 from protocols.runfile.schema import safe_name

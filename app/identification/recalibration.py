@@ -9,8 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from app.config.bench_file import ConfigError, load_bench
-from app.config.tables import AmplifierTable
+from app.config import AmplifierTable, ConfigError, load_bench
 from drivers import LaserSensor
 from model import Array
 from protocols.base import EntryStarted, PointMeasured, Recording, to_jsonable

@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 
-from app.common.minmax import minmax_pairs
+from app.common import minmax_pairs
 from model import Array
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from app.common.units import display_unit
+from app.common import display_unit
 from model.response import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 

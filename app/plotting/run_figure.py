@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.common.formatting import format_quantity
-from app.common.units import display_unit
+from app.common import display_unit, format_quantity
 from app.plotting.panels import draw_measured
 from model import Tactor
 from model.response import THRESHOLD_M, amplifier_response, frequency_response

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from app.common.formatting import pluralize
-from app.common.version import version
+from app.common import pluralize, version
 from app.plotting.panels import ReportPlot
 from app.report import provenance as origins
 from app.report import tables

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.common.tables import Table
+from app.common import Table
 from app.plotting.panels import ReportPlot
 
 Tone = Literal["plain", "good", "bad", "small"]

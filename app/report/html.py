@@ -7,8 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.common.atomic_write import write_atomic
-from app.common.tables import Table
+from app.common import Table, write_atomic
 from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
 from app.report.document import Block, Paragraph, Report
 

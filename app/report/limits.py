@@ -10,10 +10,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from pydantic import Field, ValidationError, create_model, model_validator
 
-from app.common.units import display_unit
-from app.config.bench_file import MAX_FILE_BYTES
-from app.config.tables import ConfigTable
-from app.config.validation import validation_messages
+from app.common import display_unit
+from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
 from app.report.document import LimitOutcome
 from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit, half_interval
 from app.report.rounding import typeset_measurement, typeset_number, typeset_unit

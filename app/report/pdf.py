@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from app.common.tables import Table
+from app.common import Table
 from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
 from app.report.document import Block, Paragraph, Report
 

@@ -5,9 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from app.common.formatting import pluralize
-from app.common.tables import Table
-from app.common.units import display_unit
+from app.common import Table, display_unit, pluralize
 from app.report.document import Block, LimitOutcome
 from app.report.rounding import SPACE, typeset_number, typeset_unit
 from app.report.runs import ReportRun

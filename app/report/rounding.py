@@ -3,7 +3,7 @@
 import math
 import re
 
-from app.common.units import display_unit
+from app.common import display_unit
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "−"

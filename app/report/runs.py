@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.archive.catalogue import Catalogue
-from app.archive.run_summary import RunFilter
+from app.archive import Catalogue, RunFilter
 from app.identification.observations import run_observations, shape_count_of_run
 from model import AmplifierMap, ParameterError
 from model.identification import FitOptions, Observation

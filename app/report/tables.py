@@ -4,10 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from app.campaign.plan import PAPER_ITEMS
-from app.common.formatting import pluralize
-from app.common.tables import Table
-from app.common.units import display_unit
+from app.campaign import PAPER_ITEMS
+from app.common import Table, display_unit, pluralize
 from app.plotting.panels import ReportPlot
 from app.report.document import Block, LimitOutcome, Paragraph, Tone
 from app.report.figures_of_merit import FIGURES_OF_MERIT, PerceptionMargin

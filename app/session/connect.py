@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from app.config.bench_file import BenchConfig
-from app.config.driver_registry import DIGITIZERS, load_driver, open_generator
-from app.config.tables import MeterTable
+from app.config import DIGITIZERS, BenchConfig, MeterTable, load_driver, open_generator
 from app.session.session import BuiltInOperator
 from drivers import (
     WATCHDOG_DISABLED_WARNING,

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from app.common.errors import UsageError
+from app.common import UsageError
 from app.session.session import ConnectedBench, SessionEvent
 from protocols.base import InjectedFaultChanged, RunStarted
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS

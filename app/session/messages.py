@@ -6,7 +6,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Any
 
-from app.common.formatting import format_curve, format_duration, format_quantity, format_uncertain, pluralize
+from app.common import format_curve, format_duration, format_quantity, format_uncertain, pluralize
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,

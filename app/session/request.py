@@ -6,10 +6,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.common.errors import UsageError
-from app.common.units import UnitError, read_value, unit_of
-from app.config.bench_file import MAX_SPEED, BenchConfig, ConfigError, load_bench
-from app.config.validation import validation_messages
+from app.common import UnitError, UsageError, read_value, unit_of
+from app.config import MAX_SPEED, BenchConfig, ConfigError, load_bench, validation_messages
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS, ProtocolFileError, load_plug_ins, load_protocol_file
 

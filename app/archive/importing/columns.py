@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from app.archive.importing.table import ImportTable, TableColumn, split_heading
-from app.common.units import UnitError, to_number
+from app.common import UnitError, to_number
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
 

@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from app.archive.importing.table import ImportTable, TableColumn, TableReadError, is_unit, split_heading
-from app.common.inputs import truncate_text
-from app.common.progress import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress, truncate_text
 
 COMMENT_MARKS = ("#", "%", "//")
 """Starts of comment lines."""

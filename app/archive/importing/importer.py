@@ -22,11 +22,8 @@ from app.archive.importing.reader import read_table
 from app.archive.importing.table import ImportTable, TableReadError
 from app.archive.importing.time_series import build_series_points
 from app.archive.importing.values import ImportSettings
-from app.common.errors import UsageError
-from app.common.progress import NO_PROGRESS, Progress
-from app.common.units import UnitError, read_value
-from app.config.tables import AmplifierTable
-from app.config.validation import validation_messages
+from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value
+from app.config import AmplifierTable, validation_messages
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.archive.importing.table import ImportTable, TableColumn, TableReadError, split_heading
-from app.common.inputs import truncate_text
+from app.common import truncate_text
 
 
 def read_mat_table(path: Path, sha256: str) -> ImportTable:

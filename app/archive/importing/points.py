@@ -21,7 +21,7 @@ from app.archive.importing.values import (
     column_sources,
     table_values,
 )
-from app.common.progress import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress
 from drivers import LaserSensor
 from model import GRAVITY, Array
 from protocols.base import Protocol, Quality, ResultCurve, RunStatus

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.table import ImportTable, TableReadError
-from app.common.progress import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress
 from protocols.runfile.schema import HDF5_SIGNATURE
 
 MAX_FILE_BYTES = 400_000_000

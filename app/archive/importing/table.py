@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from app.common.inputs import truncate_text
+from app.common import truncate_text
 
 EMPTY_CELLS = frozenset({"", "-", "--", "nan", "na", "n/a", "#n/a", "none", "null"})
 """Cells in which there is no number."""

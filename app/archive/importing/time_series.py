@@ -10,7 +10,7 @@ from app.archive.importing.columns import ColumnMapping, TableImportError
 from app.archive.importing.points import ImportedRun
 from app.archive.importing.table import ImportTable
 from app.archive.importing.values import ImportSettings, column_sources, table_values
-from app.common.progress import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, Progress
 from drivers import Sine
 from model import Array
 from protocols.base import CurveColumn, Quality, Recording, ResultCurve

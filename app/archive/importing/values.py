@@ -10,9 +10,8 @@ import numpy as np
 
 from app.archive.importing.columns import ColumnMapping, TableImportError, TableKind, si_factor
 from app.archive.importing.table import ImportTable, TableColumn
-from app.common.progress import ITEMS_PER_UPDATE, NO_PROGRESS, Progress
-from app.common.units import UnitError, to_number
-from app.config.tables import AmplifierTable
+from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
+from app.config import AmplifierTable
 from model import Array
 from protocols.runfile.schema import ENTRY_COLUMN
 

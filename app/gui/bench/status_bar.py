@@ -4,7 +4,7 @@ from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
 from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
 
-from app.common.formatting import format_duration
+from app.common import format_duration
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.widgets.layouts import Item, column, row

@@ -27,8 +27,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.registry import PROTOCOLS
 
 if TYPE_CHECKING:
-    from app.campaign.presentation import NextStep
-    from app.campaign.summary import CampaignEstimates, CampaignSummary, ItemSummary
+    from app.campaign import CampaignEstimates, CampaignSummary, ItemSummary, NextStep
 
 
 ACTION_BUTTON_LABELS = {
@@ -99,7 +98,7 @@ class CampaignHeader(QWidget):
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
         """Show the progress of the campaign and the present run."""
-        from app.campaign.presentation import format_progress  # imports HDF5, which a background thread has loaded
+        from app.campaign import format_progress  # imports HDF5, which a background thread has loaded
 
         self.name_label.setText(f"Campaign of {summary.specimen}")
         self.name_label.setToolTip(str(summary.path))
@@ -163,7 +162,7 @@ class CampaignBoard(QWidget):
         queue: bool,
     ) -> None:
         """Show a campaign with its next step and present run."""
-        from app.campaign.presentation import next_step  # imports HDF5, which a background thread has loaded by now
+        from app.campaign import next_step  # imports HDF5, which a background thread has loaded by now
 
         about = self.step.item_name if self.step is not None else ""
         self.summary, self._estimates, self._busy = summary, estimates, state.busy

@@ -12,9 +12,7 @@ from app.gui.widgets.background import BackgroundWorker
 from app.session.session import SessionEvent
 
 if TYPE_CHECKING:  # slow to import: run files and numerics are imported in the background threads that use them
-    from app.campaign.campaign import Campaign
-    from app.campaign.queue import CampaignRunner
-    from app.campaign.summary import CampaignEstimates, CampaignSummary
+    from app.campaign import Campaign, CampaignEstimates, CampaignRunner, CampaignSummary
     from drivers import Bench
     from model import AmplifierMap
     from protocols.runner.request import RunRequest
@@ -79,7 +77,7 @@ class CampaignController(QObject):
         """List recent campaigns and those in the folder."""
 
         def find() -> tuple[Path, ...]:
-            from app.campaign.plan import list_campaigns
+            from app.campaign import list_campaigns
 
             found = [path for path in self.recent if path.is_file()] + list_campaigns(folder)
             return tuple(dict.fromkeys(path.absolute() for path in found))
@@ -90,7 +88,7 @@ class CampaignController(QObject):
         """Create a campaign with the paper's measurements in their order."""
 
         def begin() -> OpenedCampaign:
-            from app.campaign.campaign import Campaign
+            from app.campaign import Campaign
 
             return _open_result(Campaign.create(folder, specimen, simulated))
 
@@ -101,7 +99,7 @@ class CampaignController(QObject):
         writing = self.active_file
 
         def read() -> OpenedCampaign:
-            from app.campaign.campaign import Campaign
+            from app.campaign import Campaign
 
             campaign = Campaign.open_file(path)
             if writing is not None:
@@ -122,7 +120,7 @@ class CampaignController(QObject):
             return
 
         def work() -> CampaignSummary:
-            from app.campaign.summary import summarize_campaign
+            from app.campaign import summarize_campaign
 
             campaign = self._current_campaign()
             action(campaign)
@@ -139,7 +137,7 @@ class CampaignController(QObject):
             return
 
         def work() -> RunRequest:
-            from app.campaign.queue import check_bench_kind, first_item
+            from app.campaign import check_bench_kind, first_item
 
             campaign = self._current_campaign()
             check_bench_kind(campaign, simulated)
@@ -178,7 +176,7 @@ class CampaignController(QObject):
 
     def _continue_queue(self, previous: str) -> None:
         def work() -> RunRequest | None:
-            from app.campaign.queue import next_item_after
+            from app.campaign import next_item_after
 
             campaign = self._current_campaign()
             line = next_item_after(campaign, campaign.item_state(previous), hands_free=True)
@@ -198,8 +196,7 @@ class CampaignController(QObject):
         campaign = self._campaign
         assert campaign is not None
         if not self.running_item and campaign.path.stat().st_mtime_ns != self._stamp:
-            from app.campaign.campaign import Campaign
-            from app.campaign.queue import CampaignRunner
+            from app.campaign import Campaign, CampaignRunner
 
             campaign = Campaign.open_file(campaign.path)
             self._campaign, self._runner = campaign, CampaignRunner(campaign)
@@ -223,7 +220,7 @@ class CampaignController(QObject):
         self._fitted_runs = runs
 
         def fit() -> CampaignEstimates:
-            from app.campaign.summary import estimate_campaign
+            from app.campaign import estimate_campaign
 
             return estimate_campaign(campaign, self._amplifier)
 
@@ -244,6 +241,6 @@ class CampaignController(QObject):
 
 
 def _open_result(campaign: Campaign) -> OpenedCampaign:
-    from app.campaign.queue import CampaignRunner
+    from app.campaign import CampaignRunner
 
     return campaign, CampaignRunner(campaign), campaign.path.stat().st_mtime_ns

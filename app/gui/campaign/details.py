@@ -12,7 +12,7 @@ from app.gui.widgets.actions import name_button
 from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
 
 if TYPE_CHECKING:
-    from app.campaign.summary import CampaignEstimates, ItemSummary
+    from app.campaign import CampaignEstimates, ItemSummary
 
 BUTTONS = {"run": "Run this", "skip": "Skip", "repeat": "Repeat", "reject": "Reject", "open": "Open"}
 """Text of the button of each action on an item (`campaign.item.…` in the registry of actions)."""
@@ -62,7 +62,7 @@ class ItemDetailsPane(QWidget):
         return "\n".join(label.text() for label in paper.findChildren(QLabel)) if paper is not None else ""
 
     def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
-        from app.campaign.presentation import item_details  # imports HDF5, which a background thread has loaded by now
+        from app.campaign import item_details  # imports HDF5, which a background thread has loaded by now
 
         paper = QWidget()
         paper.setAutoFillBackground(False)

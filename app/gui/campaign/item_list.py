@@ -15,12 +15,12 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
 )
 
-from app.common.formatting import format_duration
+from app.common import format_duration
 from app.gui.bench.symbols import SYMBOLS
 from app.gui.widgets.theme import Theme
 
 if TYPE_CHECKING:
-    from app.campaign.summary import CampaignSummary, ItemSummary
+    from app.campaign import CampaignSummary, ItemSummary
 
 ITEM_ROLE = Qt.ItemDataRole.UserRole
 STATUS_SYMBOLS = {

@@ -23,7 +23,7 @@ from model import ParameterError
 from protocols.base import RunStatus
 
 if TYPE_CHECKING:
-    from app.campaign.queue import CampaignRunner
+    from app.campaign import CampaignRunner
     from protocols.runner.request import RunRequest
 
 

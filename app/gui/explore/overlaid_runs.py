@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive.replay import MeasuredResponse, read_measured_response
+from app.archive import MeasuredResponse, read_measured_response
 from app.explore.fit import ExploreFit
 from app.explore.state import ExploreSetting
 from app.gui.widgets.background import BackgroundWorker

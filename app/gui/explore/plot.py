@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
-from app.archive.replay import MeasuredResponse
+from app.archive import MeasuredResponse
 from app.explore.engine import ExploreResult
 from app.explore.state import KeptCurve
 from app.gui.plots.base import (

@@ -6,7 +6,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QLineEdit, QSlider, QToolButton, QVBoxLayout, QWidget
 
-from app.common.units import PEAK_TO_PEAK, UnitError, read_number
+from app.common import PEAK_TO_PEAK, UnitError, read_number
 from app.explore.sliders import GROUPS, SliderSpec
 from app.explore.state import DRIVE_SLIDER, SKIN_PARAMETERS, ExploreSetting
 from app.gui.plots.base import caption_label

@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QHBoxLayout, QLabel, QLineEdit, QPushButton
 
-from app.archive.replay import MeasuredResponse
-from app.common.undo import UndoHistory
-from app.common.units import UnitError, to_number
+from app.archive import MeasuredResponse
+from app.common import UndoHistory, UnitError, to_number
 from app.explore.state import ExploreSetting
 from app.gui.plots.base import caption_label
 from app.gui.plots.series import SERIES

@@ -7,7 +7,7 @@ from PySide6.QtCore import QPointF, QSize
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
 
-from app.common.formatting import format_uncertain, pluralize
+from app.common import format_uncertain, pluralize
 from app.explore.sliders import SLIDERS
 from app.gui.widgets.form import set_style_kind
 from app.gui.widgets.theme import Theme

@@ -3,7 +3,7 @@
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QWidget
 
-from app.common.undo import UndoHistory
+from app.common import UndoHistory
 from app.gui.measure.run_panel import RunPanel
 from app.gui.widgets.actions import add_actions
 from protocols.base import Protocol

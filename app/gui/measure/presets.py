@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWidget
 
-from app.common.atomic_write import write_atomic
+from app.common import write_atomic
 from app.gui.widgets.form import set_style_kind
 from protocols.base import Protocol
 

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.common.formatting import format_bytes, format_duration, pluralize
+from app.common import format_bytes, format_duration, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.widgets.actions import ACTIONS, tooltip

@@ -8,8 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QPushButton, QWidget
 
-from app.common.minmax import minmax_decimate
-from app.common.units import display_unit
+from app.common import display_unit, minmax_decimate
 from app.gui.plots.base import (
     MAX_LEGEND_ENTRIES,
     BandFill,

@@ -6,7 +6,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtWidgets import QWidget
 
-from app.archive.replay import MeasuredResponse
+from app.archive import MeasuredResponse
 from app.gui.plots.base import (
     FELT_THRESHOLD_UM,
     MAX_LEGEND_ENTRIES,

@@ -13,9 +13,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from app.archive.export import FORMATS
-from app.archive.replay import MeasuredResponse
-from app.archive.run_summary import RunSummary
+from app.archive import FORMATS, MeasuredResponse, RunSummary
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets.actions import shortcut_label, tooltip
 from app.gui.widgets.form import set_style_kind

@@ -5,9 +5,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive.catalogue import Catalogue, ScanResult
-from app.archive.run_summary import RunSummary
-from app.archive.transfer import annotate_runs
+from app.archive import Catalogue, RunSummary, ScanResult, annotate_runs
 from app.gui.widgets.background import BackgroundWorker
 
 

@@ -7,11 +7,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QStackedWidget
 
-from app.archive.export import Format
-from app.archive.replay import LoadedRun, TraceWindow, load_run, load_trace_window
-from app.archive.run_summary import RunSummary
-from app.archive.transfer import measured_responses
-from app.config.tables import AmplifierTable
+from app.archive import Format, LoadedRun, RunSummary, TraceWindow, load_run, load_trace_window, measured_responses
+from app.config import AmplifierTable
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel

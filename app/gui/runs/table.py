@@ -17,8 +17,8 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QWidget
 
-from app.archive.run_summary import RunState, RunSummary
-from app.common.formatting import format_duration
+from app.archive import RunState, RunSummary
+from app.common import format_duration
 from app.gui.widgets.layouts import column
 from app.gui.widgets.theme import Theme
 

@@ -4,7 +4,7 @@ import numpy as np
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QWidget
 
-from app.archive.replay import TraceWindow
+from app.archive import TraceWindow
 from app.gui.plots.base import TracePlotBase, limit_ticks
 from app.gui.widgets.actions import add_actions
 from app.gui.widgets.theme import Theme

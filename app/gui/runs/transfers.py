@@ -6,12 +6,9 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from app.archive.export import Format
-from app.archive.transfer import CopyResult, copy_runs_into, export_runs, import_tables
-from app.common.errors import UsageError
-from app.common.formatting import pluralize
-from app.common.progress import OperationCancelled
-from app.config.tables import AmplifierTable
+from app.archive import CopyResult, Format, copy_runs_into, export_runs, import_tables
+from app.common import OperationCancelled, UsageError, pluralize
+from app.config import AmplifierTable
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.progress_row import ProgressRow
 

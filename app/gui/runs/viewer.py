@@ -3,8 +3,8 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
 
-from app.archive.replay import LoadedRun
-from app.common.formatting import format_duration, format_outcome
+from app.archive import LoadedRun
+from app.common import format_duration, format_outcome
 from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.runs.trace_plot import TracePlot

@@ -11,7 +11,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
 from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
-from app.common.units import UnitError, description_of, read_value, unit_of
+from app.common import UnitError, description_of, read_value, unit_of
 from protocols.base import Protocol
 
 

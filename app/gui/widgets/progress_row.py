@@ -6,7 +6,7 @@ from collections.abc import Callable
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QProgressBar, QWidget
 
-from app.common.progress import Progress
+from app.common import Progress
 from app.gui.widgets.layouts import make_button, make_label, row
 
 SHOW_DELAY_MS = 300
