@@ -7,14 +7,14 @@ from pathlib import Path
 
 from app.cli.options import CommandSyntax, folder_option, option, switch
 from app.cli.output import check_output_file, print_json, writing_output
-from app.common import ExitCode, UsageError, path_argument, terminal_progress, usage_errors
+from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, path_argument, terminal_progress, usage_errors
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
 from app.report.document import Report
-from app.report.html import HtmlReport
+from app.report.html import html_report
 from app.report.limits import LIMITS_FILE_NAME, Limits, LimitsError, example_limits, read_limits
-from app.report.pdf import PdfReport, lay_out_figure
-from app.report.runs import ReportProgress, ReportRun
+from app.report.pdf import lay_out_figure, pdf_report
+from app.report.runs import ReportRun
 from app.report.specimen import SpecimenModel
 from protocols.runfile.reader import Run, RunReadError, translate_read_errors
 from protocols.runfile.schema import safe_name
@@ -56,8 +56,7 @@ class ReportCommand:
         try:
             limits = _read_limits(self)
             out.mkdir(parents=True, exist_ok=True)
-            with terminal_progress("report") as bar:
-                progress: ReportProgress = lambda text, done, total: bar.update(done / max(total, 1), text)  # noqa: E731
+            with terminal_progress("report") as progress:
                 content, specimen, runs = build_report(self.folder, self.specimen, limits, progress)
                 files = write_report(content, specimen, runs, out, progress)
         except OSError as error:
@@ -78,7 +77,7 @@ def write_report(
     specimen: SpecimenModel,
     runs: tuple[ReportRun, ...],
     out: Path,
-    progress: ReportProgress = lambda *_: None,
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[Path, Path]:
     """Write PDF and HTML; the figure of each run is drawn once for both.
 
@@ -88,15 +87,14 @@ def write_report(
     name = safe_name(report.specimen)
     files = out / f"{name}_report.pdf", out / f"{name}_report.html"
     shown = [run for run in runs if not run.problem]
-    progress("writing", 0, len(shown) + 1)
-    with HtmlReport(report, files[1]) as html, PdfReport(report, files[0], len(shown)) as pdf:
-        pdf.add_text_pages()
-        for i, each in enumerate(shown):
-            progress("writing", i + 1, len(shown) + 1)
+    progress.update(0.0, "writing")
+    with html_report(report, files[1]) as add_to_html, pdf_report(report, files[0], len(shown)) as add_to_pdf:
+        for i, each in enumerate(shown, start=1):
+            progress.update(i / (len(shown) + 1), "writing")
             with Run(each.path) as run, translate_read_errors(each.path):
                 figure = lay_out_figure(run_figure(run, specimen.tactor))
-            html.add_picture(each.name, figure)
-            pdf.add_picture(each.name, figure)
+            add_to_html(each.name, figure)
+            add_to_pdf(each.name, figure)
     return files
 
 

@@ -3,10 +3,12 @@
 import re
 import textwrap
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 from app.common import display_unit
+from app.plotting.panels import new_figure
 from model.response import THRESHOLD_M
 from model.studies.paper_figures import PaperFigure
 
@@ -48,15 +50,12 @@ def draw_figure(panels: Sequence[PaperFigure], path: Path, log: bool = False) ->
     Raises:
         OSError, ValueError: the file cannot be written, or its suffix is unknown.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Sheet
-
     count = len(panels)
     columns = 1 if count == 1 else 3 if count > 2 else 2
     rows = -(-count // columns)
     width = 8.0 if columns == 1 else 4.7 * columns
-    sheet = Sheet(figsize=(width, (5.0 if columns == 1 else 3.7) * rows + 0.9), dpi=120, layout="constrained")
-    FigureCanvasAgg(sheet)
+    height = (5.0 if columns == 1 else 3.7) * rows + 0.9
+    sheet = new_figure(figsize=(width, height), dpi=120, layout="constrained")
     alike = len({(p.y_label, p.y_unit, p.x_label) for p in panels}) == 1
     grid = sheet.subplots(rows, columns, squeeze=False, sharey=alike)
     titles, caption = _captions(panels)
@@ -78,7 +77,7 @@ def _draw_panel(axes: Any, panel: PaperFigure, log: bool) -> None:
     x_scale, x_unit = (1e3, "mm") if panel.x_unit == "m" else _axis_unit(panel.x_unit)
     in_mm = panel.y_unit == "m" and max(float(abs(curve.y).max()) for curve in panel.curves) > 2e-3
     y_scale, y_unit = (1e3, "mm") if in_mm else _axis_unit(panel.y_unit)
-    for line, curve in zip(_line_styles(len(panel.curves)), panel.curves, strict=True):
+    for line, curve in zip(cycle(LINE_STYLES), panel.curves, strict=False):
         axes.plot(curve.x * x_scale, curve.y * y_scale, lw=1.5, label=typeset_symbols(curve.label), **line)
     axes.set(xlabel=_axis_label(panel.x_label, x_unit), ylabel=_axis_label(panel.y_label, y_unit))
     x = [value * x_scale for curve in panel.curves for value in (curve.x.min(), curve.x.max())]
@@ -97,10 +96,6 @@ def _axis_unit(unit: str) -> tuple[float, str]:
     return display_unit(unit) if unit in CONVERTED_UNITS else (1.0, TYPESET_UNITS.get(unit, unit))
 
 
-def _line_styles(count: int) -> list[dict[str, Any]]:
-    return [LINE_STYLES[i % len(LINE_STYLES)] for i in range(count)]
-
-
 def _axis_label(text: str, unit: str) -> str:
     return typeset_symbols(text) + (f" ({unit})" if unit else "")
 
@@ -109,8 +104,8 @@ def _captions(panels: Sequence[PaperFigure]) -> tuple[list[str], str]:
     """Return the panel titles and one caption: sentences common to all panels first, then those of single panels."""
     if len(panels) == 1:
         return [""], typeset_symbols(panels[0].caption)
-    said = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]
-    titles, rest = [s[0].rstrip(".") for s in said], [s[1:] for s in said]
+    sentences = [re.split(r"(?<=\.) (?=[A-Z])", panel.caption) for panel in panels]
+    titles, rest = [s[0].rstrip(".") for s in sentences], [s[1:] for s in sentences]
     start = _common_prefix(titles)
     common = [sentence for sentence in rest[0] if all(sentence in r for r in rest)]
     letters = [f"({'abcdefgh'[i]})" for i in range(len(panels))]

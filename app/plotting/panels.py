@@ -83,6 +83,14 @@ Box = tuple[float, float, float, float]
 """Left, bottom, width, height in inches."""
 
 
+def new_figure(**options: Any) -> Any:
+    """Return an empty matplotlib figure that is drawn without a window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    return FigureCanvasAgg(Figure(**options)).figure
+
+
 def draw_plot(figure: Any, plot: ReportPlot, box: Box, legend: float = LEGEND_IN) -> None:
     """Draw the panels of a plot into a box of the figure, row by row from the top.
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from app.common import display_unit, format_quantity
-from app.plotting.panels import draw_measured
+from app.plotting.panels import draw_measured, new_figure
 from model import Tactor
 from model.response import THRESHOLD_M, amplifier_response, frequency_response
-from protocols.base import usable_mask
+from protocols import usable_mask
 from protocols.runfile.reader import Run, translate_read_errors
 from protocols.runfile.schema import ENTRY_COLUMN
 
@@ -33,16 +33,12 @@ def draw_run(run: Run, path: Path, tactor: Tactor | None = None) -> None:
 
 def run_figure(run: Run, tactor: Tactor) -> Any:
     """Return the picture of a run as a matplotlib figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    panels = _panels(run)
-    figure = Figure(figsize=(10, 4.2 + 2.8 * sum(height for _, height in panels) / 3), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    every = figure.subplots(len(panels) + 1, 1, height_ratios=[*(height for _, height in panels), 1])
-    for axes, (draw, _) in zip(every, panels, strict=False):
+    panels = [*_panels(run), (_draw_trace, 1)]
+    height_in = 4.2 + 2.8 * sum(height for _, height in panels[:-1]) / 3
+    figure = new_figure(figsize=(10, height_in), dpi=110, layout="constrained")
+    every = figure.subplots(len(panels), 1, height_ratios=[height for _, height in panels])
+    for axes, (draw, _) in zip(every, panels, strict=True):
         draw(axes, run, tactor)
-    _draw_trace(every[-1], run)
     figure.suptitle(f"{run.title}   {run.start_time[:19]} UTC   {run.state}", fontsize=11, parse_math=False)
     if run.simulated:
         figure.text(0.5, 0.5, "SIMULATED", fontsize=64, color="red", alpha=0.12, ha="center", va="center", rotation=25)
@@ -200,11 +196,11 @@ def _axis_label(column: str, unit: str) -> str:
     return f"{words} ({unit})" if unit else words
 
 
-def _draw_trace(axes: Any, run: Run) -> None:
+def _draw_trace(axes: Any, run: Run, _tactor: Tactor) -> None:
     last = run.trace.last_recording()
     if last is None:
-        words = "imported: there are no samples" if run.imported else "nothing was recorded"
-        axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
+        text = "imported: there are no samples" if run.imported else "nothing was recorded"
+        axes.text(0.5, 0.5, text, ha="center", transform=axes.transAxes)
         axes.set_axis_off()
         return
     shown = min(len(last.displacement_m), round(0.1 * last.rate_hz))

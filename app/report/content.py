@@ -1,21 +1,18 @@
 """Content of the report of a specimen, computed from its run files; reproducible, without a date of its own."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from app.common import pluralize, version
+from app.common import NO_PROGRESS, Progress, pluralize, version
 from app.plotting.panels import ReportPlot
-from app.report import provenance as origins
-from app.report import tables
+from app.report import provenance, tables
 from app.report.document import Block, LimitOutcome, Paragraph, Report, ReportSection
-from app.report.figures_of_merit import FigureOfMerit
+from app.report.figures_of_merit import SpecimenSummary, summarize_specimen
 from app.report.limits import Limits, judge_limits
 from app.report.plots import TITLE, paper_plots
-from app.report.runs import ReportProgress, ReportRun, read_report_runs
+from app.report.runs import ReportRun, read_report_runs
 from app.report.specimen import SpecimenModel
-from app.report.summary import SpecimenSummary, summarize_specimen
 
 
 class ReportError(Exception):
@@ -23,7 +20,7 @@ class ReportError(Exception):
 
 
 def build_report(
-    folder: Path, specimen: str, limits: Limits | None = None, progress: ReportProgress = lambda *_: None
+    folder: Path, specimen: str, limits: Limits | None = None, progress: Progress = NO_PROGRESS
 ) -> tuple[Report, SpecimenModel, tuple[ReportRun, ...]]:
     """Build the report of a specimen from all its runs in a folder and below; return also what its pictures need.
 
@@ -35,15 +32,12 @@ def build_report(
     known = summarize_specimen(specimen, runs, progress)
     outcomes: tuple[LimitOutcome, ...] = ()
     if limits is not None:
-        golden: Mapping[str, FigureOfMerit] = {}
-        if limits.golden == specimen:
-            golden = known.figures_of_merit
-        elif limits.golden:
-            golden = summarize_specimen(
-                limits.golden, _read_specimen_runs(folder, limits.golden, progress), progress
-            ).figures_of_merit
+        golden = known.figures_of_merit if limits.golden == specimen else {}
+        if limits.golden not in ("", specimen):
+            golden_runs = _read_specimen_runs(folder, limits.golden, progress)
+            golden = summarize_specimen(limits.golden, golden_runs, progress).figures_of_merit
         outcomes = judge_limits(limits, known.figures_of_merit, golden)
-    progress("figures", 0, 1)
+    progress.update(0.0, "figures")
     drawn = paper_plots(known.specimen, known.observations) if known.observations is not None else []
     fingerprint = hashlib.sha256("".join(sorted(run.sha256 for run in runs)).encode()).hexdigest()[:16]
     code = f"tactor-bench {version()}"
@@ -56,24 +50,22 @@ def build_report(
         limit_outcomes=outcomes,
         fingerprint=fingerprint,
         software_version=code,
-        record=origins.report_record(specimen, known, runs, outcomes, fingerprint, code),
+        record=provenance.report_record(specimen, known, runs, outcomes, fingerprint, code),
     )
     return report, known.specimen, runs
 
 
 def page_marks(runs: tuple[ReportRun, ...]) -> tuple[str, ...]:
     """Return the marks of every page: SIMULATED, IMPORTED."""
-    counting = [run for run in runs if run.observations and not run.exclusion_reason] or [
-        r for r in runs if not r.problem
-    ]
-    found = []
-    for word, which in (("SIMULATED", [r.simulated for r in counting]), ("IMPORTED", [r.imported for r in counting])):
-        if any(which):
-            found.append(word if all(which) else f"{word} IN PART")
-    return tuple(found)
+    counting = [run for run in runs if run.identifiable] or [run for run in runs if not run.problem]
+    origins_of_runs = {
+        "SIMULATED": [bool(run.summary.simulated) for run in counting],
+        "IMPORTED": [run.imported for run in counting],
+    }
+    return tuple(mark if all(marked) else f"{mark} IN PART" for mark, marked in origins_of_runs.items() if any(marked))
 
 
-def _read_specimen_runs(folder: Path, specimen: str, progress: ReportProgress) -> tuple[ReportRun, ...]:
+def _read_specimen_runs(folder: Path, specimen: str, progress: Progress) -> tuple[ReportRun, ...]:
     runs = read_report_runs(folder, specimen, progress)
     if not runs:
         raise ReportError(
@@ -83,7 +75,7 @@ def _read_specimen_runs(folder: Path, specimen: str, progress: ReportProgress) -
 
 
 def _subtitle(runs: tuple[ReportRun, ...]) -> str:
-    days = sorted(run.start_time[:16].replace("T", " ") for run in runs if run.start_time)
+    days = sorted(run.summary.start_time[:16].replace("T", " ") for run in runs if run.summary.start_time)
     when = f", {days[0]} to {days[-1]} UTC" if len(set(days)) > 1 else f", {days[0]} UTC" if days else ""
     return f"{pluralize(len(runs), 'run')}{when}"
 
@@ -95,46 +87,35 @@ def _first_page(
     outcomes: tuple[LimitOutcome, ...],
     plots: list[ReportPlot],
 ) -> list[Block]:
-    blocks: list[Block] = []
-    if limits is not None:
-        blocks += tables.verdict_blocks(limits, outcomes)
+    blocks = [] if limits is None else tables.verdict_blocks(limits, outcomes)
     blocks += tables.summary_blocks(summary, runs)
-    if summary.specimen.identification is not None and summary.specimen.identification.estimates:
+    if summary.specimen.estimates:
         blocks.append(tables.parameter_grid(summary.specimen))
-    if summary.observations is not None:
-        if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
-            caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: appendix."
-            first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
-            blocks.append(ReportPlot("Frequency response", (first,), caption, row_height_in=3.0))
-        elif plots:
-            blocks.append(plots[0])
+    if panels := [panel for plot in plots if plot.title == TITLE for panel in plot.panels]:
+        caption = "Below: measured less model. Bars and band: 95 %. Hollow: flagged. Every figure of the paper from this specimen: appendix."
+        first = replace(panels[0], title=panels[0].title.removeprefix("(a) "))
+        blocks.append(ReportPlot("Frequency response", (first,), caption, row_height_in=3.0))
+    elif plots:
+        blocks.append(plots[0])
     return blocks
 
 
 def _appendix(summary: SpecimenSummary, runs: tuple[ReportRun, ...], plots: list[ReportPlot]) -> list[ReportSection]:
     sections = []
     if plots:
-        note: tuple[Paragraph, ...] = ()
+        figures: list[Block] = [*plots]
         if summary.specimen.identification is None:
-            note = (
-                Paragraph(f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."),
-            )
-        sections.append(ReportSection("The paper's figures from this specimen", (*note, *plots)))
-        sections.append(
-            ReportSection("How well the model tells the points", tuple(tables.agreement_blocks(summary, plots)))
-        )
+            text = f"Nothing was identified ({summary.specimen.problem}): the lines are the paper's tactor."
+            figures.insert(0, Paragraph(text))
+        sections.append(ReportSection("The paper's figures from this specimen", figures))
+        sections.append(ReportSection("How well the model tells the points", tables.agreement_blocks(summary, plots)))
     if summary.perception_margins or summary.latency is not None:
-        sections.append(ReportSection("What is felt, and how soon", tuple(tables.perception_blocks(summary))))
-    sections.append(
-        ReportSection(
-            "Where the numbers come from",
-            (
-                *origins.held_values(summary.specimen),
-                origins.quality_table(runs),
-                origins.instrument_table(runs),
-                *origins.software_tables(runs),
-                origins.hash_table(runs),
-            ),
-        )
-    )
-    return sections
+        sections.append(ReportSection("What is felt, and how soon", tables.perception_blocks(summary)))
+    sources: list[Block] = [
+        *provenance.held_values(summary.specimen),
+        provenance.quality_table(runs),
+        provenance.instrument_table(runs),
+        *provenance.software_tables(runs),
+        provenance.hash_table(runs),
+    ]
+    return [*sections, ReportSection("Where the numbers come from", sources)]

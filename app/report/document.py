@@ -1,5 +1,6 @@
 """Report document: paragraphs, tables and plots as plain data, before layout."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -7,6 +8,7 @@ from app.common import Table
 from app.plotting.panels import ReportPlot
 
 Tone = Literal["plain", "good", "bad", "small"]
+Verdict = Literal["pass", "fail", "cannot tell"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,7 @@ class ReportSection:
     """A section of the appendix."""
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: Sequence[Block]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,7 @@ class LimitOutcome:
     name: str
     asked: str
     found: str
-    verdict: Literal["pass", "fail", "cannot tell"]
+    verdict: Verdict
     why: str = ""
 
 

@@ -3,14 +3,16 @@
 Limits are set on them by name; those that the runs do not determine are missing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from annotated_types import Interval
 
-from app.report.specimen import COVERAGE_FACTOR_95, GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel
-from model import Array, Membrane, ParameterSpec, Tactor
+from app.common import NO_PROGRESS, Progress
+from app.report.runs import ReportRun
+from app.report.specimen import GRID_HZ, HIGH_HZ, LOW_HZ, SpecimenModel, fit_specimen
+from model import Array, EstimatedQuantity, Membrane, ParameterSpec, Tactor
 from model.identification import SPECIMEN_PARAMETERS, FrequencyResponseObservation, ObservationSet, parabola_vertex
 from model.response import THRESHOLD_M, perception_margin, step_latency, usable_bands
 from model.studies.uncertainty import UncertaintyBand
@@ -35,17 +37,9 @@ FIGURES_OF_MERIT = {
 """Quantities that limits can be set on: name, unit, description."""
 
 
-@dataclass(frozen=True, slots=True)
-class FigureOfMerit:
-    """A quantity of the specimen with its standard error, SI."""
-
-    name: str
-    value: float
-    standard_error: float
-
-    @property
-    def unit(self) -> str:
-        return FIGURES_OF_MERIT[self.name].unit
+def figure_of_merit(name: str, value: float, standard_error: float) -> EstimatedQuantity:
+    """Return a quantity that limits can be set on, SI."""
+    return EstimatedQuantity(name, float(value), float(standard_error), FIGURES_OF_MERIT[name].unit, "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +83,8 @@ class StepLatency:
     """Latency from a step to the highest voltage until the motion is felt."""
 
     step_v: float
-    latency: FigureOfMerit | None
-    rise_time: FigureOfMerit | None
+    latency: EstimatedQuantity | None
+    rise_time: EstimatedQuantity | None
     overshoot: float
     overshoot_error: float
 
@@ -106,32 +100,31 @@ def step_latency_of(specimen: SpecimenModel) -> StepLatency | None:
     band = specimen.curve_with_band(figures)
     if band is None:
         return None
-    merits = [
-        FigureOfMerit(name, float(v), float(e)) if np.isfinite(v) else None
+    latency, rise_time = (
+        figure_of_merit(name, v, e) if np.isfinite(v) else None
         for name, v, e in zip(("latency", "rise_time"), band.centre, band.standard_error, strict=False)
-    ]
-    return StepLatency(volts, merits[0], merits[1], float(band.centre[2]), float(band.standard_error[2]))
+    )
+    return StepLatency(volts, latency, rise_time, float(band.centre[2]), float(band.standard_error[2]))
 
 
-def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) -> list[FigureOfMerit]:
+def measured_resonance(specimen: SpecimenModel, observations: ObservationSet) -> list[EstimatedQuantity]:
     """Return resonance and amplitude at full drive, free, from the newest dwell with an interior maximum."""
-    found: dict[str, FigureOfMerit] = {}
-    for run in reversed(observations.of_type(FrequencyResponseObservation)):
+    found: dict[str, EstimatedQuantity] = {}
+    for run in observations.of_type(FrequencyResponseObservation):
         if run.elongation_m is not None or run.added_mass_kg is not None:
             continue
-        if run.fundamental_m is not None and run.errors_m is not None:
-            top = _parabola_vertex(run, np.abs(run.fundamental_m), run.errors_m, specimen.full_amplitude_v)
-            if top is not None:
-                found.setdefault("resonance", FigureOfMerit("resonance", *top[0]))
-        if run.peak_to_peak_m is not None and run.peak_to_peak_errors_m is not None:
-            top = _parabola_vertex(run, run.peak_to_peak_m, run.peak_to_peak_errors_m, specimen.full_amplitude_v)
-            if top is not None:
-                found.setdefault("amplitude_at_resonance", FigureOfMerit("amplitude_at_resonance", *top[1]))
-    return list(found.values())
+        fundamental_m = None if run.fundamental_m is None else np.abs(run.fundamental_m)
+        for at, name, y, errors in (
+            (0, "resonance", fundamental_m, run.errors_m),
+            (1, "amplitude_at_resonance", run.peak_to_peak_m, run.peak_to_peak_errors_m),
+        ):
+            if y is not None and errors is not None and (top := _parabola_vertex(run, y, errors, specimen)) is not None:
+                found[name] = figure_of_merit(name, *top[at])
+    return [found[name] for name in ("resonance", "amplitude_at_resonance") if name in found]
 
 
 def _parabola_vertex(
-    run: FrequencyResponseObservation, y: Array, errors: Array, full_v: float
+    run: FrequencyResponseObservation, y: Array, errors: Array, specimen: SpecimenModel
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Return frequency and height of a single resonance through the three highest points, with standard errors.
 
@@ -140,14 +133,13 @@ def _parabola_vertex(
     the sensor.
     """
     drive = np.asarray(run.drive_amplitude_v) * np.ones_like(run.frequency_hz)
-    at = np.flatnonzero(run.usable & (np.abs(drive / full_v - 1) < FULL_DRIVE_TOLERANCE))
+    at = np.flatnonzero(run.usable & (np.abs(drive / specimen.full_amplitude_v - 1) < FULL_DRIVE_TOLERANCE))
     f, index = np.unique(run.frequency_hz[at], return_index=True)
     y, errors = y[at][index], errors[at][index]
     top = int(y.argmax()) if y.size else 0
     if not 0 < top < y.size - 1:
         return None
-    three = slice(top - 1, top + 2)
-    f, y, errors = f[three], y[three], errors[three]
+    f, y, errors = (values[top - 1 : top + 2] for values in (f, y, errors))
     centre = _resonance_vertex(f, y)
     moved = np.array([_resonance_vertex(f, y + 1e-3 * step) - centre for step in np.diag(errors)]) / 1e-3
     shared = float(np.sqrt(sum(c.standard_error**2 for c in run.shared_errors if c.acts_on == "displacement")))
@@ -166,37 +158,51 @@ def figures_of_merit(
     margin_free: PerceptionMargin | None,
     margin_on_membrane: PerceptionMargin | None,
     latency: StepLatency | None,
-) -> Mapping[str, FigureOfMerit]:
+) -> Mapping[str, EstimatedQuantity]:
     """Return the figures of merit that these runs determine, by name."""
-    found: list[FigureOfMerit | None] = []
-    if specimen.identification is not None:
-        found += [
-            FigureOfMerit(e.name, e.value, e.standard_error)
-            for e in specimen.identification.estimates
-            if e.name in FIGURES_OF_MERIT
-        ]
+    found: list[EstimatedQuantity | None] = [
+        figure_of_merit(e.name, e.value, e.standard_error) for e in specimen.estimates if e.name in FIGURES_OF_MERIT
+    ]
     if observations is not None:
         found += measured_resonance(specimen, observations)
-    if specimen.identification is not None and specimen.identifies_free_response:
-        if margin_free is not None:
-            found.append(FigureOfMerit("smallest_margin", margin_free.margin, margin_free.margin_error))
-            if margin_free.felt_bands:
-                found.append(FigureOfMerit("usable_from", margin_free.felt_bands[0][0], margin_free.edge_errors[0][0]))
-                found.append(FigureOfMerit("usable_to", margin_free.felt_bands[-1][1], margin_free.edge_errors[-1][1]))
-        if margin_on_membrane is not None:
-            found.append(
-                FigureOfMerit("smallest_margin_on_membrane", margin_on_membrane.margin, margin_on_membrane.margin_error)
-            )
-        if latency is not None:
-            found += [latency.latency, latency.rise_time]
+    if margin_free is not None:
+        found.append(figure_of_merit("smallest_margin", margin_free.margin, margin_free.margin_error))
+        if bands := margin_free.felt_bands:
+            found.append(figure_of_merit("usable_from", bands[0][0], margin_free.edge_errors[0][0]))
+            found.append(figure_of_merit("usable_to", bands[-1][1], margin_free.edge_errors[-1][1]))
+    if margin_on_membrane is not None:
+        pressed = margin_on_membrane
+        found.append(figure_of_merit("smallest_margin_on_membrane", pressed.margin, pressed.margin_error))
+    if latency is not None:
+        found += [latency.latency, latency.rise_time]
     return {merit.name: merit for merit in found if merit is not None}
 
 
-def half_interval(merit: FigureOfMerit) -> float:
-    """Return half of the 95 % interval."""
-    return COVERAGE_FACTOR_95 * merit.standard_error
+@dataclass(frozen=True, slots=True)
+class SpecimenSummary:
+    """A specimen with its observations, margins and figures of merit."""
+
+    specimen: SpecimenModel
+    observations: ObservationSet | None
+    perception_margins: tuple[PerceptionMargin, ...]
+    """Free, then on the membrane at every measured elongation."""
+    latency: StepLatency | None
+    figures_of_merit: Mapping[str, EstimatedQuantity]
 
 
-def merit_names() -> Sequence[str]:
-    """What a limit can be set on."""
-    return tuple(FIGURES_OF_MERIT)
+def summarize_specimen(name: str, runs: tuple[ReportRun, ...], progress: Progress = NO_PROGRESS) -> SpecimenSummary:
+    """Identify a specimen from its runs, then compute margins and latency."""
+    progress.update(0.0, "identifying")
+    found, observations = fit_specimen(
+        name, runs, lambda evaluations, _: progress.update(min(evaluations, 40) / 41, "identifying")
+    )
+    if observations is None or found.identification is None:
+        return SpecimenSummary(found, observations, (), None, figures_of_merit(found, observations, None, None, None))
+    progress.update(0.0, "margins and latency")
+    responses = observations.of_type(FrequencyResponseObservation)
+    elongations = sorted({run.elongation_m for run in responses if run.elongation_m is not None})
+    free = perception_margin_of(found, None) if found.identifies_free_response else None
+    pressed = [perception_margin_of(found, each) for each in elongations if found.identifies_response_at(each)]
+    latency = step_latency_of(found) if found.identifies_free_response else None
+    merits = figures_of_merit(found, observations, free, pressed[-1] if pressed else None, latency)
+    return SpecimenSummary(found, observations, tuple(m for m in (free, *pressed) if m is not None), latency, merits)

@@ -1,14 +1,14 @@
 """HTML report: texts, tables and inline SVG figures in one self-contained file."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from html import escape
 from io import StringIO
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from app.common import Table, write_atomic
-from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
+from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot, new_figure
 from app.report.document import Block, Paragraph, Report
 
 FIGURE_WIDTH_IN = 7.0
@@ -31,76 +31,55 @@ svg { max-width: 100%; height: auto; }
 """
 
 
-class HtmlReport:
-    """Collects the report; on exit the file is written whole, or not at all after an exception.
+@contextmanager
+def html_report(report: Report, path: Path) -> Iterator[Callable[[str, Any], None]]:
+    """Yield a function that adds the picture of a run; at the end the file is written whole, or not at all after an exception.
 
     Raises:
         OSError: it cannot be written.
     """
-
-    def __init__(self, report: Report, path: Path) -> None:
-        self._path = path
-        self._title = escape(f"Specimen {report.specimen}")
-        self._parts = [*_html_head(report)]
-        for block in report.first_page:
-            self._parts += _html_block(block)
-        self._parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
-        for section in report.appendix:
-            self._parts.append(f"<h2>{escape(section.title)}</h2>")
-            for block in section.blocks:
-                self._parts += _html_block(block)
-        self._parts.append("<h2>Every run</h2>")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            body = "\n".join(self._parts)
-            write_atomic(
-                self._path,
-                f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{self._title}</title>'
-                f"<style>{STYLE}</style></head><body>\n{body}\n</body></html>\n",
-            )
-
-    def add_picture(self, name: str, figure: Any) -> None:
-        """Add the picture of a run, already laid out."""
-        self._parts.append(f"<h3>{escape(name)}</h3>")
-        self._parts.append(_inline_svg(figure, f"Run {name}"))
+    title = escape(f"Specimen {report.specimen}")
+    parts = [*_html_head(report), *_html_blocks(report.first_page)]
+    parts.append("<div class='sign'><span>Measured by</span><span>Checked by</span><span>Date</span></div>")
+    for section in report.appendix:
+        parts += [f"<h2>{escape(section.title)}</h2>", *_html_blocks(section.blocks)]
+    parts.append("<h2>Every run</h2>")
+    yield lambda name, figure: parts.extend((f"<h3>{escape(name)}</h3>", _inline_svg(figure, f"Run {name}")))
+    body = "\n".join(parts)
+    write_atomic(
+        path,
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{STYLE}</style></head><body>\n{body}\n</body></html>\n",
+    )
 
 
 def _html_head(report: Report) -> Iterable[str]:
     yield f"<h1>Specimen {escape(report.specimen)}</h1>"
     if report.page_marks:
-        words = " ".join(report.page_marks)
-        what = ": no number here was measured on a real specimen" if words == "SIMULATED" else ""
-        yield f"<div class='mark' aria-hidden='true'>{escape(words)}</div>"
-        yield f"<p class='banner'>{escape(words + what)}</p>"
+        marks = " ".join(report.page_marks)
+        meaning = ": no number here was measured on a real specimen" if marks == "SIMULATED" else ""
+        yield f"<div class='mark' aria-hidden='true'>{escape(marks)}</div>"
+        yield f"<p class='banner'>{escape(marks + meaning)}</p>"
     yield f"<p>{escape(report.subtitle)}</p>"
     yield f"<p class='note'>fingerprint of the run files {report.fingerprint}; {escape(report.software_version)}</p>"
 
 
-def _html_block(block: Block) -> Iterable[str]:
-    match block:
-        case Paragraph():
-            yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
-        case ReportPlot():
-            yield _html_plot(block)
-        case Table():
-            yield _html_table(block)
-            if block.note:
-                yield f"<p class='note'>{escape(block.note)}</p>"
+def _html_blocks(blocks: Iterable[Block]) -> Iterable[str]:
+    for block in blocks:
+        match block:
+            case Paragraph():
+                yield f"<p class='{block.tone}'>{escape(block.text)}</p>"
+            case ReportPlot():
+                yield _html_plot(block)
+            case Table():
+                yield _html_table(block)
+                if block.note:
+                    yield f"<p class='note'>{escape(block.note)}</p>"
 
 
 def _html_plot(plot: ReportPlot) -> str:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     height = plot.row_height_in * plot.rows + LEGEND_IN
-    figure = Figure(figsize=(FIGURE_WIDTH_IN, height))
-    FigureCanvasAgg(figure)
+    figure = new_figure(figsize=(FIGURE_WIDTH_IN, height))
     draw_plot(figure, plot, (0.0, 0.0, FIGURE_WIDTH_IN, height))
     caption = f"<figcaption>{escape(plot.caption)}</figcaption>" if plot.caption else ""
     return f"<figure><h3>{escape(plot.title)}</h3>{_inline_svg(figure, plot.title)}{caption}</figure>"

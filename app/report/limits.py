@@ -2,8 +2,9 @@
 
 import hashlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,9 +13,11 @@ from pydantic import Field, ValidationError, create_model, model_validator
 
 from app.common import display_unit
 from app.config import MAX_FILE_BYTES, ConfigTable, validation_messages
-from app.report.document import LimitOutcome
-from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit, half_interval
-from app.report.rounding import typeset_measurement, typeset_number, typeset_unit
+from app.report.document import LimitOutcome, Verdict
+from app.report.figures_of_merit import FIGURES_OF_MERIT
+from app.report.rounding import MINUS, typeset_measurement, typeset_number, typeset_unit
+from app.report.specimen import COVERAGE_FACTOR_95
+from model import EstimatedQuantity
 
 LIMITS_FILE_NAME = "limits.toml"
 """Name of the limits file beside the runs."""
@@ -138,7 +141,7 @@ def example_limits() -> str:
 
 
 def judge_limits(
-    limits: Limits, merits: Mapping[str, FigureOfMerit], golden: Mapping[str, FigureOfMerit]
+    limits: Limits, merits: Mapping[str, EstimatedQuantity], golden: Mapping[str, EstimatedQuantity]
 ) -> tuple[LimitOutcome, ...]:
     """Return each limit with its verdict; quantities that were not measured cannot pass."""
     return tuple(
@@ -149,45 +152,33 @@ def judge_limits(
 
 
 def _limit_outcomes(
-    name: str, limit: Limit, limits: Limits, merit: FigureOfMerit | None, golden: FigureOfMerit | None
-) -> list[LimitOutcome]:
-    out = []
-    value = (
-        "not told by these runs"
-        if merit is None
-        else typeset_measurement(merit.value, merit.standard_error, merit.unit)
-    )
+    name: str, limit: Limit, limits: Limits, merit: EstimatedQuantity | None, golden: EstimatedQuantity | None
+) -> Iterator[LimitOutcome]:
+    found = "not told by these runs"
+    if merit is not None:
+        found = typeset_measurement(merit.value, merit.standard_error, merit.unit)
     if limit.low is not None or limit.high is not None:
-        words = _limit_text(limit, FIGURES_OF_MERIT[name].unit)
+        asked = _limit_text(limit, FIGURES_OF_MERIT[name].unit)
         if merit is None:
-            out.append(LimitOutcome(name, words, value, "cannot tell", "these runs do not tell it"))
+            yield LimitOutcome(name, asked, found, "cannot tell", "these runs do not tell it")
         else:
-            low = -float("inf") if limit.low is None else limit.low
-            high = float("inf") if limit.high is None else limit.high
-            out.append(
-                LimitOutcome(name, words, value, *_verdict(merit.value, half_interval(merit), low, high, limits.rule))
-            )
-    if limit.within_golden is not None:
-        words = f"within {100 * limit.within_golden:g} % of {limits.golden}"
+            half_interval = COVERAGE_FACTOR_95 * merit.standard_error
+            low, high = (-inf if limit.low is None else limit.low), (inf if limit.high is None else limit.high)
+            yield LimitOutcome(name, asked, found, *_verdict(merit.value, half_interval, low, high, limits.rule))
+    if (share := limit.within_golden) is not None:
+        asked = f"within {100 * share:g} % of {limits.golden}"
         if merit is None or golden is None or golden.value == 0:
             why = "these runs do not tell it" if merit is None else f"the runs of {limits.golden} do not tell it"
-            out.append(LimitOutcome(name, words, value, "cannot tell", why))
+            yield LimitOutcome(name, asked, found, "cannot tell", why)
         else:
             ratio = merit.value / golden.value - 1
             both = (merit.standard_error / golden.value, golden.standard_error * merit.value / golden.value**2)
-            half = half_interval(FigureOfMerit(name, ratio, sum(e * e for e in both) ** 0.5))
-            text = f"{value}: {100 * ratio:+.2f} ± {100 * half:.2f} % (95 %)".replace("-", "−")
-            out.append(
-                LimitOutcome(
-                    name, words, text, *_verdict(ratio, half, -limit.within_golden, limit.within_golden, limits.rule)
-                )
-            )
-    return out
+            half_interval = COVERAGE_FACTOR_95 * sum(e * e for e in both) ** 0.5
+            found += f": {100 * ratio:+.2f} ± {100 * half_interval:.2f} % (95 %)".replace("-", MINUS)
+            yield LimitOutcome(name, asked, found, *_verdict(ratio, half_interval, -share, share, limits.rule))
 
 
-def _verdict(
-    value: float, half_interval: float, low: float, high: float, rule: Rule
-) -> tuple[Literal["pass", "fail", "cannot tell"], str]:
+def _verdict(value: float, half_interval: float, low: float, high: float, rule: Rule) -> tuple[Verdict, str]:
     if rule == "simple":
         half_interval = 0.0
     if low <= value - half_interval and value + half_interval <= high:

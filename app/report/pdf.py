@@ -3,16 +3,16 @@
 All lengths are in inches.
 """
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from app.common import Table
-from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot
+from app.plotting.panels import LEGEND_IN, ReportPlot, draw_plot, new_figure
 from app.report.document import Block, Paragraph, Report
 
 LINE_SPACING = 1.32
@@ -139,53 +139,41 @@ MIN_PLOT_HEIGHT_IN = 1.9
 """Smallest height of a plot."""
 
 
-class PdfReport:
-    """Writes the report page by page to a temporary file, which replaces the report on exit.
+@contextmanager
+def pdf_report(report: Report, path: Path, pictures: int) -> Iterator[Callable[[str, Any], None]]:
+    """Write the text pages and yield a function that adds the page of a run, laid out by `lay_out_figure`.
+
+    The pages go to a temporary file, which replaces the report at the end, or is deleted after an exception.
 
     Raises:
         OSError: it cannot be written.
     """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_pdf import PdfPages
 
-    def __init__(self, report: Report, path: Path, pictures: int) -> None:
-        import matplotlib as mpl
-        from matplotlib.backends.backend_pdf import PdfPages
+    partial_path = path.with_name(f"{path.name}.part")
+    title = f"Specimen {report.specimen}" + "".join(f" - {mark}" for mark in report.page_marks)
+    about = {"Title": title, "Creator": report.software_version, "CreationDate": None, "ModDate": None}
+    pages = _PageFlow(report).pages()
+    numbers = count(1)
 
-        self._report, self._path, self._partial_path = report, path, path.with_name(f"{path.name}.part")
-        title = f"Specimen {report.specimen}" + "".join(f" - {mark}" for mark in report.page_marks)
-        about = {"Title": title, "Creator": report.software_version, "CreationDate": None, "ModDate": None}
-        self._pages = _PageFlow(report).pages()
-        self._page_count, self._written = len(self._pages) + pictures, 0
-        self._style_context = ExitStack()
-        # TrueType fonts keep text searchable; they are written when the file is closed.
-        self._style_context.enter_context(mpl.rc_context({"pdf.fonttype": 42}))
-        self._pdf = self._style_context.enter_context(PdfPages(self._partial_path, metadata=about))
+    def write(page: Any) -> None:
+        _draw_page_header(page, report, f"page {next(numbers)} of {len(pages) + pictures}")
+        pdf.savefig(page)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._style_context.close()
-        if kind is None:
-            self._partial_path.replace(self._path)
-        else:
-            self._partial_path.unlink(missing_ok=True)
-
-    def add_text_pages(self) -> None:
-        """Write the page that is signed, and the appendix without the runs."""
-        for page in self._pages:
-            self._write(page)
-
-    def add_picture(self, name: str, figure: Any) -> None:
-        """Write the page of a run: a figure laid out by `lay_out_figure`."""
+    def add_picture(name: str, figure: Any) -> None:
         _draw_text(figure, LEFT, PAGE[1] - TOP + 0.12, f"Run {name}", size=8)
-        self._write(figure)
+        write(figure)
 
-    def _write(self, page: Any) -> None:
-        self._written += 1
-        _draw_page_header(page, self._report, f"page {self._written} of {self._page_count}")
-        self._pdf.savefig(page)
+    try:
+        # TrueType fonts keep text searchable; they are written when the file is closed.
+        with mpl.rc_context({"pdf.fonttype": 42}), PdfPages(partial_path, metadata=about) as pdf:
+            for page in pages:
+                write(page)
+            yield add_picture
+        partial_path.replace(path)
+    finally:
+        partial_path.unlink(missing_ok=True)
 
 
 def signature_page(report: Report) -> Any:
@@ -249,12 +237,7 @@ class _PageFlow:
         return self._pages
 
     def _new_page(self) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        page = Figure(figsize=PAGE)
-        FigureCanvasAgg(page)
-        self._pages.append(page)
+        self._pages.append(new_figure(figsize=PAGE))
         self._y = PAGE[1] - TOP
 
     def _fit_to_page(self, block: Block) -> Block:

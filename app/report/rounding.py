@@ -4,6 +4,7 @@ import math
 import re
 
 from app.common import display_unit
+from protocols.base import format_with_uncertainty
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "−"
@@ -33,10 +34,8 @@ def typeset_with_error(value: float, error: float) -> str:
     if not (error > 0 and math.isfinite(error)):
         return typeset_number(value)
     power = _engineering_exponent(max(abs(value), error))
-    value, error = value / 10.0**power, error / 10.0**power
-    places = max(1 - math.floor(math.log10(error)), 0)
-    text = f"{value:.{places}f} ± {error:.{places}f}".replace("-", MINUS)
-    return (f"({text}) × 10{str(power).translate(SUPERSCRIPTS)}" if power else text).replace(" ", SPACE)
+    text = format_with_uncertainty(value / 10.0**power, error / 10.0**power).replace("-", MINUS)
+    return _append_power(f"({text})" if power else text, power).replace(" ", SPACE)
 
 
 def typeset_number(value: float, figures: int = 6) -> str:
@@ -45,7 +44,7 @@ def typeset_number(value: float, figures: int = 6) -> str:
         return "none"
     power = _engineering_exponent(abs(value))
     text = f"{value / 10.0**power:.{figures}g}".replace("-", MINUS)
-    return f"{text} × 10{str(power).translate(SUPERSCRIPTS)}" if power else text
+    return _append_power(text, power)
 
 
 def typeset_probability(p: float) -> str:
@@ -57,7 +56,11 @@ def typeset_probability(p: float) -> str:
     if p >= 1e-3:
         return f"{p:.2g}"
     power = math.floor(math.log10(p))
-    return f"{p / 10.0**power:.0f} × 10{str(power).translate(SUPERSCRIPTS)}"
+    return _append_power(f"{p / 10.0**power:.0f}", power)
+
+
+def _append_power(text: str, power: int) -> str:
+    return f"{text} × 10{str(power).translate(SUPERSCRIPTS)}" if power else text
 
 
 def _engineering_exponent(size: float) -> int:

@@ -7,7 +7,18 @@ import numpy as np
 
 from app.identification.identify import IdentificationResult, identify_observations
 from app.report.runs import ReportRun
-from model import AmplifierMap, Array, Membrane, ParameterError, Skin, Tactor, parameter_specs, skin, variable_specs
+from model import (
+    AmplifierMap,
+    Array,
+    EstimatedQuantity,
+    Membrane,
+    ParameterError,
+    Skin,
+    Tactor,
+    parameter_specs,
+    skin,
+    variable_specs,
+)
 from model.identification import (
     FitOptions,
     FrequencyResponseObservation,
@@ -48,10 +59,10 @@ class SpecimenModel:
     """Number of shape functions."""
     problem: str = ""
     """Why nothing was identified."""
-    cached_bands: dict[tuple[float, float, bool], UncertaintyBand | None] = field(
+    cached_bands: dict[tuple[float | None, float, bool], UncertaintyBand | None] = field(
         default_factory=dict, compare=False, repr=False
     )
-    """Bands over `GRID_HZ` by elongation (-1: free), amplitude and kind."""
+    """Bands over `GRID_HZ` by elongation (None: free), amplitude and kind."""
     damping_by_elongation: Mapping[float, tuple[float, float]] | None = None
     """Elongation (m) -> c_s and its standard error, from a fit with separate damping for every elongation."""
 
@@ -65,11 +76,14 @@ class SpecimenModel:
         )
 
     @property
+    def estimates(self) -> tuple[EstimatedQuantity, ...]:
+        """The identified parameters."""
+        return () if self.identification is None else tuple(self.identification.estimates)
+
+    @property
     def identified_names(self) -> frozenset[str]:
         """Names of the identified parameters."""
-        return (
-            frozenset(e.name for e in self.identification.estimates) if self.identification is not None else frozenset()
-        )
+        return frozenset(e.name for e in self.estimates)
 
     @property
     def identifies_free_response(self) -> bool:
@@ -117,11 +131,10 @@ class SpecimenModel:
         self, amplitude_v: float, elongation_m: float | None, peak_to_peak: bool = True
     ) -> UncertaintyBand | None:
         """Return the response amplitude over `GRID_HZ` with its band."""
-        key = (-1.0 if elongation_m is None else elongation_m, amplitude_v, peak_to_peak)
+        key = (elongation_m, amplitude_v, peak_to_peak)
         if key not in self.cached_bands:
-            self.cached_bands[key] = self.curve_with_band(
-                self.amplitude_curve(GRID_HZ, amplitude_v, elongation_m, peak_to_peak)
-            )
+            curve = self.amplitude_curve(GRID_HZ, amplitude_v, elongation_m, peak_to_peak)
+            self.cached_bands[key] = self.curve_with_band(curve)
         return self.cached_bands[key]
 
     def curve_values(self, curve: CurveFunction) -> Array | None:
@@ -139,18 +152,11 @@ class SpecimenModel:
         def curve(tactor: Tactor, membrane: Membrane) -> Array:
             on = None if elongation_m is None else self._skin(tactor, membrane, elongation_m)
             # Harmonics are needed up to the same frequency, so low frequencies need many and are computed separately.
-            parts = [
-                part
-                for part in (
-                    frequency_hz[frequency_hz < HIGH_GRID_HZ[0]],
-                    frequency_hz[frequency_hz >= HIGH_GRID_HZ[0]],
-                )
-                if part.size
-            ]
-            rest_v = self.amplifier.rest_v
+            low = frequency_hz < HIGH_GRID_HZ[0]
             driven = [
-                amplifier_response(tactor, part, amplitude_v, rest_v, self.amplifier, skin=on, n=self.n)
-                for part in parts
+                amplifier_response(tactor, part, amplitude_v, self.amplifier.rest_v, self.amplifier, skin=on, n=self.n)
+                for part in (frequency_hz[low], frequency_hz[~low])
+                if part.size
             ]
             return np.concatenate([d.peak_to_peak if peak_to_peak else 2 * np.abs(d.fundamental) for d in driven])
 
@@ -160,17 +166,15 @@ class SpecimenModel:
         """Return the skin: by the line fitted to all elongations, or by the damping identified for this one."""
         on = skin(membrane, elongation_m / membrane.L_m, tactor=tactor)
         name = elongation_parameter("c_s", elongation_m)
-        if self.identification is None or name not in self.identified_names:
-            return on
-        return Skin(on.k_s, next(e.value for e in self.identification.estimates if e.name == name))
+        return Skin(on.k_s, next((e.value for e in self.estimates if e.name == name), on.c_s))
 
     def _estimates(self) -> EstimateSet | None:
         if self.identification is None:
             return None
-        keep = [i for i, e in enumerate(self.identification.estimates) if e.name in variable_specs()]
+        keep = [i for i, e in enumerate(self.estimates) if e.name in variable_specs()]
         if not keep:
             return None
-        chosen = [self.identification.estimates[i] for i in keep]
+        chosen = [self.estimates[i] for i in keep]
         return EstimateSet(
             tuple(e.name for e in chosen),
             tuple(e.value for e in chosen),
@@ -189,24 +193,22 @@ def fit_specimen(
     name: str, runs: Sequence[ReportRun], progress: Callable[[int, float], None] | None = None
 ) -> tuple[SpecimenModel, ObservationSet | None]:
     """Fit all runs jointly; if that is not possible, return the paper's Table I and the reason."""
-    counting = [run for run in runs if run.observations and not run.exclusion_reason]
+    counting = [run for run in runs if run.identifiable]
     amplifier = counting[-1].amplifier if counting else AmplifierMap()
     n = max((run.shape_count for run in counting), default=FitOptions.n)
-    table = SpecimenModel(Tactor(), Membrane(), amplifier, None, n)
+    paper_model = SpecimenModel(Tactor(), Membrane(), amplifier, None, n)
     if not counting:
-        return replace(table, problem="no run tells anything about the model"), None
+        return replace(paper_model, problem="no run tells anything about the model"), None
+    observations = None
     try:
-        campaign = ObservationSet(tuple(each for run in counting for each in run.observations))
-    except ParameterError as error:
-        return replace(table, problem=str(error)), None
-    try:
-        found = identify_observations(name, campaign, "joint", FitOptions(amplifier=amplifier, n=n), progress=progress)
+        observations = ObservationSet(tuple(each for run in counting for each in run.observations))
+        options = FitOptions(amplifier=amplifier, n=n)
+        found = identify_observations(name, observations, "joint", options, progress=progress)
         tactor, membrane = _fitted_parameters(found)
     except ValueError as error:  # the message says what the fit lacks
-        return replace(table, problem=str(error)), campaign
-    return SpecimenModel(
-        tactor, membrane, amplifier, found, n, damping_by_elongation=_damping_by_elongation(campaign, amplifier, n)
-    ), campaign
+        return replace(paper_model, problem=str(error)), observations
+    damping = _damping_by_elongation(observations, options)
+    return SpecimenModel(tactor, membrane, amplifier, found, n, damping_by_elongation=damping), observations
 
 
 def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Membrane]:
@@ -219,23 +221,21 @@ def _fitted_parameters(identification: IdentificationResult) -> tuple[Tactor, Me
 
 
 def _damping_by_elongation(
-    observations: ObservationSet, amplifier: AmplifierMap, n: int
+    observations: ObservationSet, options: FitOptions
 ) -> Mapping[float, tuple[float, float]] | None:
     """Fit the skin damping separately for every elongation: the points of the paper's Fig. 8."""
-    if (
-        len({r.elongation_m for r in observations.of_type(FrequencyResponseObservation) if r.elongation_m is not None})
-        < 2
-    ):
+    elongations = {run.elongation_m for run in observations.of_type(FrequencyResponseObservation)} - {None}
+    if len(elongations) < 2:
         return None
     try:
-        fit = joint_fit(observations, FitOptions(per_elongation=True, amplifier=amplifier, n=n))
+        fit = joint_fit(observations, replace(options, per_elongation=True))
     except ValueError:
         return None
-    found = {}
-    for estimate in fit.estimates():
-        elongation = parse_elongation(estimate.name)
-        if elongation is not None and estimate.name.startswith("c_s"):
-            found[elongation] = (estimate.value, estimate.standard_error)
+    found = {
+        elongation: (estimate.value, estimate.standard_error)
+        for estimate in fit.estimates()
+        if estimate.name.startswith("c_s") and (elongation := parse_elongation(estimate.name)) is not None
+    }
     return found or None
 
 

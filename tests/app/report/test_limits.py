@@ -8,7 +8,7 @@ import pytest
 from app.cli import report as command
 from app.cli.main import main
 from app.report.document import Paragraph
-from app.report.figures_of_merit import FIGURES_OF_MERIT, FigureOfMerit
+from app.report.figures_of_merit import FIGURES_OF_MERIT, figure_of_merit
 from app.report.limits import Limit, Limits, LimitsError, judge_limits, read_limits
 from app.report.rounding import typeset_measurement, typeset_number, typeset_probability
 from tests.helpers.report_specimen import blocks_of
@@ -55,7 +55,7 @@ def test_what_is_no_file_of_limits_is_a_sentence(tmp_path: Path, text: str, says
         read_limits(tmp_path / "none.toml")
 
 
-RESONANCE = {"resonance": FigureOfMerit("resonance", 150.5, 0.5)}
+RESONANCE = {"resonance": figure_of_merit("resonance", 150.5, 0.5)}
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ RESONANCE = {"resonance": FigureOfMerit("resonance", 150.5, 0.5)}
     ],
 )
 def test_a_verdict_minds_the_uncertainty(limit: Limit, rule: str, verdict: str) -> None:
-    golden = {"resonance": FigureOfMerit("resonance", 153.0, 0.5)}
+    golden = {"resonance": figure_of_merit("resonance", 153.0, 0.5)}
     (outcome,) = judge_limits(Limits({"resonance": limit}, rule, "T0"), RESONANCE, golden)  # type: ignore[arg-type]
     assert outcome.verdict == verdict, outcome
 
