@@ -5,12 +5,11 @@ thirteen thicknesses, far outside its own validity; stretching carries most of t
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from annotated_types import Interval
 
-from model.arrays import Array
+from model.arrays import Array, gauss_legendre
 from model.parameter_spec import ParameterError, ParameterSpec
 from model.parameters import Membrane
 from model.skin_model import PRE_STRETCH, point_stiffness
@@ -99,16 +98,10 @@ def _stretch(m: Membrane, q: float, total: float) -> float:
 
     With a = (L / 2) sqrt(T / E I) and s from the centre (-1..1), w' = q L^3 / (8 E I) [s - sinh(a s) / sinh a] / a^2.
     """
-    nodes, weights = _gauss()
+    nodes, weights = gauss_legendre(64)
     a2 = 3 * m.L_m**2 * total / m.h_m**2
     slope = q * m.L_m**3 / (8 * m.E_m * m.b_m * m.h_m**3 / 12) * _slope(a2, nodes)
     return float(weights @ slope**2 / 4)
-
-
-@cache
-def _gauss() -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    return nodes, weights
 
 
 def _slope(a2: float, s: Array) -> Array:

@@ -6,7 +6,6 @@ attributes all use it.
 
 import dataclasses
 import operator
-from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, get_type_hints
 
@@ -76,19 +75,15 @@ class ParameterSpec:
 def parameter_specs(cls: type[Any]) -> tuple[ParameterSpec, ...]:
     """The annotated fields of dataclass `cls`, in order; fields without a Unit are left out."""
     hints = get_type_hints(cls, include_extras=True)
-    return tuple(_read_specs(cls, hints))
-
-
-def _read_specs(cls: type[Any], hints: Mapping[str, Any]) -> Iterator[ParameterSpec]:
+    specs = []
     for field in dataclasses.fields(cls):
         marks = getattr(hints[field.name], "__metadata__", ())
-        unit = next((m.unit for m in marks if isinstance(m, Unit)), None)
-        if unit is None:
-            continue
-        interval = next((m for m in marks if isinstance(m, Interval)), Interval())
-        words = next((m for m in marks if isinstance(m, str)), field.name)
-        default = None if field.default is dataclasses.MISSING else field.default
-        yield ParameterSpec(field.name, unit, interval, words, default)
+        if (unit := next((m.unit for m in marks if isinstance(m, Unit)), None)) is not None:
+            interval = next((m for m in marks if isinstance(m, Interval)), Interval())
+            description = next((m for m in marks if isinstance(m, str)), field.name)
+            default = None if field.default is dataclasses.MISSING else field.default
+            specs.append(ParameterSpec(field.name, unit, interval, description, default))
+    return tuple(specs)
 
 
 def validate_parameters(obj: object) -> None:

@@ -137,6 +137,11 @@ def beams(tactor: Tactor, values: Mapping[str, ArrayLike]) -> Beam:
             raise ParameterError(f"{name} is not a parameter of the tactor: choose from {', '.join(known)}")
     v = asdict(tactor) | {name: known[name].check(value) for name, value in values.items()}
     check_segment_order(v["L"], v["L1"], v["L2"])
+    return beam_from_values(v)
+
+
+def beam_from_values(v: Mapping[str, Any], added_mass_kg: Any = None) -> Beam:
+    """The letters from a tactor's parameters by name, with its own added mass or another."""
     k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
-    eta = v["m_add"] / (2 * (v["L"] - v["L2"]))
+    eta = (v["m_add"] if added_mass_kg is None else added_mass_kg) / (2 * (v["L"] - v["L2"]))
     return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])

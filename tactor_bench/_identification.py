@@ -39,7 +39,7 @@ class Identification:
         covariance: of the estimates, (P, P), in their units.
         fixed: every other parameter of the model, with the value it was given.
         tactor, membrane: as identified; what was not identified has its fixed value.
-        adequacy: of a joint fit: `.adequate` (None where the runs cannot test the model), `.words`, `.findings`.
+        adequacy: of a joint fit: `.adequate` (None where the runs cannot test the model), `.message`, `.findings`.
         verdict: how well the runs are explained, in a sentence.
         unidentified: combinations that the runs do not determine, in words.
         notes: what was left out, and why.

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
+from model.arrays import Array, gauss_legendre
 from model.beam.basis import check_shape_count, shape_functions, wavenumbers
 from model.parameters import Beam
 
@@ -59,14 +59,9 @@ def _one_gram(l1: float, l2: float, n: int) -> Gram:
     return g
 
 
-@lru_cache(maxsize=64)
-def _gauss(m: int) -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(m)
-    return (nodes + 1) / 2, weights / 2
-
-
 def _integrate(l1: Array, l2: Array, n: int) -> Gram:
-    t, weight = _gauss(16 + 2 * n)
+    nodes, weights = gauss_legendre(16 + 2 * n)
+    t, weight = (nodes + 1) / 2, weights / 2
     ends = np.stack((np.zeros_like(l1), l1, l2, np.ones_like(l1)), axis=-1)
     length = np.diff(ends, axis=-1)
     xi = ends[..., :-1, None] + length[..., None] * t

@@ -12,17 +12,17 @@ import numpy as np
 from scipy.special import chdtrc, ndtr
 
 from model.arrays import Array, Mask
-from model.identification.fit_result import MIN_P_VALUE, JointFit, RunResiduals, format_p_value
+from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,
-    beam_from_values,
     equation_factors,
     skin_from_values,
     specimen_harmonic,
 )
 from model.identification.model_discrepancy import Discrepancy, possible_discrepancies
-from model.identification.observations import FrequencyResponseObservation
+from model.identification.observations import FrequencyResponseObservation, observed_values
 from model.identification.receptance import ReceptanceSolver
+from model.parameters import beam_from_values
 
 SIGNIFICANCE_LEVEL = 0.01
 """Probability, over all tests together, below which a finding is reported."""
@@ -108,16 +108,12 @@ def _verdict_message(fit: JointFit, findings: list[Finding], tests: int) -> str:
         more = f"; and {len(findings) - 3} more" if len(findings) > 3 else ""
         return f"the model is wrong for these runs: {first}{more}. {chi}"
     if fit.p_value <= MIN_P_VALUE:
-        worst = max(fit.residuals, key=_reduced_chi_square)
+        worst = max(fit.residuals, key=lambda run: run.chi_square / max(run.values.size, 1))
         return (
             f"the misfit is {np.sqrt(fit.chi_square / fit.degrees_of_freedom):.2g} times the errors given but follows no pattern of {tests} "
             f"looked for: the errors are too small, or points are wrong, most of all in {worst.label}. {chi}"
         )
     return f"the misfit is noise: none of {tests} tests for a wrong model is significant. {chi}"
-
-
-def _reduced_chi_square(run: RunResiduals) -> float:
-    return run.chi_square / max(run.values.size, 1)
 
 
 def _fit_subspace(fit: JointFit) -> Array:
@@ -145,30 +141,25 @@ def _score_tests(discrepancies: Sequence[Discrepancy], r: Array, Q: Array, error
 def _pattern_tests(fit: JointFit, r: Array, Q: Array) -> list[Finding]:
     """Neighbours of one run: sum of products, normal by its exact mean and variance for r = (1 - H) e."""
     out = []
-    for run, part in zip(fit.residuals, fit.run_slices, strict=True):
+    for run, part, observation in zip(fit.residuals, fit.run_slices, fit.observations.runs, strict=True):
         n = r[part].size
         if n < 6:
             continue
         q = Q[part]
         S = np.eye(n) - q @ q.T  # covariance of the run's residuals
         L = np.zeros((n, n))
-        half = n // 2 if _has_phase(fit, run.label) else n
+        half = n // 2 if np.iscomplexobj(observed_values(observation)[0]) else n
         for i in range(n - 1):
             if i + 1 != half:
                 L[i, i + 1] = L[i + 1, i] = 0.5
         A = L @ S
         z = (float(r[part] @ L @ r[part]) - float(np.trace(A))) / float(np.sqrt(2 * np.sum(A * A.T)))
         correlation = float(r[part] @ L @ r[part] / max(float(r[part] @ r[part]), 1e-300))
-        words = f"residuals of {run.label} follow each other (correlation of neighbours {correlation:+.2f}): a pattern, not noise"
+        message = f"residuals of {run.label} follow each other (correlation of neighbours {correlation:+.2f}): a pattern, not noise"
         # skewed like a chi-square, so the tail of the normal is taken with twice its probability
         p = min(1.0, 2 * float(2 * ndtr(-max(z, 0.0))))
-        out.append(Finding("pattern", (run.label,), correlation, float(1 / np.sqrt(n)), p, words))
+        out.append(Finding("pattern", (run.label,), correlation, float(1 / np.sqrt(n)), p, message))
     return out
-
-
-def _has_phase(fit: JointFit, label: str) -> bool:
-    run = next(r for r in fit.observations.runs if r.label == label)
-    return isinstance(run, FrequencyResponseObservation) and np.asarray(run.fundamental_m).dtype.kind == "c"
 
 
 def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
@@ -196,8 +187,8 @@ def _harmonic_tests(fit: JointFit, error_scale: float) -> list[Finding]:
             whole = float(np.sqrt(np.mean(np.abs(np.asarray(run.fundamental_m)[run.usable][here]) ** 2)))
             share = excess / whole
             name = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}[k]
-            words = f"{run.label} has a {name} harmonic of {100 * share:.2g} % of the fundamental beyond the amplifier's: nonlinear"
-            out.append(Finding("harmonic", (run.label,), share, float(np.sqrt(np.mean(error**2))) / whole, p, words))
+            message = f"{run.label} has a {name} harmonic of {100 * share:.2g} % of the fundamental beyond the amplifier's: nonlinear"
+            out.append(Finding("harmonic", (run.label,), share, float(np.sqrt(np.mean(error**2))) / whole, p, message))
     return out
 
 

@@ -98,15 +98,15 @@ class JointFit:
 
         A shared error is bounded by its prior, so it is never what the runs cannot tell.
         """
-        base = self.options.base_values()
-        out = []
-        for name, value in zip(self.names, self.theta, strict=True):
-            error = self.observations.shared_errors.get(name)
-            if error is None:
-                out.append(max(abs(value), known.typical_size(name, known.start_value(name, base))))
-            else:
-                out.append(10 * error.standard_error)
-        return np.array(out)
+        base, shared = self.options.base_values(), self.observations.shared_errors
+        return np.array(
+            [
+                10 * shared[name].standard_error
+                if name in shared
+                else max(abs(value), known.typical_size(name, known.start_value(name, base)))
+                for name, value in zip(self.names, self.theta, strict=True)
+            ]
+        )
 
     @cached_property
     def _svd(self) -> tuple[Array, Array]:

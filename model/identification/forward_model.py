@@ -28,18 +28,11 @@ from model.identification.observations import (
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import sag
 from model.parameter_spec import parameter_specs
-from model.parameters import Beam, Membrane
+from model.parameters import Beam, Membrane, beam_from_values
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
 from model.skin_model import point_stiffness
 
 Values = Mapping[str, Any]
-
-
-def beam_from_values(v: Values, added_mass_kg: Any = None) -> Beam:
-    """The beam with its own added mass, or another."""
-    k1 = v["E_Al"] * v["b_Al"] * v["h_Al"] ** 3 / 12
-    eta = (v["m_add"] if added_mass_kg is None else added_mass_kg) / (2 * (v["L"] - v["L2"]))
-    return Beam(v["L"], v["L1"], v["L2"], v["rho1"], v["rho2"], eta, v["c0"], k1, v["k2"], v["mu"])
 
 
 def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tuple[Any, Any]:
@@ -48,10 +41,7 @@ def skin_from_values(observation: FrequencyResponseObservation, v: Values) -> tu
         return 0.0, 0.0
     delta = observation.elongation_m / v["L_m"]
     length = v["L"] - v["L2"] if v["contact_length"] is None else v["contact_length"]
-    k_s, c_s = (
-        v.get(known.elongation_parameter("k_s", observation.elongation_m)),
-        v.get(known.elongation_parameter("c_s", observation.elongation_m)),
-    )
+    k_s, c_s = (v.get(known.elongation_parameter(symbol, observation.elongation_m)) for symbol in ("k_s", "c_s"))
     if k_s is None:
         k_s = point_stiffness(v["L_m"], v["b_m"], v["h_m"], v["E_m"], delta) / length
     return k_s, v["c_s_delta"] * delta + v["c_s_0"] if c_s is None else c_s
@@ -291,7 +281,7 @@ class ForwardModel:
             dy = A * (np.multiply.outer(differences.derivatives(moment), H[here]) + moment[0] * dH[:, here])
             dy = dy - 1j * np.multiply.outer(differences.derivatives(late), w) * y
             out[run.label] = (
-                Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else _modulus_prediction(y, dy)
+                Prediction(y, dy) if np.asarray(run.fundamental_m).dtype.kind == "c" else modulus_prediction(y, dy)
             )
         return out
 
@@ -310,7 +300,8 @@ class ForwardModel:
         return np.asarray(width * (gain * (1 + differences.shared_error(run, "volts")))[:, None])
 
 
-def _modulus_prediction(y: Complex, dy: Complex) -> Prediction:
+def modulus_prediction(y: Complex, dy: Complex) -> Prediction:
+    """Return the modulus of a complex prediction with its slopes."""
     size = np.abs(y)
     return Prediction(size, (y.conj() * dy).real / size)
 

@@ -153,8 +153,8 @@ class _FitMonitor:
             converged = bool(got.success)
             message = "converged" if converged else "stopped after 200 evaluations without settling"
         if p.options.loss != "linear":
-            weight = np.sqrt(_sample_weights(r, p.options.loss))
-            J = J * weight[:, None]
+            squares = 1 + r * r  # their weights are the derivative of the loss to the squared residual
+            J = J * np.sqrt(1 / np.sqrt(squares) if p.options.loss == "soft_l1" else 1 / squares)[:, None]
         at_limit = [
             n
             for n, v, lo in zip(p.names, theta, p.lower_bounds, strict=True)
@@ -219,8 +219,3 @@ class _ResidualFunction:
         self._monitor.report(self._least_cost)
         self._cached_x, self._cached = x.tobytes(), (r, -J * self._coordinates.parameter_derivatives(theta))
         return self._cached
-
-
-def _sample_weights(r: Array, loss: str) -> Array:
-    """Derivative of the loss to the squared residual."""
-    return 1 / np.sqrt(1 + r * r) if loss == "soft_l1" else 1 / (1 + r * r)

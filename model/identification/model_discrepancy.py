@@ -44,9 +44,10 @@ class Discrepancy:
 
 def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
     """Return every discrepancy that the runs of this fit could show."""
-    predicted = dict(zip(_labels(fit.observations), fit.problem.forward_model.predict(fit.theta), strict=True))
-    place = dict(zip(_labels(fit.observations), fit.run_slices, strict=True))
-    y = {label: p.values for label, p in predicted.items()}
+    labels = [run.label for run in fit.observations.runs]
+    place = dict(zip(labels, fit.run_slices, strict=True))
+    predictions = fit.problem.forward_model.predict(fit.theta)
+    y = {label: p.values for label, p in zip(labels, predictions, strict=True)}
 
     def direction(parts: dict[str, Any]) -> Array:
         d = np.zeros(fit.weighted_residuals.size)
@@ -57,14 +58,8 @@ def possible_discrepancies(fit: JointFit) -> tuple[Discrepancy, ...]:
                 d[place[run.label]] = np.concatenate((share.real, share.imag)) if complex_run else np.real(share)
         return d
 
-    found = []
-    for kind, message, parts in (
-        *_run_discrepancies(fit, y),
-        *_dwell_discrepancies(fit, y),
-        _clamp_discrepancy(fit, y),
-    ):
-        found.append(Discrepancy(kind, tuple(parts), message, direction(parts)))
-    return tuple(found)
+    found = (*_run_discrepancies(fit, y), *_dwell_discrepancies(fit, y), _clamp_discrepancy(fit, y))
+    return tuple(Discrepancy(kind, tuple(parts), message, direction(parts)) for kind, message, parts in found)
 
 
 DiscrepancyParts = tuple[str, str, dict[str, Any]]
@@ -185,10 +180,8 @@ def _clamp_discrepancy(fit: JointFit, y: dict[str, Any]) -> DiscrepancyParts:
             case VoltageStepsObservation():
                 parts[run.label] = p * ratio(tactor, np.zeros(1), None).real / CLAMP_FLEXIBILITY
             case MassResonanceObservation():
-                shifts = [
-                    _peak_shift(replace(tactor, m_add=m), f, spring)
-                    for m, f in zip(run.mass_kg[run.usable], p, strict=True)
-                ]
+                peaks = zip(run.mass_kg[run.usable], p, strict=True)
+                shifts = [_peak_shift(replace(tactor, m_add=m), f, spring) for m, f in peaks]
                 parts[run.label] = p * np.array(shifts) / CLAMP_FLEXIBILITY
             case FrequencyResponseObservation():
                 t = tactor if run.added_mass_kg is None else replace(tactor, m_add=run.added_mass_kg)
@@ -220,7 +213,3 @@ def _frequency_stretch_derivatives(fit: JointFit) -> dict[str, Any]:
         theta = np.array([fit.theta[fit.names.index(n)] for n in problem.names])
         ends.append([p.values for p in problem.forward_model.predict(theta)])
     return {run.label: (low - high) / (2 * step) for run, low, high in zip(dwells, *ends, strict=True)}
-
-
-def _labels(observations: ObservationSet) -> list[str]:
-    return [run.label for run in observations.runs]

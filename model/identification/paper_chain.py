@@ -27,7 +27,7 @@ from model.identification.parameters import elongation_parameter
 from model.identification.receptance import Factors, ReceptanceSolver
 from model.membrane import young_modulus_from_sag
 from model.parameter_spec import ParameterError
-from model.parameters import Beam, Membrane, Tactor
+from model.parameters import Membrane, Tactor
 from model.response import load_compliance, voltage_gain
 from model.skin_model import point_stiffness
 
@@ -137,9 +137,7 @@ def resonance_frequencies(t: Tactor, mass: Array, damped: Mask, n: int) -> tuple
 
 def tactor_factors(t: Tactor, mass: Array, k_s: Array, c_s: Array) -> Factors:
     """Factors of Eq. (14), one row for each added mass (kg) and skin (N/m^2, kg/(m s)), all (R,)."""
-    eta = mass / (2 * (t.L - t.L2))
-    beam = Beam(t.L, t.L1, t.L2, t.rho1, t.rho2, eta, t.c0, t.k1, t.k2, t.mu)
-    return equation_factors(beam, (k_s, c_s), mass.size)
+    return equation_factors(t.beam._replace(eta=mass / (2 * (t.L - t.L2))), (k_s, c_s), mass.size)
 
 
 def measured_amplitudes(run: FrequencyResponseObservation, prefer_peak_to_peak: bool) -> tuple[Array, Array]:

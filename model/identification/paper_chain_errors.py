@@ -13,7 +13,7 @@ import numpy as np
 from model.arrays import Array
 from model.estimate import EstimatedQuantity
 from model.identification.fit_options import FitCancelled
-from model.identification.forward_model import ForwardModel
+from model.identification.forward_model import ForwardModel, modulus_prediction
 from model.identification.observations import (
     FrequencyResponseObservation,
     MassResonanceObservation,
@@ -66,12 +66,16 @@ def linearized_errors(
     T = _line_transform(names, result, line)
     S = T @ S @ T.T
     every = (*names, *(n for n in line if n in result.values))
+    return _estimates(every, S, result), S
+
+
+def _estimates(names: tuple[str, ...], S: Array, result: PaperChainResult) -> tuple[EstimatedQuantity, ...]:
+    """The chain's values by name with the standard errors of their covariance S."""
     sources = {n: step.runs for step in result.steps for n in step.values}
-    errors = np.sqrt(np.diag(S))
     return tuple(
         EstimatedQuantity(n, result.values[n], float(e), parameter_spec(n).unit, sources[n])
-        for n, e in zip(every, errors, strict=True)
-    ), S
+        for n, e in zip(names, np.sqrt(np.diag(S)), strict=True)
+    )
 
 
 def _linearize(
@@ -83,8 +87,7 @@ def _linearize(
         y, error = observed_values(run)
         h, J = got
         if np.iscomplexobj(y):
-            size = np.abs(h)
-            y, h, J = np.abs(y), size, (h.conj() * J).real / size
+            y, (h, J) = np.abs(y), modulus_prediction(h, J)
         where[run.label] = slice(start, start + y.size)
         start += y.size
         ys.append(y)
@@ -203,9 +206,4 @@ def resampled_errors(
             f"{draws - len(rows)} of {draws} redrawn campaigns cannot be identified: the data are too noisy"
         )
     S = np.atleast_2d(np.cov(np.array(rows).T))
-    sources = {n: step.runs for step in result.steps for n in step.values}
-    errors = np.sqrt(np.diag(S))
-    return tuple(
-        EstimatedQuantity(n, result.values[n], float(e), parameter_spec(n).unit, sources[n])
-        for n, e in zip(names, errors, strict=True)
-    ), S
+    return _estimates(names, S, result), S

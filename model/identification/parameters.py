@@ -102,10 +102,8 @@ def validate_names(names: Iterable[str], observations: ObservationSet) -> tuple[
 def start_value(name: str, base: Mapping[str, float | None]) -> float:
     """Return the default start of a fit: the present value; c_s from the line, 0 for shared errors."""
     if name in base:
-        value = base[name]
-        if value is None:  # the contact length that follows the geometry
-            return float((base["L"] or 0) - (base["L2"] or 0))
-        return float(value)
+        value = base[name]  # None: the contact length that follows the geometry
+        return float((base["L"] or 0) - (base["L2"] or 0) if value is None else value)
     elongation = parse_elongation(name)
     if elongation is None:
         return 0.0
@@ -119,8 +117,6 @@ def typical_size(name: str, start: float) -> float:
     if start:
         return abs(start)
     own = SPECIMEN_PARAMETERS.get(name)
-    default = own.default if own is not None else None
-    if default:
-        return abs(default)
-    elongation = parse_elongation(name)
-    return 165.0 if elongation is not None and name.startswith("c_s") else 1.0
+    if own is not None and own.default:
+        return abs(own.default)
+    return 165.0 if name.startswith("c_s") and parse_elongation(name) is not None else 1.0

@@ -68,12 +68,8 @@ def chirp_response(form: ModalForm, t: Array, a: float, b: float) -> Complex:
     """
     w = np.zeros(t.shape, complex)
     for s, r in zip(*form, strict=True):
-        w += r * (_harmonic_response(s, t, a) if b == 0 else _chirp_response(s, t, a, b))
+        w += r * ((np.exp(1j * a * t) - np.exp(s * t)) / (1j * a - s) if b == 0 else _chirp_response(s, t, a, b))
     return w
-
-
-def _harmonic_response(s: complex, t: Array, a: float) -> Complex:
-    return np.asarray((np.exp(1j * a * t) - np.exp(s * t)) / (1j * a - s))
 
 
 def _chirp_response(s: complex, t: Array, a: float, b: float) -> Complex:

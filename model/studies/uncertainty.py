@@ -67,6 +67,8 @@ def linear_band(curve: ParameterizedCurve, estimates: EstimateSet, coverage: flo
     """
     from scipy.special import ndtri
 
+    if not 0 < coverage < 1:
+        raise ParameterError(f"coverage is {coverage}: it must lie between 0 and 1, e.g. 0.95")
     v = np.asarray(estimates.values)
     S = np.asarray(estimates.covariance)
     step = np.maximum(1e-5 * np.abs(v), 1e-3 * np.sqrt(np.diag(S)))
@@ -76,7 +78,7 @@ def linear_band(curve: ParameterizedCurve, estimates: EstimateSet, coverage: flo
     width = np.diag(up - down)
     J = (w[1 : len(v) + 1] - w[len(v) + 1 :]) / width[:, None]
     error = np.sqrt(np.maximum(np.einsum("if,ij,jf->f", J, S, J), 0))
-    reach = float(ndtri((1 + _check_coverage(coverage)) / 2)) * error
+    reach = float(ndtri((1 + coverage) / 2)) * error
     return UncertaintyBand(w[0], error, w[0] - reach, w[0] + reach)
 
 
@@ -90,9 +92,3 @@ def _are_physical(names: Sequence[str], x: ArrayLike) -> Mask:
     known = variable_specs()
     columns = np.asarray(x).T
     return np.asarray(np.all([known[name].is_valid(a) for name, a in zip(names, columns, strict=True)], axis=0))
-
-
-def _check_coverage(coverage: float) -> float:
-    if not 0 < coverage < 1:
-        raise ParameterError(f"coverage is {coverage}: it must lie between 0 and 1, e.g. 0.95")
-    return coverage

@@ -198,16 +198,13 @@ class Run(Closeable):
 
     def events(self) -> Iterator[LoggedEvent]:
         """Yield the logged events, in order."""
-        pending: tuple[Any, bytes] | None = None
+        texts: list[tuple[Any, bytes]] = []
         for row in self._entry["events"][:]:
-            if row["kind"] == b"+" and pending:
-                pending = (pending[0], pending[1] + row["text"])
-                continue
-            if pending:
-                yield _logged_event(*pending)
-            pending = (row, bytes(row["text"]))
-        if pending:
-            yield _logged_event(*pending)
+            first, text = texts.pop() if texts and row["kind"] == b"+" else (row, b"")
+            texts.append((first, text + row["text"]))
+        for row, text in texts:
+            event = json.loads(text.decode())
+            yield LoggedEvent(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(event))
 
     def entries(self) -> dict[int, StartedEntry]:
         """Return the started entries by their index in the plan, including those of the resumed run."""
@@ -266,10 +263,6 @@ class Run(Closeable):
 def _columns(group: "h5py.Group") -> "dict[str, h5py.Dataset]":
     """Return the columns of a table: its datasets with units. Anything else in the group is ignored."""
     return {name: data for name, data in group.items() if "units" in data.attrs}
-
-
-def _logged_event(row: Any, text: bytes) -> LoggedEvent:
-    return LoggedEvent(float(row["time_s"]), int(row["row"]), row["kind"].decode(), dict(json.loads(text.decode())))
 
 
 def _process_is_alive(pid: int) -> bool:

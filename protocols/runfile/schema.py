@@ -7,7 +7,7 @@ plot; simple enough for MATLAB's `h5read`.
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Unit
@@ -55,13 +55,9 @@ def point_columns(point_type: type) -> dict[str, tuple[str, str, int]]:
     for field in fields(point_type):
         inner, *metadata = get_args(hints[field.name])
         unit = next((m.unit for m in metadata if isinstance(m, Unit)), "1")
-        words = next((m for m in metadata if isinstance(m, str)), "")
-        found[field.name] = (unit, words, _column_width(inner))
+        description = next((m for m in metadata if isinstance(m, str)), "")
+        found[field.name] = (unit, description, 8 if get_origin(inner) is tuple else 0)
     return found
-
-
-def _column_width(annotation: Any) -> int:
-    return 8 if get_origin(annotation) is tuple else 0
 
 
 MAX_NAME_BYTES = 100

@@ -13,6 +13,9 @@ import numpy as np
 
 from model import Array, Complex
 
+LINE_FIELDS = ("frequency_hz", "response", "standard_error", "coherence")
+"""Fields of a response with one value for each line."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse:
@@ -49,7 +52,7 @@ class FrequencyResponse:
     def within(self, low_hz: float, high_hz: float) -> Self:
         """The lines of a band."""
         keep = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
-        rows = {name: getattr(self, name)[keep] for name in ("frequency_hz", "response", "standard_error", "coherence")}
+        rows = {name: getattr(self, name)[keep] for name in LINE_FIELDS}
         return replace(self, **rows)
 
 
@@ -58,14 +61,5 @@ def concatenate_responses(parts: Sequence[FrequencyResponse]) -> FrequencyRespon
     if len(parts) == 1:
         return parts[0]
 
-    def every(name: str) -> Any:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    return replace(
-        parts[0],
-        frequency_hz=every("frequency_hz"),
-        response=every("response"),
-        standard_error=every("standard_error"),
-        coherence=every("coherence"),
-        resolution_hz=max(part.resolution_hz for part in parts),
-    )
+    rows: Any = {name: np.concatenate([getattr(part, name) for part in parts]) for name in LINE_FIELDS}
+    return replace(parts[0], resolution_hz=max(part.resolution_hz for part in parts), **rows)

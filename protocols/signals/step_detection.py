@@ -109,11 +109,6 @@ class WeightStepDetector:
         """The level taken as zero; NaN before there is one."""
         return self._zero_level
 
-    @property
-    def latest_mean(self) -> float:
-        """Mean of the latest window, for a display; NaN before there is one."""
-        return float(self._quiet_windows[-1].mean()) if self._quiet_windows else math.nan
-
     def feed(self, samples: Array) -> WeightStep | None:
         """Take more samples, (N,); NaN where the sensor was out of range. The landing, once it is settled."""
         if self.state is StepDetectionState.SETTLED:
