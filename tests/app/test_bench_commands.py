@@ -132,9 +132,7 @@ def served() -> Iterator[ServedBench]:
 
 @pytest.fixture
 def addresses(served: ServedBench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    monkeypatch.setattr(
-        "drivers.transport.visa.list_resources", lambda: ([], [])
-    )  # its search of the LAN takes a second
+    monkeypatch.setattr("drivers.list_resources", lambda: ([], []))  # its search of the LAN takes a second
     return ["--host", f"127.0.0.1:{served.scpi.port}", "--server", f"127.0.0.1:{served.card.port}"]
 
 

@@ -62,7 +62,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, measured: bytes) -> Pa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "run.h5").write_bytes(measured)
-    monkeypatch.setattr("drivers.transport.visa.list_resources", lambda: ([], []))
+    monkeypatch.setattr("drivers.list_resources", lambda: ([], []))
     monkeypatch.setattr("app.cli.bench.find_devices", lambda *_: ([], []))
     monkeypatch.setattr("app.gui.screen.has_screen", lambda: False)
     monkeypatch.setattr("app.cli.study.CONNECT_TIMEOUT_S", 0.1)

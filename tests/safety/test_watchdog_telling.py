@@ -67,7 +67,7 @@ def test_on_a_simulated_bench_at_raised_speed_a_silence_counts_in_bench_time(
         charges.append(charge)
         return WatchdogClient(charge)
 
-    monkeypatch.setattr("drivers.watchdog.client.WatchdogClient", watches)
+    monkeypatch.setattr("drivers.WatchdogClient", watches)
     with connect(simulated(), speed):
         pass
     assert [charge.silence_s for charge in charges] == [pytest.approx(0.4 * speed)]
