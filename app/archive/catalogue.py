@@ -8,7 +8,7 @@ import hashlib
 import os
 import sqlite3
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,9 +16,13 @@ from typing import NamedTuple
 
 from app.archive.notes import NOTES_SUFFIX, Notes, NotesError, read_notes
 from app.archive.run_summary import RunState, RunSummary, read_run_summary, summary_from_file_name, with_notes
+from app.common import NO_PROGRESS, Progress
 
 SCHEMA = 4
 """Raise it when `RunSummary` changes: an index of another schema is thrown away."""
+
+SHORT_SCAN_FILES = 20
+"""A scan of so few files ends before a text could be read."""
 
 FILES_PER_COMMIT = 100
 """Files read between two commits; other connections see the entries after a commit."""
@@ -86,22 +90,16 @@ class Catalogue:
             rows = db.execute(f"SELECT {', '.join(RunSummary._fields)} FROM runs ORDER BY start_time DESC, path DESC")  # noqa: S608
             return list(map(RunSummary._make, rows))
 
-    def scan(
-        self,
-        progress: Callable[[int, int], None] = lambda _done, _all: None,
-        cancelled: Callable[[], bool] = lambda: False,
-        exclude: Collection[Path] = (),
-    ) -> ScanResult:
+    def scan(self, progress: Progress = NO_PROGRESS, exclude: Collection[Path] = ()) -> ScanResult:
         """Update the index: read files that were added, changed or moved, remove those that were deleted.
 
         Args:
-            progress: called with the number of files read and the number to read.
-            cancelled: checked between files.
+            progress: the scan ends between two files if it is cancelled; only a long scan reports with a text.
             exclude: files that this program is writing; they are listed but not opened.
         """
         left = {str(path.resolve()) for path in exclude}
         walk = _list_folder(self.folder)
-        added = changed = done = 0
+        added = changed = 0
         with self._connection() as db:
             known = {
                 path: (_FileStamp(*seen), state)
@@ -117,18 +115,19 @@ class Catalogue:
                 if path not in known or known[path][0] != seen or known[path][1] == RunState.RUNNING:
                     due.append((path, notes, seen))
             # Newest first, as users look for recent runs: file names begin with the start time.
-            for path, notes, seen in sorted(due, key=lambda item: item[0].rpartition("/")[2], reverse=True):
-                if cancelled():
+            due.sort(key=lambda item: item[0].rpartition("/")[2], reverse=True)
+            for done, (path, notes, seen) in enumerate(due, 1):
+                if progress.cancelled:
                     return ScanResult(added, changed, len(gone), tuple(walk.skipped), complete=False)
                 entry = self._read(path, notes, seen, left)
                 if entry is None:
                     db.execute("DELETE FROM runs WHERE path = ?", (path,))
                 else:
-                    _upsert(db, entry)
+                    _upsert(db, [entry])
                     added += path not in known
                     changed += path in known and known[path] != (seen, entry.state)
-                done += 1
-                progress(done, len(due))
+                text = f"reading {done} of {len(due)}" if len(due) > SHORT_SCAN_FILES else ""
+                progress.update(done / len(due), text)
                 if done % FILES_PER_COMMIT == 0:
                     db.commit()
         return ScanResult(added, changed, len(gone), tuple(walk.skipped))
@@ -136,8 +135,7 @@ class Catalogue:
     def upsert(self, entries: Sequence[RunSummary]) -> None:
         """Insert or replace entries unchecked; the next scan corrects those that do not match the files."""
         with self._connection() as db:
-            for entry in entries:
-                _upsert(db, entry)
+            _upsert(db, entries)
 
     def _read(self, path: str, notes: str, stamp: _FileStamp, excluded: Collection[str]) -> RunSummary | None:
         file = self.folder / path
@@ -147,11 +145,9 @@ class Catalogue:
             entry = read_run_summary(file, path)
         if entry is None:
             return None
-        entry = entry._replace(modified_ns=stamp.modified_ns, size=stamp.size, notes_ns=stamp.notes_ns)
-        if not notes:
-            return entry
+        entry = entry._replace(**stamp._asdict())
         try:
-            return with_notes(entry, read_notes(self.folder / notes))
+            return with_notes(entry, read_notes(self.folder / notes)) if notes else entry
         except NotesError as error:
             return with_notes(entry, Notes(note=str(error)))
 
@@ -209,8 +205,9 @@ def index_path(folder: Path) -> Path:
     return Path(tempfile.gettempdir()) / f"tactor-bench-{name}"
 
 
-def _upsert(db: sqlite3.Connection, entry: RunSummary) -> None:
-    db.execute(f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * len(entry))})", entry)  # noqa: S608
+def _upsert(db: sqlite3.Connection, entries: Sequence[RunSummary]) -> None:
+    marks = ", ".join("?" * len(RunSummary._fields))
+    db.executemany(f"INSERT OR REPLACE INTO runs VALUES ({marks})", entries)  # noqa: S608
 
 
 def _list_folder(folder: Path) -> _FolderListing:

@@ -5,13 +5,15 @@ File names of simulated runs contain SIMULATED.
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from app.archive.description import run_record
-from app.common import NO_PROGRESS, Column, Progress, Table
+from app.common import NO_PROGRESS, Column, OperationCancelled, Progress, Table, replacing
+from model import Array
 from protocols.base import Quality, to_jsonable
 from protocols.runfile.reader import Run
 
@@ -64,52 +66,36 @@ def export_run(
             "take csv, or leave the raw data out"
         )
     stem = run.path.stem + ("_SIMULATED" if run.simulated else "")
+    writers: dict[str, Callable[[Path, Progress], None]] = {}
+    if kind == "csv":
+        writers = {f"{stem}_{part}.csv": partial(_write_csv, run, part) for part in parts}
+    else:
+        writers[f"{stem}.{kind}"] = partial(_write_json if kind == "json" else _write_mat, run, parts)
     written: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if kind == "csv":
-            for part in parts:
-                path = folder / f"{stem}_{part}.csv"
-                if not _write_complete(path, lambda to, part=part: _write_csv(run, part, to, progress)):  # type: ignore[misc]
-                    return written
-                written.append(path)
-        else:
-            path = folder / f"{stem}.{kind}"
-            write = _write_json if kind == "json" else _write_mat
-            if _write_complete(path, lambda to: write(run, parts, to, progress)):
-                written.append(path)
+        for name, write in writers.items():
+            with replacing(folder / name) as working:
+                write(working, progress)
+            written.append(folder / name)
+    except OperationCancelled:
+        pass
     except OSError as error:
         raise ExportError(f"{folder} cannot be written to: {error.strerror or error}; choose another folder") from None
     return written
 
 
-def _write_complete(path: Path, write: Callable[[Path], bool]) -> bool:
-    """Write under a temporary name and rename: a file with its final name is complete."""
-    working = path.with_name(path.name + ".part")
-    try:
-        done = write(working)
-        if done:
-            working.replace(path)
-        return done
-    finally:
-        working.unlink(missing_ok=True)
-
-
-def _write_csv(run: Run, part: Part, path: Path, progress: Progress) -> bool:
+def _write_csv(run: Run, part: Part, path: Path, progress: Progress) -> None:
     if part != "raw":
         _part_table(run, part).to_csv(path)
-        return True
+        return
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(",".join(f"{name} [{unit}]" for name, unit in RAW_COLUMNS) + "\r\n")
-        for share, *columns in _raw_rows(run):
-            if progress.cancelled:
-                return False
+        for columns in _raw_chunks(run, progress):
             file.writelines(f"{t:.9g},{v:.9g},{w:.9g}\r\n" for t, v, w in zip(*columns, strict=True))
-            progress.update(share)
-    return True
 
 
-def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> bool:
+def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
     whole = run_record(run)
     about = {k: v for k, v in whole.items() if k not in ("points", "units", "estimates")}
     record: dict[str, Any] = about | {"configuration": run.configuration} if "about" in parts else {}
@@ -124,21 +110,17 @@ def _write_json(run: Run, parts: Sequence[Part], path: Path, progress: Progress)
         file.write(text.removesuffix("}"))
         if "raw" in parts:
             file.write((", " if record else "") + '"raw": {"units": ' + json.dumps(dict(RAW_COLUMNS)))
-            for at, (name, _) in enumerate(RAW_COLUMNS):
+            for at, ((name, _), column_progress) in enumerate(zip(RAW_COLUMNS, progress.split([1, 1, 1]), strict=True)):
                 file.write(f', "{name}": [')
-                for number, (share, *columns) in enumerate(_raw_rows(run)):
-                    if progress.cancelled:
-                        return False
+                for number, columns in enumerate(_raw_chunks(run, column_progress)):
                     values = (f"{v:.9g}" if v == v else "null" for v in columns[at].tolist())
                     file.write(("," if number else "") + ",".join(values))
-                    progress.update((at + share) / len(RAW_COLUMNS))
                 file.write("]")
             file.write("}")
         file.write("}\n")
-    return True
 
 
-def _write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> bool:
+def _write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) -> None:
     """Structures `about`, `points`, `estimates`, `events`, `raw`, each with a `units` of its fields."""
     from scipy.io import savemat
 
@@ -162,28 +144,27 @@ def _write_mat(run: Run, parts: Sequence[Part], path: Path, progress: Progress) 
             "units": {"time": "s"},
         }
     if "raw" in parts:
-        kept: list[list[Any]] = [[], [], []]
-        for share, *columns in _raw_rows(run):
-            if progress.cancelled:
-                return False
-            for into, column in zip(kept, columns, strict=True):
-                into.append(column)
-            progress.update(share)
+        chunks = list(_raw_chunks(run, progress))
         record["raw"] = {
-            name: np.concatenate(column) if column else np.empty(0)
-            for (name, _), column in zip(RAW_COLUMNS, kept, strict=True)
+            name: np.concatenate([chunk[at] for chunk in chunks] or [np.empty(0)])
+            for at, (name, _) in enumerate(RAW_COLUMNS)
         }
         record["raw"]["units"] = dict(RAW_COLUMNS)
     savemat(str(path), record, appendmat=False, long_field_names=True, oned_as="column", do_compression=True)
-    return True
 
 
-def _raw_rows(run: Run) -> Iterator[tuple[Any, ...]]:
-    """Yield completed share, time, drive and displacement of each chunk of scans."""
+def _raw_chunks(run: Run, progress: Progress) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield time, drive and displacement of each chunk of scans.
+
+    Raises:
+        OperationCancelled: `progress` is cancelled.
+    """
     trace, samples = run.trace, run.trace.sample_count
     for start in range(0, samples, ROWS_PER_CHUNK):
+        progress.raise_if_cancelled()
         stop = min(start + ROWS_PER_CHUNK, samples)
-        yield stop / samples, trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
+        yield trace.time_s(start, stop), trace.drive_v(start, stop), trace.displacement_m(start, stop)
+        progress.update(stop / samples)
 
 
 def _part_table(run: Run, part: Part) -> Table:

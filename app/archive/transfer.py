@@ -2,13 +2,14 @@
 
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.archive.export import Format, export_run
 from app.archive.notes import Notes, read_tags, write_notes
 from app.archive.replay import MeasuredResponse, read_measured_response
-from app.common import NO_PROGRESS, Progress
+from app.common import NO_PROGRESS, OperationCancelled, Progress, replacing
 from app.config import AmplifierTable
 from protocols.runfile.reader import Run, RunReadError
 
@@ -78,32 +79,27 @@ def copy_runs_into(
         with Run(path):  # refuses files that are not runs
             pass
         try:
-            whole = _copy_file(path, folder / path.name, file_progress)
+            _copy_file(path, folder / path.name, file_progress)
+        except OperationCancelled:
+            break
         except OSError as error:
             raise RunReadError(
                 f"{path.name} cannot be copied into {folder}: {error.strerror or error}; make room there, or choose another folder"
             ) from None
-        if not whole:
-            break
         copied.append(path.name)
     return CopyResult(tuple(copied), tuple(there))
 
 
-def _copy_file(path: Path, to: Path, progress: Progress) -> bool:
-    """Copy a file in chunks under a temporary name, then rename; return False if cancelled."""
-    working, size = to.with_name(f".{to.name}.part"), max(path.stat().st_size, 1)
-    try:
+def _copy_file(path: Path, to: Path, progress: Progress) -> None:
+    """Copy a file in chunks, cancellable between them."""
+    size = max(path.stat().st_size, 1)
+    with replacing(to) as working:
         with path.open("rb") as source, working.open("wb") as copy:
             while piece := source.read(COPY_CHUNK_BYTES):
-                if progress.cancelled:
-                    return False
+                progress.raise_if_cancelled()
                 copy.write(piece)
                 progress.update(copy.tell() / size)
         shutil.copystat(path, working)
-        working.replace(to)
-        return True
-    finally:
-        working.unlink(missing_ok=True)
 
 
 def import_tables(
@@ -119,7 +115,7 @@ def import_tables(
         UsageError: a table cannot be imported; the message gives file, place and remedy.
         OperationCancelled: cancelled by `progress`; nothing was written.
     """
-    from app.archive.importing.importer import (  # loads units and protocols, which no page needs at start-up
+    from app.archive.importing import (  # loads units and protocols, which no page needs at start-up
         ImportOptions,
         import_files,
     )
@@ -133,8 +129,6 @@ def measured_responses(paths: Sequence[Path]) -> list[MeasuredResponse]:
     """Read the frequency responses of those runs that have one."""
     runs = []
     for path in paths:
-        try:
+        with suppress(RunReadError):
             runs.append(read_measured_response(path))
-        except RunReadError:
-            continue
     return runs

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.archive.importing.importer import ImportOptions, import_files, read_time
-from app.archive.importing.points import ImportedRun
+from app.archive.importing import ImportedRun, ImportOptions, import_files, read_time
 from app.cli.options import JSON_OBJECT, CommandSyntax, option, repeated, switch
 from app.cli.output import CommandResult, render
 from app.common import (

@@ -59,7 +59,7 @@ class RunsCommand:
             if self.rebuild:
                 catalogue.index.unlink(missing_ok=True)
             with terminal_progress("reading runs", self.json) as progress:
-                scanned = catalogue.scan(progress=lambda done, total: progress.update(done / max(total, 1)))
+                scanned = catalogue.scan(progress)
             entries = catalogue.entries()
         except (sqlite3.Error, OSError) as error:
             raise UsageError(

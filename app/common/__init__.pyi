@@ -1,3 +1,4 @@
+from .atomic_write import replacing as replacing
 from .atomic_write import write_atomic as write_atomic
 from .errors import ExitCode as ExitCode
 from .errors import UsageError as UsageError

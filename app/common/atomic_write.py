@@ -1,7 +1,20 @@
-"""Atomic writing of small files."""
+"""Atomic writing of files."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path whose file replaces `path` at the end; after an exception `path` is unchanged."""
+    working = path.with_name(f"{path.name}.part")
+    try:
+        yield working
+        working.replace(path)
+    finally:
+        working.unlink(missing_ok=True)
 
 
 def write_atomic(path: Path, text: str) -> None:
@@ -10,13 +23,7 @@ def write_atomic(path: Path, text: str) -> None:
     Raises:
         OSError: it cannot be written; the old content is unchanged.
     """
-    working = path.with_name(f"{path.name}.part")
-    try:
-        with working.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it
-        working.replace(path)
-    except OSError:
-        working.unlink(missing_ok=True)
-        raise
+    with replacing(path) as working, working.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())  # or a power cut may leave the new name with nothing in it

@@ -9,6 +9,7 @@ import pytest
 from app.archive.catalogue import SCHEMA, Catalogue, ScanResult, index_path
 from app.archive.notes import Notes, NotesError, notes_path, read_notes, read_tags, write_notes
 from app.archive.run_summary import RunFilter, RunState, RunSummary, read_since
+from app.common import Progress
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 
 
@@ -153,10 +154,19 @@ def test_a_writer_that_died_is_noticed_though_its_file_has_not_changed(
 
 def test_a_scan_can_be_stopped_and_goes_on_later(folder: Path, tmp_path: Path) -> None:
     catalogue = Catalogue(folder, tmp_path / "other.sqlite")
-    told: list[tuple[int, int]] = []
-    scanned = catalogue.scan(progress=lambda done, all_: told.append((done, all_)), cancelled=lambda: len(told) == 1)
+    reported: list[float] = []
+
+    class OneFile(Progress):
+        @property
+        def cancelled(self) -> bool:
+            return len(reported) == 1
+
+        def update(self, fraction: float, text: str = "") -> None:
+            reported.append(fraction)
+
+    scanned = catalogue.scan(OneFile())
     assert not scanned.complete
-    assert told == [(1, 2)]
+    assert reported == [0.5]
     assert len(catalogue.entries()) == 1
     assert catalogue.scan() == ScanResult(added=1)
 

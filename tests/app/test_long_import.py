@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.archive.importing.reader import read_table
+from app.archive.importing import read_table
 from app.common.progress import OperationCancelled, Progress
 from tests.helpers.importing import brought, refused
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from app.archive.importing.table import ImportTable, TableColumn, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
 from app.common import UnitError, to_number
 from protocols.registry import PROTOCOLS
 from protocols.runfile.schema import ENTRY_COLUMN, point_columns
@@ -134,10 +134,6 @@ def normalize_name(text: str) -> str:
 UNCERTAINTY_PATTERN = re.compile(
     r"^(?:u|std|sd|sigma|error|err|uncertainty|delta)(?:of)?_(.*)$|^(.*?)_?(?:errors?|err|uncertainty|sigma|std|sd|unsicherheit)$"
 )
-
-
-class TableImportError(Exception):
-    """A table cannot be imported; the message gives place, fault and remedy."""
 
 
 @dataclass(frozen=True, slots=True)

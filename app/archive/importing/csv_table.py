@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from app.archive.importing.table import ImportTable, TableColumn, TableReadError, is_unit, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, TableImportError, is_unit, split_heading
 from app.common import NO_PROGRESS, Progress, truncate_text
 
 COMMENT_MARKS = ("#", "%", "//")
@@ -23,12 +23,12 @@ def read_text_table(path: Path, sha256: str, data: bytes, progress: Progress = N
     """Read the table in a file's bytes.
 
     Raises:
-        TableReadError: it is no text, or holds no table.
+        TableImportError: it is no text, or holds no table.
     """
     try:
         return _parse_table(path, sha256, _decode(path, data), progress)
     except csv.Error as error:
-        raise TableReadError(f"{path} is no table of cells ({error}); save it anew as CSV") from None
+        raise TableImportError(f"{path} is no table of cells ({error}); save it anew as CSV") from None
 
 
 def _decode(path: Path, data: bytes) -> str:
@@ -36,7 +36,7 @@ def _decode(path: Path, data: bytes) -> str:
         if data.startswith(mark):
             return data.decode(encoding, errors="replace")
     if b"\0" in data:
-        raise TableReadError(f"{path} is no text and no MAT file; save the table as CSV")
+        raise TableImportError(f"{path} is no text and no MAT file; save the table as CSV")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError:  # what a spreadsheet on Windows writes
@@ -54,7 +54,7 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> Impo
     if lines and (declared := re.fullmatch(r"sep=(.)", lines[0][1].strip())):
         mark, lines = declared[1], lines[1:]
     if not lines:
-        raise TableReadError(f"{path} holds remarks only; give a header line and values below it")
+        raise TableImportError(f"{path} holds remarks only; give a header line and values below it")
     mark = mark or _find_delimiter(path, lines)
     # Without quotation marks a plain split gives the same cells five times faster.
     cut = partial(_split_line, delimiter=mark) if len(mark) > 1 or '"' in text else partial(str.split, sep=mark)
@@ -63,20 +63,20 @@ def _parse_table(path: Path, sha256: str, text: str, progress: Progress) -> Impo
     ]
     (first, heads), body = rows[0], rows[1:]
     if all(_is_number(cell) for cell in heads if cell):
-        raise TableReadError(
+        raise TableImportError(
             f"{path}, line {first}: '{truncate_text(lines[0][1])}' are numbers where the names of the columns should stand; "
             "put a line above it, for example 'frequency [Hz],peak_to_peak [um]'"
         )
     for at, cells in body:
         if len(cells) != len(heads):
-            raise TableReadError(_uneven_row_message(path, at, cells, first, heads, mark))
+            raise TableImportError(_uneven_row_message(path, at, cells, first, heads, mark))
     split = [split_heading(head) for head in heads]
     if body and _are_units(body[0][1]):
         units = [cell.strip("[]() ") or None for cell in body[0][1]]
         split = [(name, unit or below) for (name, unit), below in zip(split, units, strict=True)]
         body = body[1:]
     if not body:
-        raise TableReadError(f"{path} has a header (line {first}) and no values below it")
+        raise TableImportError(f"{path} has a header (line {first}) and no values below it")
     columns = []
     for i, (head, (name, unit)) in enumerate(zip(heads, split, strict=True)):
         below = [row[i] for _, row in body]
@@ -100,7 +100,7 @@ def _find_delimiter(path: Path, lines: Sequence[tuple[int, str]]) -> str:
     if blanks:
         return blanks[0]
     if any(mark in last for mark in "\t;|") or len(_split_line(last, r"\s+")) > 1:
-        raise TableReadError(
+        raise TableImportError(
             f"{path}, line {at}: '{truncate_text(head)}' does not name the columns below it; begin remarks with #, "
             "and give one line with a name for each column"
         )
@@ -142,7 +142,7 @@ def _uses_decimal_comma(path: Path, body: Sequence[tuple[int, Sequence[str]]]) -
         return False
     if (point := _first_number(body, ".", DECIMAL_POINT)) is not None:
         (a, one), (b, other) = comma, point
-        raise TableReadError(
+        raise TableImportError(
             f"{path} has a decimal comma in line {a} ('{one}') and a decimal point in line {b} ('{other}'); use one of them"
         )
     return True

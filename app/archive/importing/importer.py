@@ -1,7 +1,8 @@
 """Imports tables and time series, CSV or MAT, as run files."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,72 +12,36 @@ from pydantic import ValidationError
 from app.archive.importing.columns import (
     TIME_SERIES,
     ColumnMapping,
-    TableImportError,
     TableKind,
     detect_kind,
     match_columns,
     table_kinds,
 )
+from app.archive.importing.csv_table import read_text_table
 from app.archive.importing.points import ImportedRun, build_points, write_imported_run
-from app.archive.importing.reader import read_table
-from app.archive.importing.table import ImportTable, TableReadError
+from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.time_series import build_series_points
-from app.archive.importing.values import ImportSettings
+from app.archive.importing.values import ImportOptions
 from app.common import NO_PROGRESS, Progress, UnitError, UsageError, read_value
 from app.config import AmplifierTable, validation_messages
 from protocols.registry import PROTOCOLS
 from protocols.runfile.errors import StorageError
+from protocols.runfile.schema import HDF5_SIGNATURE
 
 READ_SHARE, BUILT_SHARE = 0.6, 0.95
 """How far an import is when the files are read, and when points are made of them."""
-
-
-@dataclass(frozen=True, slots=True)
-class ImportOptions:
-    """What the user says about the files to import; all of it may be left to the files themselves.
-
-    Attributes:
-        kind: name of the kind of measurement, None to recognise each table by its columns.
-        specimen: `unnamed` to take the name from an exported file.
-        columns: quantity -> head of its column.
-        units: quantity, name or head of a column -> its unit.
-        uncertainties: quantity -> `2 um` or `1 %`, standard, for every value.
-        settings: parameter of the protocol -> its value as text, with or without a unit.
-        elongation_m: of the membrane, None where it is free or the table says it.
-        sensor: name and serial number of the displacement sensor.
-        gain_error: relative standard uncertainty of the sensor's gain, 0 if unknown.
-        delay_s: delay of the sensor's output, for time series.
-        simulated: whether the values come from a simulation.
-        measured: time of the measurement, None if unknown.
-        dry_run: read the files and write nothing.
-    """
-
-    files: tuple[Path, ...]
-    folder: Path
-    kind: str | None = None
-    specimen: str = "unnamed"
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    uncertainties: Mapping[str, str] = field(default_factory=dict)
-    settings: Mapping[str, str] = field(default_factory=dict)
-    elongation_m: float | None = None
-    sensor: str = ""
-    gain_error: float = 0.0
-    delay_s: float = 0.0
-    simulated: bool = False
-    measured: datetime | None = None
-    dry_run: bool = False
+MAX_FILE_BYTES = 400_000_000
 
 
 def import_files(
-    options: ImportOptions, amplifier: AmplifierTable, tell: Progress = NO_PROGRESS
+    options: ImportOptions, amplifier: AmplifierTable, progress: Progress = NO_PROGRESS
 ) -> tuple[list[ImportedRun], list[Path]]:
     """Return what was read from the files, and the run files that were written.
 
     Args:
         options: what the user says about the files.
         amplifier: the amplifier that drove every specimen.
-        tell: progress callback; an exception that it raises ends the import before anything is written.
+        progress: an exception that it raises ends the import before anything is written.
 
     Raises:
         UsageError: names the file that is wrong, where, and the remedy.
@@ -85,14 +50,50 @@ def import_files(
     if options.kind and options.kind not in every:
         raise UsageError(f"--as {options.kind}: there is no such measurement; there are: {', '.join(every)}")
     try:
-        parts = tell.part(0.0, READ_SHARE).split_by_files(options.files)
+        parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
         wanted = [every[options.kind] if options.kind else _kind_of(sheet, every, options.columns) for sheet in sheets]
-        taken = _taken(sheets, wanted, options, amplifier, tell.part(READ_SHARE, BUILT_SHARE))
+        taken = _import_tables(sheets, wanted, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
         written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
-    except (TableReadError, TableImportError, StorageError) as error:
+    except (TableImportError, StorageError) as error:
         raise UsageError(str(error)) from None
     return [each for each, _ in taken], written
+
+
+def read_table(path: Path, progress: Progress = NO_PROGRESS) -> ImportTable:
+    """Read the table of a file.
+
+    Raises:
+        TableImportError: there is no file, or no table in it.
+    """
+    try:
+        if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
+            raise TableImportError(f"{path} has more than {MAX_FILE_BYTES / 1e6:.0f} MB; cut it into smaller files")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise TableImportError(f"there is no file {path}") from None
+    except OSError as error:
+        raise TableImportError(f"{path} cannot be read: {error.strerror or error}") from None
+    sha256 = hashlib.sha256(data).hexdigest()
+    if not data.strip():
+        raise TableImportError(
+            f"{path} is empty; give a table with a header line, for example 'frequency [Hz],peak_to_peak [um]'"
+        )
+    if data.startswith(b"MATLAB 7.3 MAT-file"):
+        raise TableImportError(
+            f"{path} is a MATLAB file of version 7.3, which is HDF5; save it anew: save('file.mat', '-v7')"
+        )
+    if data.startswith(HDF5_SIGNATURE):
+        raise TableImportError(
+            f"{path} is an HDF5 file: a run is used as it is; of anything else save the table as CSV or MAT"
+        )
+    if data.startswith(b"PK\x03\x04"):
+        raise TableImportError(f"{path} is a workbook or an archive; save its sheet as CSV")
+    if data.startswith(b"MATLAB 5.0 MAT-file") or path.suffix.lower() == ".mat":
+        from app.archive.importing.mat_table import read_mat_table  # scipy.io takes a while, and CSV needs none of it
+
+        return read_mat_table(path, sha256)
+    return read_text_table(path, sha256, data, progress)
 
 
 def read_time(text: str) -> datetime:
@@ -117,19 +118,19 @@ def _kind_of(sheet: ImportTable, every: Mapping[str, TableKind], columns: Mappin
     return every[name] if name in every else detect_kind(sheet, columns)
 
 
-def _taken(
+def _import_tables(
     sheets: Sequence[ImportTable],
     wanted: Sequence[TableKind],
     options: ImportOptions,
     amplifier: AmplifierTable,
-    tell: Progress,
-) -> list[tuple[ImportedRun, ImportSettings]]:
+    progress: Progress,
+) -> list[tuple[ImportedRun, ImportOptions]]:
     made, series = [], list[tuple[ImportTable, ColumnMapping]]()
     raw = sum(len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True) if kind.name == TIME_SERIES)
     sizes = [
         0 if kind.name == TIME_SERIES else len(sheet.row_locations) for sheet, kind in zip(sheets, wanted, strict=True)
     ]
-    *parts, raw_progress = tell.split([*sizes, raw])
+    *parts, raw_progress = progress.split([*sizes, raw])
     for sheet, kind, file_progress in zip(sheets, wanted, parts, strict=True):
         asked = _import_options(sheet, kind, options, amplifier)
         matched = match_columns(sheet, kind, options.columns)
@@ -145,7 +146,7 @@ def _taken(
 
 def _import_options(
     table: ImportTable, kind: TableKind, options: ImportOptions, amplifier: AmplifierTable
-) -> ImportSettings:
+) -> ImportOptions:
     """Complete the options by what an exported file says of itself."""
     about = table.metadata
     if options.elongation_m is not None and kind.protocol != "sine-dwell":
@@ -155,18 +156,13 @@ def _import_options(
         if f"parameter_{name}" in about and name not in settings:
             settings[name] = about[f"parameter_{name}"]
     start = about.get("start_time")
-    return ImportSettings(
+    return replace(
+        options,
         specimen=str(about.get("specimen", "unnamed")) if options.specimen == "unnamed" else options.specimen,
-        units=options.units,
-        uncertainties=options.uncertainties,
         settings=settings,
-        elongation_m=options.elongation_m,
-        sensor=options.sensor,
-        gain_error=options.gain_error,
-        delay_s=options.delay_s,
         amplifier=amplifier,
         simulated=options.simulated or bool(int(about.get("simulated", 0))),
-        measured_at=options.measured or (read_time(str(start)) if start else None),
+        measured=options.measured or (read_time(str(start)) if start else None),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.archive.importing.table import ImportTable, TableColumn, TableReadError, split_heading
+from app.archive.importing.table import ImportTable, TableColumn, TableImportError, split_heading
 from app.common import truncate_text
 
 
@@ -17,7 +17,7 @@ def read_mat_table(path: Path, sha256: str) -> ImportTable:
     """Read the table of a MAT file.
 
     Raises:
-        TableReadError: it cannot be read, or holds no vectors.
+        TableImportError: it cannot be read, or holds no vectors.
     """
     _check_sizes(path)
     whole = _load_mat(path)
@@ -32,7 +32,7 @@ def read_mat_table(path: Path, sha256: str) -> ImportTable:
     vectors = dict(_vector_columns(table, "points" in structures))
     if not vectors:
         have = ", ".join(named) or "nothing"
-        raise TableReadError(
+        raise TableImportError(
             f"{path} holds no vectors of numbers (it has: {have}); save the columns as vectors: save('file.mat', 'frequency_Hz', ...)"
         )
     columns = []
@@ -71,7 +71,7 @@ def _load_mat(path: Path) -> dict[str, Any]:
         said = done.stderr.decode(errors="replace").strip().rpartition("\n")[2] or "its reader died of it"
     except (subprocess.TimeoutExpired, pickle.UnpicklingError, EOFError):
         said = "it cannot be read to its end"
-    raise TableReadError(
+    raise TableImportError(
         f"{path} is no MAT file that can be read ({truncate_text(said)}); save it anew: save('file.mat', '-v7')"
     )
 
@@ -89,7 +89,7 @@ def _check_sizes(path: Path) -> None:
             if kind >> 16:  # a short one, its value within its tag
                 continue
             if size > stop - at:
-                raise TableReadError(
+                raise TableImportError(
                     f"{path} is cut off or damaged, {size - stop + at} bytes are missing; copy it again"
                 )
             if kind == MATRIX_TYPE:

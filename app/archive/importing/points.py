@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from app.archive.importing.columns import ColumnMapping, TableImportError
-from app.archive.importing.table import ImportTable
+from app.archive.importing.columns import ColumnMapping
+from app.archive.importing.table import ImportTable, TableImportError
 from app.archive.importing.values import (
     ColumnSource,
-    ImportSettings,
+    ImportOptions,
     add_uncertainties,
     check_repeats,
     column_sources,
@@ -52,12 +52,12 @@ class ImportedRun:
 
 
 def build_points(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress = NO_PROGRESS
+    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress = NO_PROGRESS
 ) -> ImportedRun:
     """Return the points of a table.
 
     Raises:
-        TableImportError, TableReadError: a sentence that says which cell is wrong and what would do.
+        TableImportError: a sentence that says which cell is wrong and what would do.
     """
     values, cautions = table_values(table, mapping, options, progress)
     rows = len(next(iter(values.values())))
@@ -96,11 +96,11 @@ def build_points(
     )
 
 
-def write_imported_run(run: ImportedRun, options: ImportSettings, folder: Path) -> Path:
+def write_imported_run(run: ImportedRun, options: ImportOptions, folder: Path) -> Path:
     """Write the run file and return its path.
 
     Raises:
-        StoreError: it cannot be written.
+        StorageError: it cannot be written.
     """
     names = ", ".join(name for name, _ in run.files)
     nothing = math.nan
@@ -122,9 +122,9 @@ def write_imported_run(run: ImportedRun, options: ImportSettings, folder: Path) 
             "left_out": list(run.unused_columns),
             "uncertainty": dict(options.uncertainties),
             "cautions": list(run.warnings),
-            "measured": options.measured_at.isoformat() if options.measured_at else None,
+            "measured": options.measured.isoformat() if options.measured else None,
         },
-        started_at=options.measured_at,
+        started_at=options.measured,
     )
     file = RunFileWriter.new(folder, header)
     for entry, point in zip(run.entries, run.points, strict=True):
@@ -137,7 +137,7 @@ def write_imported_run(run: ImportedRun, options: ImportSettings, folder: Path) 
 def _complete_dwell(
     table: ImportTable,
     values: dict[str, Array],
-    options: ImportSettings,
+    options: ImportOptions,
     parameters: dict[str, Any],
     warnings: list[str],
 ) -> type[Protocol]:
@@ -192,7 +192,7 @@ def _complete_loads(values: dict[str, Array], parameters: dict[str, Any], warnin
 
 
 def _complete_steps(
-    table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], options: ImportSettings, warnings: list[str]
+    table: ImportTable, mapping: ColumnMapping, values: dict[str, Array], options: ImportOptions, warnings: list[str]
 ) -> None:
     map_ = options.amplifier.amplifier_map
     if "level" not in values and "drive" in values:
@@ -215,16 +215,16 @@ def _complete_steps(
 
 
 def _make_points(point_type: type, values: Mapping[str, Array], flags: Sequence[int]) -> Iterator[Any]:
-    wide = {name: width for name, (_, _, width) in point_columns(point_type).items() if width}
-    for row, quality in enumerate(flags):
-        made: dict[str, Any] = {}
-        for each in fields(point_type):
-            if each.name in wide:
-                parts = (values.get(f"{each.name}_{i}") for i in range(1, wide[each.name] + 1))
-                made[each.name] = tuple(math.nan if part is None else float(part[row]) for part in parts)
-            elif each.name in values:
-                made[each.name] = float(values[each.name][row])
-            else:
-                made[each.name] = math.nan
-        made["quality"] = quality
-        yield point_type(**made)
+    """Yield the points; quantities without values are NaN."""
+    widths = {name: width for name, (_, _, width) in point_columns(point_type).items()}
+    missing = np.full(len(flags), math.nan)
+    columns: dict[str, Sequence[Any]] = {}
+    for name in (each.name for each in fields(point_type)):
+        if width := widths.get(name):
+            parts = [values.get(f"{name}_{i}", missing).tolist() for i in range(1, width + 1)]
+            columns[name] = list(zip(*parts, strict=True))
+        else:
+            columns[name] = values.get(name, missing).tolist()
+    columns["quality"] = flags
+    for row in zip(*columns.values(), strict=True):
+        yield point_type(**dict(zip(columns, row, strict=True)))

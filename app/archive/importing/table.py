@@ -40,8 +40,8 @@ UNIT_SUFFIXES = {
 """Units that may end a name: `amplitude_um`."""
 
 
-class TableReadError(Exception):
-    """A file contains no readable table; the message gives file, place, text and remedy."""
+class TableImportError(Exception):
+    """A table cannot be read or imported; the message gives file, place, fault and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class ImportTable:
         """Return the number in a cell, NaN for a cell marked as missing.
 
         Raises:
-            TableReadError: it is neither.
+            TableImportError: it is neither.
         """
         cell = column.cells[row]
         if not isinstance(cell, str):
@@ -85,7 +85,7 @@ class ImportTable:
             return float(text)
         except ValueError:
             hint = "write it without thousands separators" if re.fullmatch(r"[\d.,' ]+", text) else "write a number"
-            raise TableReadError(
+            raise TableImportError(
                 f"{self.cell_location(row, column)}: '{truncate_text(cell)}' is no number; {hint}, or mend the line"
             ) from None
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.archive.importing.columns import ColumnMapping, TableImportError
+from app.archive.importing.columns import ColumnMapping
 from app.archive.importing.points import ImportedRun
-from app.archive.importing.table import ImportTable
-from app.archive.importing.values import ImportSettings, column_sources, table_values
+from app.archive.importing.table import ImportTable, TableImportError
+from app.archive.importing.values import ImportOptions, column_sources, refuse_cells, table_values
 from app.common import NO_PROGRESS, Progress
 from drivers import Sine
 from model import Array
@@ -29,13 +29,13 @@ MAX_NOISE_RATIO = 0.1
 
 def build_series_points(
     series: Sequence[tuple[ImportTable, ColumnMapping]],
-    options: ImportSettings,
+    options: ImportOptions,
     progress: Progress = NO_PROGRESS,
 ) -> ImportedRun:
     """Return one run of several time series, a point each.
 
     Raises:
-        TableImportError, TableReadError: a sentence that says which file is wrong, where, and what would do.
+        TableImportError: a sentence that says which file is wrong, where, and what would do.
     """
     points, curves, cautions = [], [], list[str]()
     parts = progress.split([len(sheet.row_locations) for sheet, _ in series])
@@ -65,15 +65,11 @@ def build_series_points(
 
 
 def _series_point(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress
+    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress
 ) -> tuple[SinePoint, ResultCurve, list[str]]:
     values, cautions = table_values(table, mapping, options, progress.part(0.0, VALUES_SHARE))
     for name, cells in mapping.columns.items():
-        if (gaps := np.flatnonzero(~np.isfinite(values[name]))).size:
-            row = int(gaps[0])
-            raise TableImportError(
-                f"{table.cell_location(row, cells)}: '{cells.cells[row]}' is a gap in the series; cut it off there"
-            )
+        refuse_cells(table, cells, ~np.isfinite(values[name]), "'{}' is a gap in the series; cut it off there")
     time, moved = values["time"], values["displacement"]
     rate = _sample_rate(table, mapping, time)
     drive = values.get("drive")
@@ -149,7 +145,7 @@ def _drive_frequency(table: ImportTable, drive: Array, rate: float) -> float:
     return f
 
 
-def _stated_drive(table: ImportTable, options: ImportSettings) -> tuple[float, float]:
+def _stated_drive(table: ImportTable, options: ImportOptions) -> tuple[float, float]:
     """Return frequency and amplitude of a drive that was not recorded."""
     f, volts = options.settings.get("frequencies_hz", ()), options.settings.get("peak_to_peak_v")
     if len(f) != 1 or volts is None:

@@ -4,15 +4,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.archive.importing.columns import ColumnMapping, TableImportError, TableKind, si_factor
-from app.archive.importing.table import ImportTable, TableColumn
+from app.archive.importing.columns import ColumnMapping, TableKind, si_factor
+from app.archive.importing.table import ImportTable, TableColumn, TableImportError
 from app.common import ITEMS_PER_UPDATE, NO_PROGRESS, Progress, UnitError, to_number
 from app.config import AmplifierTable
-from model import Array
+from model import Array, Mask
 from protocols.runfile.schema import ENTRY_COLUMN
 
 SIDES = {"mfc": 1.0, "mfcup": 1.0, "mfcside": 1.0, "+1": 1.0, "aluminium": -1.0, "aluminum": -1.0, "al": -1.0}
@@ -21,20 +22,31 @@ SIDES |= {"aluminiumup": -1.0, "aluminumup": -1.0, "aluminiumside": -1.0}
 
 
 @dataclass(frozen=True, slots=True)
-class ImportSettings:
-    """What the user specified besides the tables.
+class ImportOptions:
+    """What the user says about the files to import; all of it may be left to the files themselves.
 
     Attributes:
+        kind: name of the kind of measurement, None to recognise each table by its columns.
+        specimen: `unnamed` to take the name from an exported file.
+        columns: quantity -> head of its column.
         units: quantity, name or head of a column -> its unit.
         uncertainties: quantity -> `2 um` or `1 %`, standard, for every value.
-        settings: parameters of the protocol that are known.
+        settings: parameter of the protocol -> its value; as text, with or without a unit, until it is checked.
         elongation_m: of the membrane, None where it is free or the table says it.
-        gain_error: relative standard uncertainty of the displacement sensor's gain, common to all values; 0: unknown.
-        delay_s: how late the sensor's output follows, taken out of phases of a time series.
-        measured_at: when it was measured.
+        sensor: name and serial number of the displacement sensor.
+        gain_error: relative standard uncertainty of the sensor's gain, common to all values; 0 if unknown.
+        delay_s: delay of the sensor's output, taken out of phases of a time series.
+        amplifier: the amplifier that drove the specimen.
+        simulated: whether the values come from a simulation.
+        measured: time of the measurement, None if unknown.
+        dry_run: read the files and write nothing.
     """
 
+    files: tuple[Path, ...]
+    folder: Path
+    kind: str | None = None
     specimen: str = "unnamed"
+    columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     uncertainties: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -44,7 +56,8 @@ class ImportSettings:
     delay_s: float = 0.0
     amplifier: AmplifierTable = field(default_factory=AmplifierTable)
     simulated: bool = False
-    measured_at: datetime | None = None
+    measured: datetime | None = None
+    dry_run: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +71,7 @@ class ColumnSource:
 
 
 def table_values(
-    table: ImportTable, mapping: ColumnMapping, options: ImportSettings, progress: Progress = NO_PROGRESS
+    table: ImportTable, mapping: ColumnMapping, options: ImportOptions, progress: Progress = NO_PROGRESS
 ) -> tuple[dict[str, Array], list[str]]:
     """Every quantity in SI, and warnings."""
     lengths = {cells.heading: len(cells.cells) for cells in mapping.columns.values()}
@@ -80,25 +93,25 @@ def table_values(
             values[name] = np.array([_parse_side(table, cells, row, whole) for row in range(len(cells.cells))])
             continue
         column = si_factor(table, slot, cells, options.units) * _parse_numbers(table, cells, tell_column)
-        for row in np.flatnonzero(~np.isfinite(column)).tolist():
-            if np.isinf(column[row]) or (name in needed and not whole):
-                raise TableImportError(
-                    f"{table.cell_location(row, cells)}: '{cells.cells[row]}' is no measured value; give the number, or take the line out"
-                )
+        wrong = ~np.isfinite(column) if name in needed and not whole else np.isinf(column)
+        refuse_cells(table, cells, wrong, "'{}' is no measured value; give the number, or take the line out")
         if name.endswith("_errors"):
-            for row in np.flatnonzero(column < 0).tolist():
-                fault = f"{cells.cells[row]} is no uncertainty; it must not be negative"
-                raise TableImportError(f"{table.cell_location(row, cells)}: {fault}")
+            refuse_cells(table, cells, column < 0, "{} is no uncertainty; it must not be negative")
         if slot.usual_range is not None and column.size:
             cautions += _plausibility_warnings(table, cells, name, slot.unit, column, slot.usual_range)
         values[name] = column
     for name in ("frequency", "resonance", "mass"):
-        column = values.get(name, np.ones(1))
-        for row in np.flatnonzero(column < 0 if name == "mass" else column <= 0).tolist():
-            cells = mapping.columns[name]
-            fault = f"{cells.cells[row]} is no {name}; it must be positive. Take the line out, or mend it"
-            raise TableImportError(f"{table.cell_location(row, cells)}: {fault}")
+        if name in values:
+            wrong = values[name] < 0 if name == "mass" else values[name] <= 0
+            fault = f"{{}} is no {name}; it must be positive. Take the line out, or mend it"
+            refuse_cells(table, mapping.columns[name], wrong, fault)
     return values, cautions
+
+
+def refuse_cells(table: ImportTable, column: TableColumn, wrong: Mask, fault: str) -> None:
+    """Raise TableImportError for the first wrong cell; `{}` in `fault` is its content."""
+    for row in np.flatnonzero(wrong)[:1].tolist():
+        raise TableImportError(f"{table.cell_location(row, column)}: {fault.format(column.cells[row])}")
 
 
 def _parse_numbers(table: ImportTable, column: TableColumn, progress: Progress) -> Array:
@@ -196,7 +209,7 @@ def check_repeats(table: ImportTable, mapping: ColumnMapping, values: dict[str, 
     return said
 
 
-def add_uncertainties(kind: TableKind, values: dict[str, Array], options: ImportSettings, warnings: list[str]) -> None:
+def add_uncertainties(kind: TableKind, values: dict[str, Array], options: ImportOptions, warnings: list[str]) -> None:
     """Return the user's standard errors for values without their own."""
     for name, text in options.uncertainties.items():
         slot = kind.column(name)
@@ -225,7 +238,7 @@ def add_uncertainties(kind: TableKind, values: dict[str, Array], options: Import
         )
 
 
-def column_sources(mapping: ColumnMapping, options: ImportSettings) -> Iterator[ColumnSource]:
+def column_sources(mapping: ColumnMapping, options: ImportOptions) -> Iterator[ColumnSource]:
     """Return source column and unit of each quantity."""
     for name, cells in mapping.columns.items():
         slot = mapping.kind.column(name)

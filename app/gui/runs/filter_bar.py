@@ -30,8 +30,8 @@ class RunFilterBar(QWidget):
     changed = Signal()
     list_requested = Signal()
     stop_pressed = Signal()
-    progressed = Signal(int, int)
-    """Files read and files in total; emitted from another thread."""
+    progressed = Signal(float, str)
+    """Fraction of a scan and its text; emitted from another thread."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -114,7 +114,7 @@ class RunFilterBar(QWidget):
         self.count_label.setText(f"{self._count_text}{rest}")
         self.count_label.setToolTip("\n".join(result.skipped))
 
-    def _show_progress(self, done: int, total: int) -> None:
-        if total > 20 and done < total:
+    def _show_progress(self, fraction: float, text: str) -> None:
+        if text and fraction < 1:
             self.stop_button.show()
-            self.count_label.setText(f"reading {done} of {total}")
+            self.count_label.setText(text)

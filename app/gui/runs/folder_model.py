@@ -6,7 +6,20 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from app.archive import Catalogue, RunSummary, ScanResult, annotate_runs
+from app.common import Progress
 from app.gui.widgets.background import BackgroundWorker
+
+
+class ScanProgress(Progress):
+    """Progress of the present scan, which another thread reports and checks."""
+
+    cancelled = False
+
+    def __init__(self, report: Callable[[float, str], object]) -> None:
+        self._report = report
+
+    def update(self, fraction: float, text: str = "") -> None:
+        self._report(fraction, text)
 
 
 class RunFolderModel(QObject):
@@ -21,8 +34,8 @@ class RunFolderModel(QObject):
     """Emitted when another folder is listed, which is empty so far."""
     listed = Signal()
     """Emitted when `summaries` has changed."""
-    progressed = Signal(int, int)
-    """Files read and files in total."""
+    progressed = Signal(float, str)
+    """Fraction of the scan that is done and a text, empty for a short scan."""
     scanned = Signal(object)
     """A scan has finished: `ScanResult`."""
     failed = Signal(object)
@@ -35,7 +48,8 @@ class RunFolderModel(QObject):
         self.summaries: list[RunSummary] = []
         self._catalogue: Catalogue | None = None
         self._excluded: tuple[Path, ...] = ()
-        self._busy = self._rescan_due = self._scanning = self._cancelled = False
+        self._busy = self._rescan_due = self._scanning = False
+        self._progress = ScanProgress(self.progressed.emit)
 
     @property
     def path(self) -> Path:
@@ -70,17 +84,17 @@ class RunFolderModel(QObject):
             self._catalogue = Catalogue(folder, self._index)
             self.summaries = []
             self.cleared.emit()
-        catalogue, self._rescan_due, self._scanning, self._cancelled = self._catalogue, False, True, False
+        catalogue, self._rescan_due, self._scanning, self._progress.cancelled = self._catalogue, False, True, False
         self._worker.submit(catalogue.entries, self._on_listed, self._on_error)
         self._worker.submit(
-            lambda: catalogue.scan(self.progressed.emit, lambda: self._cancelled, leave),
+            lambda: catalogue.scan(self._progress, leave),
             self._on_scanned,
             self._on_error,
         )
 
     def cancel(self) -> None:
         """Cancel the present scan; what was read is kept."""
-        self._cancelled = True
+        self._progress.cancelled = True
 
     def annotate(self, runs: Sequence[tuple[Path, str, str]], tags: str, note: str) -> None:
         """Write tags and a note for runs, which are given with their present tags and note."""
@@ -88,7 +102,7 @@ class RunFolderModel(QObject):
 
     def shutdown(self) -> None:
         """Stop background threads."""
-        self._cancelled = True
+        self._progress.cancelled = True
         self._worker.close()
 
     def _on_listed(self, summaries: list[RunSummary]) -> None:

@@ -1,0 +1,5 @@
+from .importer import import_files as import_files
+from .importer import read_table as read_table
+from .importer import read_time as read_time
+from .points import ImportedRun as ImportedRun
+from .values import ImportOptions as ImportOptions
