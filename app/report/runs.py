@@ -78,7 +78,7 @@ def read_report_runs(folder: Path, specimen: str, progress: Progress = NO_PROGRE
         OSError: the folder cannot be read.
     """
     catalogue = Catalogue(folder)
-    catalogue.scan(lambda done, of: progress.update(done / of, "looking for runs"))
+    catalogue.scan(progress)
     entries = sorted(RunFilter(specimen=specimen).apply(catalogue.entries()), key=lambda e: (e.start_time, e.path))
     found = []
     for i, entry in enumerate(entries):
