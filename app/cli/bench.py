@@ -58,7 +58,18 @@ class CheckCommand(ProtocolOptions):
                 "status": ended.status if ended else "failed",
                 "reason": ended.reason if ended else "the bench could not be opened",
                 "file": str(path) if path else None,
-                "checks": [_verdict_record(verdict) for verdict in verdicts],
+                "checks": [
+                    {
+                        "name": verdict.name,
+                        "value": verdict.value,
+                        "unit": verdict.unit,
+                        "low": verdict.low,
+                        "high": verdict.high,
+                        "passed": verdict.passed,
+                        "remedy": "" if verdict.passed else verdict.remedy,
+                    }
+                    for verdict in verdicts
+                ],
             }
             print_json(record)
         else:
@@ -77,18 +88,6 @@ def _rest_verdict(rest: RestMeasured | None, initial_v: float) -> Verdict:
     measured_v = rest.measured_v if rest is not None and rest.confirmed else math.nan
     low, high = initial_v - REST_REPEATABILITY_V, initial_v + REST_REPEATABILITY_V
     return Verdict("rest confirmed at the end", measured_v, "V", low, high, "see the run's own sentence above")
-
-
-def _verdict_record(verdict: Verdict) -> dict[str, Any]:
-    return {
-        "name": verdict.name,
-        "value": verdict.value,
-        "unit": verdict.unit,
-        "low": verdict.low,
-        "high": verdict.high,
-        "passed": verdict.passed,
-        "remedy": "" if verdict.passed else verdict.remedy,
-    }
 
 
 def _verdict_table(verdicts: Sequence[Verdict]) -> Table:

@@ -146,9 +146,14 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     lines, found = campaign_.item_states(), identify_campaign_runs(campaign_)
     estimates = () if isinstance(found, str) else found.estimates
     if as_json:
-        record = {"specimen": campaign_.specimen, "simulated": campaign_.simulated, "path": str(campaign_.path)}
-        record["identified"] = [asdict(estimate) for estimate in estimates]
-        print_json({**record, "items": [_item_record(line) for line in lines]})
+        record = {
+            "specimen": campaign_.specimen,
+            "simulated": campaign_.simulated,
+            "path": str(campaign_.path),
+            "identified": [asdict(estimate) for estimate in estimates],
+            "items": [_item_record(line) for line in lines],
+        }
+        print_json(record)
         return ExitCode.DONE
     print_line(
         f"campaign of {campaign_.specimen}" + ("   SIMULATED" if campaign_.simulated else "") + f"   {campaign_.path}"
@@ -164,7 +169,6 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
 
 
 def _item_record(state: ItemState) -> dict[str, Any]:
-    estimates = {estimate.name: estimate for estimate in state.estimates}
     return {
         "item": state.item.name,
         "protocol": state.item.protocol,
@@ -174,7 +178,7 @@ def _item_record(state: ItemState) -> dict[str, Any]:
         "accepted": state.accepted,
         "next": state.next_action,
         "run": state.run and str(state.run),
-        "estimates": {name: asdict(estimate) for name, estimate in estimates.items()},
+        "estimates": {estimate.name: asdict(estimate) for estimate in state.estimates},
     }
 
 

@@ -64,7 +64,12 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     ]
     columns = (
         *(
-            Column(n, units[n].removesuffix("1"), [_finite_or_text(p[n]) for p, _ in pairs], format_spec=".4g")
+            Column(
+                n,
+                units[n].removesuffix("1"),
+                [p[n] if math.isfinite(p[n]) else "none" for p, _ in pairs],
+                format_spec=".4g",
+            )
             for n in apart
         ),
         Column(x, units[x].removesuffix("1"), rows["x"]),
@@ -86,10 +91,6 @@ def _comparison_result(a: Run, b: Run) -> CommandResult:
     return CommandResult(
         "compare", {}, (Table("points", title, columns if deviations else columns[:-1]),), tuple(notes)
     )
-
-
-def _finite_or_text(value: float) -> float | str:
-    return value if math.isfinite(value) else "none"
 
 
 def _match_points(left: Sequence[Point], right: Sequence[Point], x: str) -> list[tuple[Point, Point]]:

@@ -153,8 +153,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
     simulated = ", SIMULATED" if identification.observations.simulated else ""
     method = {"joint": "joint fit of all runs", "chain": "the paper's chain"}[identification.method]
     tables = [estimate_table(f"Specimen {identification.specimen}: {method}{simulated}", identification.estimates)]
-    if identification.misfits:
-        runs = identification.misfits
+    if runs := identification.misfits:
         tables.append(
             Table(
                 "runs",
@@ -168,8 +167,7 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 ),
             )
         )
-    if identification.validation:
-        curves = identification.validation
+    if curves := identification.validation:
         tables.append(
             Table(
                 "validation",
@@ -184,27 +182,32 @@ def identification_command_result(identification: IdentificationResult) -> Comma
         )
     notes = [
         f"{identification.verdict}.",
-        *(f"not identifiable from these runs: {words}" for words in identification.unidentified),
+        *(f"not identifiable from these runs: {text}" for text in identification.unidentified),
     ]
     more: dict[str, Any] = {}
     if identification.adequacy is not None:
         tables += adequacy_tables(identification.adequacy)
         notes.insert(0, f"{ADEQUACY_TEXT[identification.adequacy.adequate]}: {identification.adequacy.message}.")
-        more = {"adequate": identification.adequacy.adequate, "adequacy": identification.adequacy.message}
-        more["every_finding"] = [to_jsonable(finding) for finding in identification.adequacy.findings]
+        more = {
+            "adequate": identification.adequacy.adequate,
+            "adequacy": identification.adequacy.message,
+            "every_finding": [to_jsonable(finding) for finding in identification.adequacy.findings],
+        }
     notes += identification.notes
     fixed = {name: value for name, value in identification.fixed.items() if value is not None}
     more |= {
         "method": identification.method,
         "simulated": identification.observations.simulated,
         "unidentified": list(identification.unidentified),
+        "covariance": np.asarray(identification.covariance).tolist(),
+        "verdict": identification.verdict,
     }
-    more |= {"covariance": np.asarray(identification.covariance).tolist(), "verdict": identification.verdict}
     return CommandResult("identify", fixed, tuple(tables), tuple(notes), extra=more)
 
 
 def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
     """Return a table of estimates: value with error and unit, relative error, and source runs."""
+    relative_errors = [abs(e.standard_error / e.value) if e.value else None for e in estimates]
     return Table(
         "parameters",
         title,
@@ -212,13 +215,9 @@ def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
             Column("name", "", [e.name for e in estimates], "parameter"),
             Column("estimate", "", [format_uncertain(e.value, e.standard_error, "1") for e in estimates], "value"),
             Column("unit", "", [e.unit for e in estimates]),
-            Column("relative", "%", [_relative_error(e) for e in estimates], "error", "%", format_spec=".2g"),
+            Column("relative", "%", relative_errors, "error", "%", format_spec=".2g"),
             Column("value", "", [e.value for e in estimates], displayed=False),
             Column("standard_error", "", [e.standard_error for e in estimates], displayed=False),
             Column("source", "", [", ".join(e.source) for e in estimates], "from"),
         ),
     )
-
-
-def _relative_error(estimate: Any) -> float | None:
-    return abs(estimate.standard_error / estimate.value) if estimate.value else None

@@ -128,7 +128,7 @@ class ModesTopic(Topic):
             "model modes",
             specimen_record(on),
             (first, *tables),
-            csv_table=Table("shapes", "", tuple(curve)),
+            write_csv=Table("shapes", "", tuple(curve)).to_csv,
             figures=tuple(panels),
         )
 
@@ -171,7 +171,9 @@ class StaticTopic(Topic):
             "static", "x, clamp to centre", "m", "deflection", "m", (FigureCurve("w(x)", x, w),), caption
         )
         curve = Table("shape", "", (Column("x", "m", x), Column("deflection", "m", w)))
-        return CommandResult("model static", specimen_record(specimen), (facts,), csv_table=curve, figures=(figure,))
+        return CommandResult(
+            "model static", specimen_record(specimen), (facts,), write_csv=curve.to_csv, figures=(figure,)
+        )
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,8 @@ class FrequencyResponseTopic(Topic):
         usual = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
         f = np.array(read_values(usual if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
         amplitude, offset = self.drive.read()
-        at = None if self.at is None else read_number(self.at, _position_spec(specimen))
+        position = ParameterSpec("at", "m", Interval(ge=0, le=t.L), "distance from the clamp", None)
+        at = None if self.at is None else read_number(self.at, position)
         got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
         twice = 2 * np.abs(got.fundamental)
         H = receptance(t, f, skin, n, at)
@@ -174,11 +175,7 @@ class StepTopic(Topic):
         )
         lines = (FigureCurve(f"step of {volts:g} V", time, w), FigureCurve(f"onset of {hz:g} Hz", time, onset))
         figure = PaperFigure("step", "time", "s", "deflection of the centre", "m", lines, f"Begun from rest, {where}.")
-        return CommandResult("model step", specimen_record(specimen), tables, csv_table=curve, figures=(figure,))
-
-
-def _position_spec(specimen: Specimen) -> ParameterSpec:
-    return ParameterSpec("at", "m", Interval(ge=0, le=specimen.tactor.L), "distance from the clamp", None)
+        return CommandResult("model step", specimen_record(specimen), tables, write_csv=curve.to_csv, figures=(figure,))
 
 
 def _describe_felt_bands(f: Array, amplitude: Array) -> tuple[str, tuple[tuple[float, float], ...]]:

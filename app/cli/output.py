@@ -2,11 +2,11 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -23,21 +23,15 @@ PICTURE_SUFFIXES = (".png", ".pdf", ".svg")
 NO_FILES = FileOptions()
 
 
-class CsvWritable(Protocol):
-    """A result that can be written as CSV."""
-
-    def to_csv(self, path: Path) -> None: ...
-
-
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """The result of a command. `csv_table` is written to a CSV file (default: the first table), `figures` are the panels of a picture."""
+    """The result of a command. `write_csv` writes a CSV file (default: the first table), `figures` are the panels of a picture."""
 
     command: str
     specimen: Mapping[str, float]
     tables: tuple[Table, ...]
     notes: tuple[str, ...] = ()
-    csv_table: CsvWritable | None = None
+    write_csv: Callable[[Path], None] | None = None
     figures: tuple[PaperFigure, ...] = ()
     log_scale: bool = False
     extra: Mapping[str, Any] = field(default_factory=dict)
@@ -51,7 +45,7 @@ def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) 
     """
     if files.csv:
         with writing_output(files.csv):
-            (result.csv_table or result.tables[0]).to_csv(files.csv)
+            (result.write_csv or result.tables[0].to_csv)(files.csv)
     if files.picture:
         from app.plotting.charts import draw_figure
 

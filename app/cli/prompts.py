@@ -6,8 +6,9 @@ import select
 import sys
 import threading
 from collections.abc import Iterator
-from typing import Any, Protocol
+from typing import Any
 
+from app.session.session import Session
 from protocols.base import ENABLE_HIGH_VOLTAGE, Prompt, PromptAnswered, RunEnded
 
 CONFIRMATION_WORDS = {ENABLE_HIGH_VOLTAGE.action: "on"}
@@ -17,17 +18,6 @@ voltage."""
 PAUSE_KEY = "p"
 KEY_HELP = "p and Enter pauses, Ctrl-C stops the run"
 POLL_PERIOD_S = 0.1
-
-
-class Pausable(Protocol):
-    """A session that can be paused."""
-
-    @property
-    def pause_requested(self) -> bool: ...
-
-    def pause(self) -> None: ...
-
-    def resume(self) -> None: ...
 
 
 class ConsoleOperator:
@@ -63,7 +53,7 @@ class ConsoleOperator:
         return self._answers.pop(ask_id, None)
 
     @contextlib.contextmanager
-    def listening(self, run: Pausable) -> Iterator[None]:
+    def listening(self, run: Session) -> Iterator[None]:
         """Let the operator at this terminal pause the run."""
         if not can_poll_keyboard():
             yield
@@ -79,7 +69,7 @@ class ConsoleOperator:
             thread.join()
             self._listening = False
 
-    def _listen(self, run: Pausable, ended: threading.Event) -> None:
+    def _listen(self, run: Session, ended: threading.Event) -> None:
         keyboard = sys.stdin.fileno()
         while not ended.is_set():
             # Polled, not read: a background process that reads its terminal is stopped by the system.
@@ -100,7 +90,7 @@ class ConsoleOperator:
                 for line in typed.decode(errors="replace").splitlines():
                     self._handle_line(line.strip(), run)
 
-    def _handle_line(self, typed: str, run: Pausable) -> None:
+    def _handle_line(self, typed: str, run: Session) -> None:
         if self._pending is not None:
             ask_id, prompt = self._pending
             meant = match_answer(prompt, typed) if typed.casefold() != PAUSE_KEY else None
@@ -172,17 +162,12 @@ def _discard_type_ahead() -> None:
     """Discard input typed before the prompt; the lines of a pipe are kept."""
     if not sys.stdin.isatty():
         return
-    try:
-        import termios
-
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
-    except ImportError:
-        _discard_keys()
-
-
-def _discard_keys() -> None:
     if sys.platform == "win32":
         import msvcrt
 
         while msvcrt.kbhit():
             msvcrt.getwch()
+    else:
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)

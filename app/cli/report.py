@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from app.cli.options import CommandSyntax, folder_option, option, switch
-from app.cli.output import check_output_file, print_json, writing_output
+from app.cli.output import print_json, writing_output
 from app.common import NO_PROGRESS, ExitCode, Progress, UsageError, path_argument, terminal_progress, usage_errors
 from app.plotting.run_figure import run_figure
 from app.report.content import ReportError, build_report
@@ -125,7 +125,6 @@ def _read_limits(options: ReportCommand) -> Limits | None:
 def _write_example_limits(path: Path) -> int:
     if path.exists():
         raise UsageError(f"{path} is there already and is not overwritten; choose another name")
-    check_output_file(path)
     with writing_output(path):
         path.write_text(example_limits(), "utf-8")
     return ExitCode.DONE

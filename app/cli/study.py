@@ -4,7 +4,7 @@ import importlib.util
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -34,7 +34,17 @@ from app.cli.output import (
     render,
     writing_output,
 )
-from app.common import Column, ExitCode, Table, UsageError, display_unit, path_argument, terminal_progress, track
+from app.common import (
+    Column,
+    ExitCode,
+    Table,
+    UsageError,
+    display_unit,
+    path_argument,
+    terminal_progress,
+    track,
+    usage_errors,
+)
 from app.plotting.charts import draw_figure
 from model import Array, replace_variables
 from model.response import FREQUENCY_SPEC
@@ -45,11 +55,6 @@ from protocols.runfile.study_file import StudyFileWriter, StudyHeader, check_out
 
 MAX_CURVES = 8
 """Combinations that a picture shows."""
-
-
-def study_result(study: Study, values: NDArray[Any]) -> StudyResult:
-    """Return the values, (sets, F), over the study's axes."""
-    return StudyResult(study.measure, MEASURE_UNITS[study.measure], study.axes, values.reshape(*study.shape, -1))
 
 
 def study_record(result: StudyResult) -> dict[str, Any]:
@@ -138,27 +143,15 @@ def study_executor(address: str | None) -> Iterator[Executor | None]:
 
 
 class CountingExecutor(Executor):
-    """Computes chunks of parameter sets in `pool`, or in this thread, and counts the finished sets."""
+    """Maps chunks of parameter sets in `pool`, or in this thread, and counts the finished sets."""
 
     def __init__(self, pool: Executor | None, advance: Callable[[int], None]) -> None:
-        self._pool, self._advance = pool, advance
+        self._map = map if pool is None else pool.map
+        self._advance = advance
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        if self._pool is not None:
-            return self._pool.submit(fn, *args, **kwargs)
-        future: Future[Any] = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-    def map(
-        self, fn: Callable[..., Any], *iterables: Any, timeout: float | None = None, chunksize: int = 1
-    ) -> Iterator[Any]:
+    def map(self, fn: Callable[..., Any], *iterables: Any, **_: Any) -> Iterator[Any]:
         """Yield the results in order; each is an array with one row per parameter set."""
-        if self._pool is None:
-            results: Iterator[Any] = map(fn, *iterables)
-        else:
-            results = self._pool.map(fn, *iterables, timeout=timeout, chunksize=chunksize)
-        for result in results:
+        for result in self._map(fn, *iterables):
             self._advance(len(result))
             yield result
 
@@ -207,18 +200,21 @@ class StudyCommand:
 
     def execute(self) -> int:
         with translate_model_errors():
-            wanted = read_study(self)
-            _check_output_paths(self)
+            request = read_study(self)
+        check_output_files(self.files)
+        with usage_errors(StorageError):
+            if self.out is not None:
+                check_output_path(self.out)
         try:
             with translate_model_errors():
-                answer = _sensitivity(wanted, self) if self.sensitivity else _compute_study(wanted, self)
+                result = _sensitivity(request, self) if self.sensitivity else _compute_study(request, self)
         except StorageError as error:
             sys.stderr.write(f"tactor-bench: {error}\n")
             return ExitCode.FAILED
         except KeyboardInterrupt:
             sys.stderr.write("tactor-bench: stopped; nothing was written\n")
             return ExitCode.FAILED
-        return render(answer, self.specimen.json, self.files)
+        return render(result, self.specimen.json, self.files)
 
 
 def read_study(options: StudyCommand) -> Study:
@@ -271,16 +267,6 @@ def _check_overlap(base: Study, options: StudyCommand) -> None:
         raise UsageError(f"{options.preset} has its own pre-stretch; leave it out, or write the study with --vary")
 
 
-def _check_output_paths(options: StudyCommand) -> None:
-    """Raise UsageError for output that could not be written, before anything is computed."""
-    check_output_files(options.files)
-    if options.out is not None:
-        try:
-            check_output_path(options.out)
-        except StorageError as error:
-            raise UsageError(str(error)) from None
-
-
 def _compute_study(request: Study, options: StudyCommand) -> CommandResult:
     sets, points = prod(request.shape), len(request.frequency_hz)
     keep = options.files.csv is not None or options.files.picture is not None or options.specimen.json
@@ -305,15 +291,18 @@ def _compute_study(request: Study, options: StudyCommand) -> CommandResult:
             advance(len(block))
     summary = Table("summary", request.title, study_summary(request, np.abs(kept[:MAX_SETS])))
     notes = [f"the first {MAX_SETS} of {sets} combinations; all of them with --out or --csv"] if sets > MAX_SETS else []
-    found = study_result(request, kept) if keep else None
+    result = None
+    if keep:
+        values = kept.reshape(*request.shape, points)
+        result = StudyResult(request.measure, MEASURE_UNITS[request.measure], request.axes, values)
     return CommandResult(
         "study",
         request.fixed,
         (summary,),
         tuple(notes),
-        csv_table=found,
+        write_csv=result.to_csv if result else None,
         figures=(study_figure(request, kept),) if options.files.picture is not None else (),
-        extra=study_record(found) if found is not None and options.specimen.json else {},
+        extra=study_record(result) if result and options.specimen.json else {},
     )
 
 
@@ -361,12 +350,12 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
             Column(f"{order}_{v}", "", i, f"{order}, {v}", format_spec=".3f")
             for v, i in zip(got.variables, indices.T, strict=True)
         ]
-    words = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
+    title = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
     note = "first: share of the variance the parameter explains alone; total: share that would vanish if it were known."
     return CommandResult(
         "study --sensitivity",
         request.fixed,
-        (Table("sobol", words, tuple(columns), max_rows=20, leading_rows=2),),
+        (Table("sobol", title, tuple(columns), max_rows=20, leading_rows=2),),
         (note,),
     )
 

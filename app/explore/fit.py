@@ -66,8 +66,10 @@ def _observation(label: str, run: "MeasuredResponse", elongation: float | None) 
     """Return the run as an observation; an imported table may have no phase, or max - min only."""
     from model.identification import FrequencyResponseObservation
 
+    amplitude_v, highest_v = run.peak_to_peak_v / 2, AmplifierMap().rest_v
     more: dict[str, Any] = {
-        "drive_amplitude_v": _clamp_amplitude(run.peak_to_peak_v / 2),
+        # A full swing is read back with noise of up to a thousandth.
+        "drive_amplitude_v": highest_v if highest_v < amplitude_v < 1.001 * highest_v else amplitude_v,
         "elongation_m": elongation,
         "simulated": run.simulated,
     }
@@ -86,9 +88,3 @@ def _format_parameter(letter: str, value: float, error: float) -> str:
     if not np.isfinite(error):
         return f"{slider.label}: not told by these runs"
     return f"{slider.label} {format_uncertain(slider.factor * value, slider.factor * error, slider.unit)}"
-
-
-def _clamp_amplitude(amplitude_v: float) -> float:
-    """Limit an amplitude to the amplifier's range: a full swing is read back with noise of up to a thousandth."""
-    most = AmplifierMap().rest_v
-    return most if most < amplitude_v < 1.001 * most else amplitude_v

@@ -94,7 +94,6 @@ class KeptCurve:
 class ExplorePreset:
     """A start setting with kept curves."""
 
-    title: str
     setting: ExploreSetting
     kept_curves: tuple[KeptCurve, ...] = ()
     variable: str = ""
@@ -114,7 +113,7 @@ PRESET_TITLES = {
 def make_preset(name: str) -> ExplorePreset:
     """Return one of `PRESET_TITLES`: Table I, or one of the paper's studies with its curves."""
     if name in ("free", "membrane"):
-        return ExplorePreset(PRESET_TITLES[name], ExploreSetting(on_skin=name == "membrane"))
+        return ExplorePreset(ExploreSetting(on_skin=name == "membrane"))
     from model.studies.parameter_study import STUDY_PRESETS  # lazily: loads scipy
 
     study = STUDY_PRESETS[name]()
@@ -124,7 +123,7 @@ def make_preset(name: str) -> ExplorePreset:
     base = ExploreSetting(values, on_skin=True)
     ((variable, varied),) = study.vary.items()
     kept = tuple(KeptCurve(value_label(variable, v), base.with_value(variable, v)) for v in varied)
-    return ExplorePreset(PRESET_TITLES[name], kept[len(kept) // 2].setting, kept, variable)
+    return ExplorePreset(kept[len(kept) // 2].setting, kept, variable)
 
 
 def value_label(name: str, value: float) -> str:
