@@ -124,10 +124,6 @@ class ExplorePage(QSplitter):
         """Set a slider, SI."""
         self._apply_change(lambda: self.session.set_value(name, value))
 
-    def reset_value(self, name: str) -> None:
-        """Reset a slider."""
-        self.set_setting(self.setting.with_default(name))
-
     def set_setting(self, setting: ExploreSetting) -> None:
         """Change the setting."""
         self._apply_change(lambda: self.session.set_setting(setting))
@@ -272,7 +268,7 @@ class ExplorePage(QSplitter):
         self.sliders.setAutoFillBackground(False)
         left = QWidget()
         column(
-            self.toolbar.start_row(), (scroll, 1), self.status_line, self.toolbar.export_row(),
+            self.toolbar.start_row, (scroll, 1), self.status_line, self.toolbar.export_row,
             parent=left, margins=(0, 2, 4, 0), spacing=6,
         )  # fmt: skip
         left.setMinimumWidth(400)
@@ -280,7 +276,7 @@ class ExplorePage(QSplitter):
 
     def _right_column(self) -> QWidget:
         below, right = QWidget(), QWidget()
-        column(self.toolbar.motion_row(), (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
+        column(self.toolbar.motion_row, (self.shape_plot, 1), parent=below, margins=(0, 0, 0, 0), spacing=2)
         rows = QSplitter(Qt.Orientation.Vertical)
         rows.addWidget(self.plot)
         rows.addWidget(below)
@@ -288,7 +284,7 @@ class ExplorePage(QSplitter):
         rows.setObjectName("explore/rows")
         rows.setChildrenCollapsible(False)
         column(
-            self.toolbar.series_row(), self.toolbar.overlay_row(), (rows, 1),
+            self.toolbar.series_row, self.toolbar.overlay_row, (rows, 1),
             parent=right, margins=(0, 0, 0, 0), spacing=4,
         )  # fmt: skip
         return right
@@ -301,7 +297,7 @@ class ExplorePage(QSplitter):
         self.overlaid.fitted.connect(self._on_fitted)
         self.overlaid.message.connect(self.status_line.show_message)
         self.sliders.value_changed.connect(self.set_value)
-        self.sliders.reset_requested.connect(self.reset_value)
+        self.sliders.reset_requested.connect(lambda name: self.set_setting(self.setting.with_default(name)))
         self.sliders.input_rejected.connect(lambda text: self.status_line.show_message(text, is_error=True))
         self.plot.cursor_moved.connect(self._on_cursor_moved)
         bar.preset_chosen.connect(self.load_preset)

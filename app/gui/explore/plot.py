@@ -71,7 +71,6 @@ class ExplorePlot(PlotBase):
         self._scale()
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
         self.band.setPen(pg.mkPen(theme.threshold, width=5))
         self.cursor_line.setPen(pg.mkPen(theme.secondary_text, width=1, style=Qt.PenStyle.DotLine))

@@ -38,7 +38,6 @@ class ShapePlot(PlotBase):
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
         self.beam.setPen(pg.mkPen(theme.model, width=2))
         self.layer.setPen(pg.mkPen(theme.warning, width=5))

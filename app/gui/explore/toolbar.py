@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QHBoxLayout, QLabel, QLineEdit, QPushButton
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QComboBox, QLabel, QLineEdit, QPushButton
 
 from app.archive import MeasuredResponse
 from app.common import UndoHistory, UnitError, to_number
@@ -38,9 +38,7 @@ class ExploreToolbar(QObject):
             _choice("Free", "The tactor vibrates freely"),
             _choice("On skin", "On the membrane"),
         )
-        self._skin_group = QButtonGroup(self)
-        for button in (self.free_button, self.skin_button):
-            self._skin_group.addButton(button)
+        _make_exclusive(self, self.free_button, self.skin_button)
         self.skin_button.toggled.connect(self.skin_chosen)
         self.undo_button, self.redo_button = (
             _button(text, tip) for text, tip in (("↶", tooltip("explore.undo")), ("↷", tooltip("explore.redo")))
@@ -57,9 +55,8 @@ class ExploreToolbar(QObject):
         self.frequency.setAccessibleName("frequency of the motion in Hz")
         self.frequency.editingFinished.connect(self._on_frequency)
         self.ranges = [_choice(f"{hz:g}", f"Frequencies up to {hz:g} Hz") for hz in RANGES_HZ]
-        self._group = QButtonGroup(self)
+        _make_exclusive(self, *self.ranges)
         for hz, button in zip(RANGES_HZ, self.ranges, strict=True):
-            self._group.addButton(button)
             button.clicked.connect(lambda _=False, hz=hz: self.range_chosen.emit(float(hz)))
         self.ranges[0].setChecked(True)
         self.keep_button = _button("Keep curve", tooltip("explore.keep"))
@@ -75,6 +72,17 @@ class ExploreToolbar(QObject):
         self.copy_toml_button.clicked.connect(lambda: self.copy_chosen.emit("TOML"))
         self._chips = row(spacing=4)
         self.run_chips: list[QPushButton] = []
+        self.start_row = row(
+            self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
+        )
+        self.export_row = row(self.copy_json_button, self.copy_toml_button, self.study_button, None, spacing=6)
+        self.series_row = row(
+            caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6
+        )
+        self.motion_row = row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
+        self.overlay_row = row(
+            self.keep_button, self.overlay_button, self.fit_button, self._chips, None, self.clear_button, spacing=6
+        )
 
     def toggle_skin(self) -> None:
         """Switch between free and on the skin."""
@@ -109,31 +117,6 @@ class ExploreToolbar(QObject):
         """Let the fit button cancel while a fit runs."""
         self.fit_button.setText("Cancel the fit" if fitting else "Fit these")
 
-    def start_row(self) -> QHBoxLayout:
-        """Make the row of preset, skin, undo and redo."""
-        return row(
-            self.preset_box, self.free_button, self.skin_button, None, self.undo_button, self.redo_button, spacing=6
-        )
-
-    def export_row(self) -> QHBoxLayout:
-        return row(self.copy_json_button, self.copy_toml_button, self.study_button, None, spacing=6)
-
-    def series_row(self) -> QHBoxLayout:
-        """Make the row of displayed series and frequency range."""
-        return row(
-            caption_label("Response"), *self.series, None, QLabel("up to"), *self.ranges, QLabel("Hz"), spacing=6
-        )
-
-    def motion_row(self) -> QHBoxLayout:
-        """Make the row of the displayed motion."""
-        return row(caption_label("Motion"), QLabel("at"), self.frequency, QLabel("Hz"), None, spacing=6)
-
-    def overlay_row(self) -> QHBoxLayout:
-        """Make the row of kept curves and measured runs."""
-        return row(
-            self.keep_button, self.overlay_button, self.fit_button, self._chips, None, self.clear_button, spacing=6
-        )
-
     def _on_preset(self, index: int) -> None:
         if name := self.preset_box.itemData(index):
             self.preset_chosen.emit(name)
@@ -158,3 +141,9 @@ def _choice(text: str, tip: str) -> QPushButton:
     button = _button(text, tip)
     button.setCheckable(True)
     return button
+
+
+def _make_exclusive(parent: QObject, *buttons: QPushButton) -> None:
+    group = QButtonGroup(parent)
+    for button in buttons:
+        group.addButton(button)

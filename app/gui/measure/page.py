@@ -56,7 +56,7 @@ class MeasurePage(QSplitter):
         self.run_panel = RunPanel(protocol, bench, presets, theme)
         self.live_pane = LivePane(feed, amplifier, theme)
         self.live_pane.repeat_requested.connect(self.repeat_requested)
-        self.response, self.plots = self.live_pane.response, self.live_pane.plots
+        self.response, self.plots = self.live_pane.plots.response, self.live_pane.plots
         self.time_plot = self.live_pane.time_plot
         self.log = LogPane(theme)
         self.live_pane.add_widget(self.log, 2)
@@ -78,7 +78,7 @@ class MeasurePage(QSplitter):
     @property
     def points(self) -> PointsPlot:
         """Plot of points that are not amplitudes over frequency."""
-        return self.live_pane.points
+        return self.live_pane.plots.points
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QWidget
 
 from app.gui.widgets.actions import add_actions, tooltip
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import make_button, row
 
 
 class PlotCopyButtons(QWidget):
@@ -34,19 +35,16 @@ class PlotCopyButtons(QWidget):
     def show_buttons(self) -> None:
         """Show the buttons; they are created when first shown."""
         if self.layout() is None:
-            row = QHBoxLayout(self)
-            row.setContentsMargins(0, 0, 0, 0)
-            row.setSpacing(4)
-            for text, action, action_id in (
-                ("Copy picture", self.copy_picture, "plot.copy-picture"),
-                ("Copy data", self.copy_data, "plot.copy-data"),
-            ):
-                button = QPushButton(text)
-                set_style_kind(button, "choice")
-                button.setToolTip(f"{tooltip(action_id)} while the keyboard is in the plot")
+            buttons = [
+                make_button(text, action, "choice", f"{tooltip(action_id)} while the keyboard is in the plot")
+                for text, action, action_id in (
+                    ("Copy picture", self.copy_picture, "plot.copy-picture"),
+                    ("Copy data", self.copy_data, "plot.copy-data"),
+                )
+            ]
+            for button in buttons:
                 button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-                button.clicked.connect(action)
-                row.addWidget(button)
+            row(*buttons, parent=self, margins=(0, 0, 0, 0), spacing=4)
         self.show()
         self._place_buttons()
 

@@ -50,7 +50,6 @@ class CurvesPlot(PlotBase):
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
         self.model.setPen(pg.mkPen(theme.model, width=1.5, style=Qt.PenStyle.DashLine))
         self.band.set_color(theme.model)

@@ -3,9 +3,6 @@
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QSplitter, QWidget
 
-from app.gui.plots.curves_plot import CurvesPlot
-from app.gui.plots.points_plot import PointsPlot
-from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.plots.time_plot import TimePlot
 from app.gui.widgets.theme import Theme
@@ -32,18 +29,6 @@ class LivePane(QSplitter):
         self.add_widget(self.plots, 5)
         self.add_widget(self.time_plot, 4)
         self.setChildrenCollapsible(False)
-
-    @property
-    def response(self) -> ResponsePlot:
-        return self.plots.response
-
-    @property
-    def points(self) -> PointsPlot:
-        return self.plots.points
-
-    @property
-    def curves(self) -> CurvesPlot:
-        return self.plots.curves
 
     def add_widget(self, widget: QWidget, share: int) -> None:
         """Add a widget at the bottom."""

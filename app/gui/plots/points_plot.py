@@ -41,22 +41,16 @@ class PointsPlot(PlotBase):
         self.scatter = pg.ScatterPlotItem(size=9, antialias=True, hoverable=True, hoverSize=14, tip=hover_text)
         for item in (self._bars, self.scatter):
             self.plot.addItem(item)
-        self.caption, self.hint_label, self.repeat_button = (
-            caption_label(),
-            make_label(HOLLOW_HINT, "note", wrap=False),
-            QPushButton(),
-        )
+        self.caption, self.hint_label = caption_label(), make_label(HOLLOW_HINT, "note", wrap=False)
         self.curves_button = QPushButton("Show the curves")
         set_style_kind(self.curves_button, "choice")
         self.curves_button.hide()
-        self.selection = EntrySelection(self.repeat_button, self._draw)
-        self.repeat_button.clicked.connect(lambda: self.repeat_requested.emit(self.selection.pop()))
+        self.selection = EntrySelection(self._draw, self.repeat_requested.emit)
         self.scatter.sigClicked.connect(lambda _, spots: self.selection.toggle(self._shown_indices, spots))
-        self._add_head(row(self.caption, self.repeat_button, None, self.hint_label, self.curves_button, spacing=14))
+        self._add_head(row(self.caption, self.selection.button, None, self.hint_label, self.curves_button, spacing=14))
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
         self._bars.setData(pen=pg.mkPen(theme.measured))
         self._draw()
@@ -69,14 +63,13 @@ class PointsPlot(PlotBase):
         self.caption.setText(kind.title)
         known = point_columns(kind.point_type)
         for side, name in zip(("bottom", "left"), kind.axes, strict=True):
-            unit, _, _ = known[name]
-            _, shown = display_unit(unit)
+            shown = display_unit(known[name][0])[1]
             self.plot.setLabel(side, name.replace("_", " ") + (f" ({shown})" if shown else ""))
         self._draw()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int], can_run: bool) -> None:
         """Draw the points of the run."""
-        self.selection.set_allowed(can_run)
+        self.selection.button.setEnabled(can_run)
         if points is not self._points:
             self._points, self._entries = points, entries
             self.selection.retain(entries)

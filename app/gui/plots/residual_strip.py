@@ -41,7 +41,6 @@ class ResidualStrip(PlotBase):
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme; the caller draws the points again."""
         super().set_theme(theme)
         self._line.setPen(pg.mkPen(theme.model, width=1.5))
         self._bars.setData(pen=pg.mkPen(theme.measured))

@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QPushButton, QWidget
 
-from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, stable_range
+from app.gui.plots.base import FELT_THRESHOLD_UM, PlotBase, caption_label, finite_max, stable_range
 from app.gui.plots.model_curves import ModelCurveItems
 from app.gui.plots.residual_strip import STRIP_QUANTITIES, ResidualStrip
 from app.gui.plots.series import LEGEND_ICON_SIZE, SERIES, PlotSeries, legend_icon, series_of
@@ -27,48 +27,37 @@ class EntrySelection:
     """Selected entries of the plan, and the button that repeats them, visible while something is selected.
 
     Args:
-        button: repeats the selected entries.
         changed: called when the selection changes.
+        repeat: called with the selected entries when the button is clicked.
     """
 
-    def __init__(self, button: QPushButton, changed: Callable[[], None]) -> None:
-        self._button, self._changed = button, changed
-        self._allowed = False
+    def __init__(self, changed: Callable[[], None], repeat: Callable[[tuple[int, ...]], object]) -> None:
+        self.button, self._changed, self._repeat = QPushButton(), changed, repeat
         self.entries: frozenset[int] = frozenset()
-        button.setToolTip("A run that goes on with this one, and measures the chosen points again")
-        button.hide()
+        self.button.setToolTip("A run that goes on with this one, and measures the chosen points again")
+        self.button.hide()
+        self.button.clicked.connect(self._on_clicked)
 
     def toggle(self, entries: Sequence[int], spots: Sequence[Any]) -> None:
         """Select the clicked points, or deselect them."""
-        at = {entries[spot.index()] for spot in spots if spot.index() < len(entries)}
-        self._set_entries(self.entries ^ at)
+        self._set_entries(self.entries ^ {entries[spot.index()] for spot in spots if spot.index() < len(entries)})
 
     def retain(self, entries: Sequence[int]) -> None:
         """Deselect all entries but these: other points are displayed."""
         self._set_entries(self.entries & set(entries))
 
-    def set_allowed(self, allowed: bool) -> None:
-        """Set whether a run may start."""
-        self._allowed = allowed
-        self._update_button()
-
-    def pop(self) -> tuple[int, ...]:
-        """Return the selected entries and clear the selection."""
-        taken = tuple(sorted(self.entries))
+    def _on_clicked(self) -> None:
+        selected = tuple(sorted(self.entries))
         self._set_entries(frozenset())
-        return taken
+        self._repeat(selected)
 
-    def _set_entries(self, entries: frozenset[int] | set[int]) -> None:
+    def _set_entries(self, entries: frozenset[int]) -> None:
         if entries != self.entries:
-            self.entries = frozenset(entries)
-            self._update_button()
+            self.entries = entries
+            count = len(entries)
+            self.button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
+            self.button.setVisible(count > 0)
             self._changed()
-
-    def _update_button(self) -> None:
-        count = len(self.entries)
-        self._button.setText(f"Measure {'this point' if count == 1 else f'these {count} points'} again")
-        self._button.setVisible(count > 0)
-        self._button.setEnabled(self._allowed)
 
 
 HOLLOW_HINT = "hollow: not usable"
@@ -107,20 +96,16 @@ class ResponsePlot(PlotBase):
         self.strip_box.addItems([f"below: {quantity}" for quantity in STRIP_QUANTITIES])
         self.strip_box.setToolTip("What is drawn under the response: measured less model, or the phase")
         self.strip_box.currentIndexChanged.connect(self._select_strip)
-        self.repeat_button = QPushButton()
-        self.selection = EntrySelection(self.repeat_button, self._draw_points)
-        self.repeat_button.clicked.connect(lambda: self.repeat_requested.emit(self.selection.pop()))
+        self.selection = EntrySelection(self._draw_points, self.repeat_requested.emit)
         self.scatters[0].sigClicked.connect(lambda _, spots: self.selection.toggle(self._entries, spots))
         self._add_head(self._head_row())
-        self._scale()
         self.set_theme(theme)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
-        for at, (box, bars) in enumerate(zip(self.series_boxes, self._bars, strict=True)):
-            bars.setData(pen=pg.mkPen(self._series_color(at)))
-            box.setIcon(legend_icon(SERIES[at], theme.model, self._series_color(at), self.devicePixelRatioF()))
+        for series, color, box, bars in zip(SERIES, self._series_colors, self.series_boxes, self._bars, strict=True):
+            bars.setData(pen=pg.mkPen(color))
+            box.setIcon(legend_icon(series, theme.model, color, self.devicePixelRatioF()))
             box.setIconSize(LEGEND_ICON_SIZE)
         self.model_curves.set_theme(theme)
         if self._residual_strip is not None:
@@ -135,11 +120,10 @@ class ResponsePlot(PlotBase):
         self._max_hz = curve.request.max_hz
         self.model_curves.show_curve(curve)
         self._draw_points()
-        self._scale()
 
     def show_points(self, points: Sequence[Any], entries: Sequence[int] = (), can_run: bool = False) -> None:
         """Draw the points of the run."""
-        self.selection.set_allowed(can_run)
+        self.selection.button.setEnabled(can_run)
         if points is self._last_points:
             return
         self._entries = entries
@@ -148,7 +132,6 @@ class ResponsePlot(PlotBase):
         # Points of other protocols, such as the wiring check, appear in the log only.
         self._points = tuple(point for point in points if hasattr(point, SERIES[0].column))
         self._draw_points()
-        self._scale()
 
     def _draw_points(self) -> None:
         x = np.array([p.frequency for p in self._points])
@@ -172,13 +155,14 @@ class ResponsePlot(PlotBase):
             )
             self._bars[at].setData(x=x[there], y=y[there], height=2 * np.nan_to_num(errors[there]))
         self._draw_strip()
+        self._scale()
 
     def _scale(self) -> None:
         self._warn_mismatch()
         tops = [FELT_THRESHOLD_UM * 1.5]
-        visible = [series for series, box in zip(SERIES, self.series_boxes, strict=True) if box.isChecked()]
-        for series in visible:
-            tops += [float(size) for size in map(series.values_of, self._points) if np.isfinite(size)]
+        for series, box in zip(SERIES, self.series_boxes, strict=True):
+            if box.isChecked():
+                tops += [finite_max(series.values_of(point)) for point in self._points]
         tops += self.model_curves.maxima()
         right = max([self._max_hz, *(1.03 * p.frequency for p in self._points)])
         self.plot.setXRange(0, right, padding=0)
@@ -207,7 +191,7 @@ class ResponsePlot(PlotBase):
         self.hint_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         curves = self.model_curves
         return row(
-            caption_label("Response"), *self.series_boxes, curves.band_box, self.repeat_button,
+            caption_label("Response"), *self.series_boxes, curves.band_box, self.selection.button,
             (curves.source_label, 3), self.hint_label, self.strip_box, spacing=10,
         )  # fmt: skip
 
@@ -241,14 +225,14 @@ class ResponsePlot(PlotBase):
         yield from self.model_curves.plot_series()
 
     def _point_colors(self, series_index: int) -> list[QColor]:
-        default = self._series_color(series_index)
+        default = self._series_colors[series_index]
         return [self.model_curves.color_at(getattr(p, "elongation", math.nan), default) for p in self._points]
 
-    def _series_color(self, index: int) -> str:
-        return (self._theme.measured, self._theme.second)[index]
+    @property
+    def _series_colors(self) -> tuple[str, str]:
+        return self._theme.measured, self._theme.second
 
 
-def hover_text(x: float, y: float, data: str) -> str:
-    """Return the text of a point, as pyqtgraph requests it."""
-    del x, y
+def hover_text(x: float, y: float, data: str) -> str:  # noqa: ARG001 - as pyqtgraph calls it
+    """Return the text of a point."""
     return data

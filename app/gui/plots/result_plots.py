@@ -1,7 +1,8 @@
 """Result plots of a run: response over frequency, the protocol's own points, or whole curves."""
 
 from collections.abc import Sequence
-from typing import Any
+from functools import cached_property
+from typing import Any, cast
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QWidget
@@ -26,38 +27,38 @@ class ResultPlots(QStackedWidget):
         self.response = ResponsePlot(theme)
         self.response.repeat_requested.connect(self.repeat_requested)
         self.addWidget(self.response)
-        self._points: PointsPlot | None = None
-        self._curves: CurvesPlot | None = None
         self._model_curve: OverlayCurve | None = None
         self._points_selected = False
 
-    @property
+    @cached_property
     def points(self) -> PointsPlot:
         """The plot of points that are not amplitudes over frequency."""
-        if self._points is None:
-            self._points = PointsPlot(self._theme)
-            self._points.repeat_requested.connect(self.repeat_requested)
-            self.addWidget(self._points)
-        return self._points
+        plot = PointsPlot(self._theme)
+        plot.repeat_requested.connect(self.repeat_requested)
+        self.addWidget(plot)
+        return plot
 
-    @property
+    @cached_property
     def curves(self) -> CurvesPlot:
         """The plot of the curves that entries return beside their points."""
-        if self._curves is None:
-            self._curves = CurvesPlot(self._theme)
-            self._curves.points_button.clicked.connect(lambda: self._show_points(points=True))
-            self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
-            self.addWidget(self._curves)
-            if self._model_curve is not None:
-                self._curves.show_model_curve(self._model_curve)
-        return self._curves
+        plot = CurvesPlot(self._theme)
+        plot.points_button.clicked.connect(lambda: self._show_points(points=True))
+        self.points.curves_button.clicked.connect(lambda: self._show_points(points=False))
+        self.addWidget(plot)
+        if self._model_curve is not None:
+            plot.show_model_curve(self._model_curve)
+        return plot
+
+    @property
+    def _plots(self) -> list[ResponsePlot | PointsPlot | CurvesPlot]:
+        """The plots that exist so far."""
+        return [cast("ResponsePlot | PointsPlot | CurvesPlot", self.widget(at)) for at in range(self.count())]
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
         self._theme = theme
-        for plot in (self.response, self._points, self._curves):
-            if plot is not None:
-                plot.set_theme(theme)
+        for plot in self._plots:
+            plot.set_theme(theme)
 
     def show_results(
         self,
@@ -76,11 +77,9 @@ class ResultPlots(QStackedWidget):
             plot.curves_button.setVisible(bool(curves))
             self.response.show_points(())  # of the run before
         plot.show_points(points, entries, can_run)
-        shown: list[ResponsePlot | PointsPlot | CurvesPlot] = [plot]
-        if curves or self._curves is not None:
+        if curves or "curves" in vars(self):
             self.curves.show_curves(curves, bare_tactor=not any(hasattr(point, "mass") for point in points))
-            shown.append(self.curves)
-        for each in shown:
+        for each in self._plots:
             each.show_simulated(simulated)
             each.show_estimates(outcome)
         self.setCurrentWidget(self.curves if curves and not self._points_selected else plot)
@@ -88,9 +87,9 @@ class ResultPlots(QStackedWidget):
     def show_model_curve(self, curve: OverlayCurve) -> None:
         """Show the model's curve under the results."""
         self._model_curve = curve
-        self.response.show_model_curve(curve)
-        if self._curves is not None:
-            self._curves.show_model_curve(curve)
+        for plot in self._plots:
+            if not isinstance(plot, PointsPlot):
+                plot.show_model_curve(curve)
 
     def _show_points(self, points: bool) -> None:
         """Switch between the points and the curves of a run."""

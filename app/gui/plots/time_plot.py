@@ -59,7 +59,6 @@ class TimePlot(TracePlotBase):
         self.select_span(0)
 
     def set_theme(self, theme: Theme) -> None:
-        """Apply a theme."""
         super().set_theme(theme)
         self._rest.setPen(trace_pen(theme.line))
 

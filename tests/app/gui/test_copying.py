@@ -22,7 +22,7 @@ def test_every_canvas_of_the_window_can_be_copied(open_stage: OpenStage) -> None
     stage = open_stage(ahead=True)
     until(lambda: len(stage.window.tabs.created_pages) == stage.window.tabs.count(), "for the pages")
     stage.window.measure_page.response.strip_box.setCurrentIndex(1)
-    _ = stage.window.measure_page.live_pane.curves  # these are made when they are needed
+    _ = stage.window.measure_page.live_pane.plots.curves  # these are made when they are needed
     canvases = stage.window.findChildren(pg.GraphicsView)
     assert len(canvases) >= 9
     assert [c for c in canvases if c.findChild(PlotCopyButtons) is None] == []

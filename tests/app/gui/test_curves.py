@@ -37,20 +37,20 @@ def begin(stage: Stage, protocol: str) -> None:
 def test_a_sweep_is_drawn_with_its_errors_on_the_models_line(stage: Stage) -> None:
     begin(stage, "sweep")
     pane = stage.window.measure_page.live_pane
-    assert pane.plots.currentWidget() is not pane.curves
+    assert pane.plots.currentWidget() is not pane.plots.curves
     stage.happen(CurveReady(response(1.0)))
-    assert pane.plots.currentWidget() is pane.curves
-    ((line, fill),) = pane.curves.drawn_curves
+    assert pane.plots.currentWidget() is pane.plots.curves
+    ((line, fill),) = pane.plots.curves.drawn_curves
     um_a_volt = line.getData()[1]
     truth = 1e6 * np.abs(amplifier_response(Tactor(), FREQUENCIES, 1.0).fundamental)
     np.testing.assert_allclose(um_a_volt, truth)
     assert fill.ends is not None
     np.testing.assert_allclose(fill.ends[2] - fill.ends[1], 0.2 * truth)
-    assert pane.curves.simulated_label.visible
-    until(pane.curves.model.isVisible, "for the model")
-    model_f, model = pane.curves.model.getData()
+    assert pane.plots.curves.simulated_label.visible
+    until(pane.plots.curves.model.isVisible, "for the model")
+    model_f, model = pane.plots.curves.model.getData()
     np.testing.assert_allclose(np.interp(FREQUENCIES, model_f, model), truth, rtol=0.01)
-    assert pane.curves.source.text() == "dashed: the paper's values"
+    assert pane.plots.curves.source.text() == "dashed: the paper's values"
 
 
 def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> None:
@@ -63,19 +63,19 @@ def test_a_loop_is_drawn_whole_as_it_arrives_with_its_errors(stage: Stage) -> No
         "displacement_errors": CurveColumn(np.full(129, 1e-6), "m", ""),
     }
     stage.happen(CurveReady(ResultCurve("loop", "1 Hz", "drive", "displacement", columns)))
-    assert pane.plots.currentWidget() is pane.curves
-    assert pane.curves.caption.text() == "Loop"
-    ((line, fill),) = pane.curves.drawn_curves
+    assert pane.plots.currentWidget() is pane.plots.curves
+    assert pane.plots.curves.caption.text() == "Loop"
+    ((line, fill),) = pane.plots.curves.drawn_curves
     x, y = line.getData()
     np.testing.assert_allclose(x, drive)
     np.testing.assert_allclose(y, 1e6 * moved)
     _, low, high = fill.ends
     np.testing.assert_allclose(high - low, 4.0)
-    (x_low, x_high), (y_low, y_high) = pane.curves.plot.viewRange()
+    (x_low, x_high), (y_low, y_high) = pane.plots.curves.plot.viewRange()
     assert x_low <= 0.0 < 5.0 <= x_high
     assert y_low < -200.0
     assert y_high > 200.0, "what lies below rest is seen as well"
-    assert not pane.curves.model.isVisible()
+    assert not pane.plots.curves.model.isVisible()
 
 
 @pytest.mark.deep
@@ -84,15 +84,15 @@ def test_a_curve_measured_again_takes_the_place_of_the_old_one_and_the_points_ar
     pane = stage.window.measure_page.live_pane
     stage.happen(CurveReady(response(1.0, 0)), CurveReady(response(1.0, 1, "second")))
     stage.happen(CurveReady(response(2.0, 0)))
-    assert len(pane.curves.drawn_curves) == 2
-    tops = sorted(line.getData()[1].max() for line, _ in pane.curves.drawn_curves)
+    assert len(pane.plots.curves.drawn_curves) == 2
+    tops = sorted(line.getData()[1].max() for line, _ in pane.plots.curves.drawn_curves)
     assert tops[1] == pytest.approx(2 * tops[0])
-    pane.curves.points_button.click()
-    assert pane.plots.currentWidget() is pane.points
+    pane.plots.curves.points_button.click()
+    assert pane.plots.currentWidget() is pane.plots.points
     stage.happen(CurveReady(response(1.5, 0)))
-    assert pane.plots.currentWidget() is pane.points, "who looks at the points is not taken away from them"
-    pane.points.curves_button.click()
-    assert pane.plots.currentWidget() is pane.curves
+    assert pane.plots.currentWidget() is pane.plots.points, "who looks at the points is not taken away from them"
+    pane.plots.points.curves_button.click()
+    assert pane.plots.currentWidget() is pane.plots.curves
     stage.window.start_run()
 
 

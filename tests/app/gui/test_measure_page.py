@@ -170,11 +170,11 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     stage.happen(*(point(i, 100.0 + 10 * i) for i in range(3)))
     plot = stage.window.measure_page.response
     plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[1]])
-    assert plot.repeat_button.isVisible()
-    assert not plot.repeat_button.isEnabled()
+    assert plot.selection.button.isVisible()
+    assert not plot.selection.button.isEnabled()
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
-    assert plot.repeat_button.isEnabled()
-    plot.repeat_button.click()
+    assert plot.selection.button.isEnabled()
+    plot.selection.button.click()
     assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
     assert stage.window.status_bar.task_sign.text == "Sine dwell · reading run.h5"
     assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
@@ -184,7 +184,7 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert "another copy" in stage.window.notices.problem.message_label.text()
     assert len(plot.scatters[0].points()) == 3
     plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[2]])
-    plot.repeat_button.click()
+    plot.selection.button.click()
     assert stage.session.again[1:] == [(Path("run.h5"), (2,), tmp_path)], "it can be tried once more"
     stage.happen(STARTED)
     assert len(plot.scatters[0].points()) == 0
