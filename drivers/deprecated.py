@@ -106,7 +106,7 @@ MODULES = {
     "sim_hardware.scpi_blocks": "sim_hardware.wires.scpi_engine messages_in=split_received lift_blocks=extract_blocks put_back=restore_block",
     "sim_hardware.scpi_box": "sim_hardware.generators.scpi_generator ScpiBox=SimulatedScpiGenerator data_of=decode_block only=accept_keywords",
     "sim_hardware.scpi_values": "sim_hardware.wires.scpi_engine number=parse_number boolean=parse_boolean choice=match_keyword real=format_real one=single_argument",
-    "sim_hardware.segments": "sim_hardware.plant.segments Level=ConstantSegment Open=OpenOutputSegment Wave=ArbitraryWaveform Tone=PeriodicSegment Chirp=ChirpSegment Glitch=RelayGlitchSegment",
+    "sim_hardware.segments": "sim_hardware.plant.segments Level=ConstantSegment Open=ConstantSegment Wave=ArbitraryWaveform Tone=PeriodicSegment Chirp=ChirpSegment Glitch=RelayGlitchSegment",
     "sim_hardware.siglent_sdg": "sim_hardware.generators.siglent_sdg SiglentSdg=SimulatedSiglentSdg",
     "sim_hardware.supply": "sim_hardware.supplies.supply Relax=ExponentialSegment Supply=SimulatedSupply",
     "sim_hardware.supply_dialects": "sim_hardware.supplies.dialects SupplyModel=SimulatedScpiSupply SpdEngine=SiglentSpdEngine engine_of=make_supply_engine",

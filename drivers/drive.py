@@ -20,88 +20,44 @@ FADE_CYCLES = 4
 """Cycles of the highest frequency within which a periodic sweep begins and ends."""
 
 
-def _require_finite(drive: "Drive") -> None:
-    for field in fields(drive):
-        value = getattr(drive, field.name)
-        for number in value if isinstance(value, tuple) else (value,):
-            if not math.isfinite(number):
-                raise ValueError(f"{drive.kind}: {field.name} must be a finite number, not {number}")
+class _CheckedDrive:
+    """Checks the fields of a drive: all finite, those named in `POSITIVE` above 0."""
 
-
-def _require_positive(drive: "Drive", *names: str) -> None:
-    for name in names:
-        if not getattr(drive, name) > 0:
-            raise ValueError(f"{drive.kind}: {name} must be positive, not {getattr(drive, name)}")
-
-
-@renamed(ends_v="end_levels_v")
-@dataclass(frozen=True, slots=True)
-class Hold:
-    """A constant level for `duration_s`."""
-
-    kind: ClassVar[str] = "Hold"
-    level_v: float
-    duration_s: float
+    __slots__ = ()
+    kind: ClassVar[str]
+    POSITIVE: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "duration_s")
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if not math.isfinite(number):
+                    raise ValueError(f"{self.kind}: {field.name} must be a finite number, not {number}")
+        for name in self.POSITIVE:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{self.kind}: {name} must be positive, not {getattr(self, name)}")
+
+
+class _Levels(_CheckedDrive):
+    """Levels that are reached one after the other: extremes and end levels."""
+
+    __slots__ = ()
+    levels_v: tuple[float, ...]
 
     @property
     def low_v(self) -> float:
-        return self.level_v
+        return min(self.levels_v)
 
     @property
     def high_v(self) -> float:
-        return self.level_v
-
-    @property
-    def slew_v_per_s(self) -> float:
-        return 0.0
+        return max(self.levels_v)
 
     @property
     def end_levels_v(self) -> tuple[float, float]:
-        return self.level_v, self.level_v
-
-    def volts(self, t: ArrayLike) -> Array:
-        return np.full(np.shape(t), self.level_v)
+        return self.levels_v[0], self.levels_v[-1]
 
 
-@renamed(ends_v="end_levels_v")
-@dataclass(frozen=True, slots=True)
-class Ramp:
-    """A straight line from one level to another, which is then held."""
-
-    kind: ClassVar[str] = "Ramp"
-    start_v: float
-    stop_v: float
-    duration_s: float
-
-    def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "duration_s")
-
-    @property
-    def low_v(self) -> float:
-        return min(self.start_v, self.stop_v)
-
-    @property
-    def high_v(self) -> float:
-        return max(self.start_v, self.stop_v)
-
-    @property
-    def slew_v_per_s(self) -> float:
-        return abs(self.stop_v - self.start_v) / self.duration_s
-
-    @property
-    def end_levels_v(self) -> tuple[float, float]:
-        return self.start_v, self.stop_v
-
-    def volts(self, t: ArrayLike) -> Array:
-        return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
-
-
-class _Oscillation:
+class _Oscillation(_CheckedDrive):
     """What swings by its amplitude to either side of its offset: its extremes."""
 
     __slots__ = ()
@@ -119,6 +75,51 @@ class _Oscillation:
 
 @renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
+class Hold(_Levels):
+    """A constant level for `duration_s`."""
+
+    kind: ClassVar[str] = "Hold"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("duration_s",)
+    level_v: float
+    duration_s: float
+
+    @property
+    def levels_v(self) -> tuple[float, ...]:  # type: ignore[override]
+        return (self.level_v,)
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return 0.0
+
+    def volts(self, t: ArrayLike) -> Array:
+        return np.full(np.shape(t), self.level_v)
+
+
+@renamed(ends_v="end_levels_v")
+@dataclass(frozen=True, slots=True)
+class Ramp(_Levels):
+    """A straight line from one level to another, which is then held."""
+
+    kind: ClassVar[str] = "Ramp"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("duration_s",)
+    start_v: float
+    stop_v: float
+    duration_s: float
+
+    @property
+    def levels_v(self) -> tuple[float, ...]:  # type: ignore[override]
+        return self.start_v, self.stop_v
+
+    @property
+    def slew_v_per_s(self) -> float:
+        return abs(self.stop_v - self.start_v) / self.duration_s
+
+    def volts(self, t: ArrayLike) -> Array:
+        return np.asarray(np.interp(np.asarray(t, float), [0.0, self.duration_s], [self.start_v, self.stop_v]))
+
+
+@renamed(ends_v="end_levels_v")
+@dataclass(frozen=True, slots=True)
 class Sine(_Oscillation):
     """`cycles` whole cycles of `offset_v + amplitude_v sin(2 pi f t)`; it starts and ends at the offset, by itself.
 
@@ -127,14 +128,11 @@ class Sine(_Oscillation):
     """
 
     kind: ClassVar[str] = "Sine"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("frequency_hz", "amplitude_v", "cycles")
     frequency_hz: float
     amplitude_v: float
     offset_v: float
     cycles: int
-
-    def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "frequency_hz", "amplitude_v", "cycles")
 
     @property
     def duration_s(self) -> float:
@@ -165,15 +163,12 @@ class LinearSweep(_Oscillation):
     """
 
     kind: ClassVar[str] = "LinearSweep"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("start_hz", "stop_hz", "duration_s", "amplitude_v")
     start_hz: float
     stop_hz: float
     duration_s: float
     amplitude_v: float
     offset_v: float
-
-    def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "start_hz", "stop_hz", "duration_s", "amplitude_v")
 
     @property
     def slew_v_per_s(self) -> float:
@@ -219,16 +214,13 @@ class PeriodicSweep(_Oscillation):
     """
 
     kind: ClassVar[str] = "PeriodicSweep"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
     start_hz: float
     stop_hz: float
     sweep_s: float
     periods: int
     amplitude_v: float
     offset_v: float
-
-    def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "start_hz", "stop_hz", "sweep_s", "periods", "amplitude_v")
 
     @property
     def sweep(self) -> LinearSweep:
@@ -267,20 +259,20 @@ class PeriodicSweep(_Oscillation):
 
 @renamed(ends_v="end_levels_v")
 @dataclass(frozen=True, slots=True)
-class Steps:
+class Steps(_Levels):
     """Levels held one after the other for `dwell_s`, each reached by a straight line of `rise_s`.
 
     The first level is where it starts; each later one is reached in `rise_s` and then held.
     """
 
     kind: ClassVar[str] = "Steps"
+    POSITIVE: ClassVar[tuple[str, ...]] = ("dwell_s", "rise_s")
     levels_v: tuple[float, ...]
     dwell_s: float
     rise_s: float
 
     def __post_init__(self) -> None:
-        _require_finite(self)
-        _require_positive(self, "dwell_s", "rise_s")
+        _CheckedDrive.__post_init__(self)
         if not self.levels_v:
             raise ValueError("Steps: levels_v must name at least one level")
 
@@ -289,21 +281,9 @@ class Steps:
         return len(self.levels_v) * self.dwell_s + (len(self.levels_v) - 1) * self.rise_s
 
     @property
-    def low_v(self) -> float:
-        return min(self.levels_v)
-
-    @property
-    def high_v(self) -> float:
-        return max(self.levels_v)
-
-    @property
     def slew_v_per_s(self) -> float:
         jumps = [abs(b - a) for a, b in zip(self.levels_v, self.levels_v[1:], strict=False)]
         return max(jumps, default=0.0) / self.rise_s
-
-    @property
-    def end_levels_v(self) -> tuple[float, float]:
-        return self.levels_v[0], self.levels_v[-1]
 
     def volts(self, t: ArrayLike) -> Array:
         knots, levels = [], []

@@ -17,7 +17,7 @@ from sim_hardware.plant.history_report import VoltageReport, make_voltage_report
 from sim_hardware.plant.laser_view import LaserView
 from sim_hardware.plant.parameters import SimulationParameters
 from sim_hardware.plant.plant import Plant
-from sim_hardware.plant.segments import OpenOutputSegment, Segment
+from sim_hardware.plant.segments import ConstantSegment, Segment
 from sim_hardware.plant.setup_state import SPECIMEN_ACTIONS, apply_action, check_action
 from sim_hardware.plant.voltage_history import VoltageHistory
 from sim_hardware.supplies.dialects import make_supply_engine
@@ -31,9 +31,8 @@ class _Cable:
     """The cable from the generator to the amplifier's input; unplugged, the input is pulled to `open_circuit_v`."""
 
     def __init__(self, history: VoltageHistory, clock: Clock, open_circuit_v: float) -> None:
-        self._history = history
-        self._clock = clock
-        self._open = OpenOutputSegment(open_circuit_v)
+        self._history, self._clock = history, clock
+        self._open = ConstantSegment(open_circuit_v)
         self._from_generator: Segment = self._open
         self._connected = True
 
@@ -41,13 +40,16 @@ class _Cable:
         """Output the generator's next segment."""
         with self._history.at_instant(self._clock) as t:
             self._from_generator = make(t)
-            self._history.append(t, self._from_generator if self._connected else self._open)
+            self._append(t)
 
     def set_connected(self, connected: bool) -> None:
         """Unplug the cable or plug it in."""
         with self._history.at_instant(self._clock) as t:
             self._connected = connected
-            self._history.append(t, self._from_generator if connected else self._open)
+            self._append(t)
+
+    def _append(self, t: float) -> None:
+        self._history.append(t, self._from_generator if self._connected else self._open)
 
 
 @renamed(
@@ -160,17 +162,8 @@ class SimulatedBench:
         if self.faults.is_active(fault):
             return
         self.faults.inject(fault, self.clock.now())
-        if fault == "generator-power-off":
-            self.generator.set_power(on=False)
-            self.supply.set_power(on=False)
-        elif fault == "drive-cable-off":
-            self._cable.set_connected(connected=False)
-        elif fault == "output-tripped":
-            self.generator.apply_settings(on=False)
-        elif fault == "clock-drift":
-            self.generator.detune_clock(50.0)
-        for listener in self._listeners:
-            listener()
+        self._apply_fault(fault, active=True)
+        self._notify_listeners()
 
     def clear(self, fault: str | None = None) -> None:
         """Clear one fault, or all. A generator whose power returns is in its factory state."""
@@ -178,14 +171,25 @@ class SimulatedBench:
             if not self.faults.is_active(name):
                 continue
             self.faults.clear(name, self.clock.now())
-            if name == "generator-power-off":
-                self.generator.set_power(on=True)
-                self._generator_model.reset()
-                self.supply.set_power(on=True)
-            elif name == "drive-cable-off":
-                self._cable.set_connected(connected=True)
-            elif name == "clock-drift":
-                self.generator.detune_clock(-50.0)
+            self._apply_fault(name, active=False)
+        self._notify_listeners()
+
+    def _apply_fault(self, fault: str, active: bool) -> None:
+        """Carry out what a fault does to the instruments beyond what they look up themselves."""
+        match fault:
+            case "generator-power-off":
+                self.generator.set_power(on=not active)
+                if not active:
+                    self._generator_model.reset()
+                self.supply.set_power(on=not active)
+            case "drive-cable-off":
+                self._cable.set_connected(connected=not active)
+            case "output-tripped" if active:
+                self.generator.apply_settings(on=False)
+            case "clock-drift":
+                self.generator.detune_clock(50.0 if active else -50.0)
+
+    def _notify_listeners(self) -> None:
         for listener in self._listeners:
             listener()
 

@@ -20,6 +20,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import ClassVar
 
+import numpy as np
+
 from drivers.clock import Clock
 from drivers.deprecated import SOURCE_METHODS, renamed, renamed_parameters
 from drivers.drive import Drive, Hold, LinearSweep, PeriodicSweep, Ramp, Sine, Steps
@@ -90,6 +92,8 @@ class BurstGenerator(ABC):
     CAN_FREEZE_RANGE: ClassVar[bool]
     INTERPOLATES_POINTS: ClassVar[bool] = False
     """Whether a filter smooths the waveform from point to point."""
+    AMPLITUDE_IS_WAVEFORM_SPAN: ClassVar[bool] = False
+    """Whether the amplitude setting means the span of the points as they are, or of the converter."""
     MAX_BURST_CYCLES: ClassVar[int] = 1_000_000
 
     _burst_end_s: float | None = None
@@ -348,9 +352,9 @@ class BurstGenerator(ABC):
 
     # -- commands of one family --------------------------------------------------------------------------------------
 
-    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:  # noqa: ARG002 - some subclasses use the span of the points
+    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
         """Return the amplitude setting at which a full-scale point is `full_v` away from the offset."""
-        return 2 * full_v
+        return (float(np.ptp(points)) if self.AMPLITUDE_IS_WAVEFORM_SPAN else 2) * full_v
 
     @abstractmethod
     def idle_level_v(self) -> float: ...

@@ -24,6 +24,7 @@ class Keysight33200(ScpiBurstGenerator):
     MODELS = ("33210", "33220", "33250")
     PRODUCT_NAMES = "Agilent and Keysight 33210A, 33220A and 33250A"
     CAN_FREEZE_RANGE = True
+    AMPLITUDE_IS_WAVEFORM_SPAN = True
     MAX_BURST_CYCLES = 50_000
 
     def _expected_settings(self, rest_v: float, low_v: float, high_v: float) -> Iterable[ExpectedSetting]:
@@ -55,9 +56,6 @@ class Keysight33200(ScpiBurstGenerator):
     def _download_waveform(self, points: Points) -> None:
         counts = np.rint(points * FULL_SCALE).astype(">i2")
         self._write_checked(f"DATA:DAC VOLATILE,{definite_length_block(counts.tobytes())}")
-
-    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
-        return float(np.ptp(points)) * full_v  # on this model the amplitude is the span of the waveform
 
     def _max_points(self) -> int:
         return 8192 if self.identity.model.startswith("33210") else 65_536

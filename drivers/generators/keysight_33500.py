@@ -6,8 +6,6 @@ collected in docs/generators.md.
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
 from drivers.generators.arbitrary_waveform import SINE_CYCLE, Points, definite_length_block
 from drivers.generators.burst_generator import IDLE_AMPLITUDE_VPP, LEVEL_TOLERANCE_V
 from drivers.generators.expected_setting import ExpectedSetting, expect_keyword, expect_range, expect_value
@@ -20,6 +18,7 @@ class Keysight33500(ScpiBurstGenerator):
     MODELS = ("335", "336")
     PRODUCT_NAMES = "Keysight 33500B and 33600A"
     CAN_FREEZE_RANGE = True
+    AMPLITUDE_IS_WAVEFORM_SPAN = True
     INTERPOLATES_POINTS = True
     RATE_HEADER = "FUNC:ARB:SRAT"
     RATE_IS_SAMPLE_RATE = True
@@ -70,9 +69,6 @@ class Keysight33500(ScpiBurstGenerator):
         self._write_checked(
             f"DATA:ARB {name},{definite_length_block(points.astype('<f4').tobytes())}", f"FUNC:ARB {name}"
         )
-
-    def _amplitude_setting_vpp(self, points: Points, full_v: float) -> float:
-        return float(np.ptp(points)) * full_v  # on this model the amplitude is the span of the waveform
 
     def _abort_commands(self) -> Sequence[str]:
         return ("ABOR",)

@@ -5,8 +5,7 @@ which also serves the simulated card. Raw 16-bit integers are kept, with the car
 """
 
 import contextlib
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import nidaqmx
 import numpy as np
@@ -16,6 +15,7 @@ from nidaqmx.stream_readers import AnalogUnscaledReader
 from nidaqmx.system import System
 
 from drivers.clock import Clock
+from drivers.closing import Closeable
 from drivers.deprecated import renamed
 from drivers.errors import AcquisitionError, InstrumentError
 from drivers.interfaces import Block, Identity, Scale
@@ -141,7 +141,7 @@ class NiDigitizer:
 
 
 @renamed(started_s="start_time_s")
-class NiStream:
+class NiStream(Closeable):
     """A running NI task as a `Stream` (see drivers.interfaces)."""
 
     def __init__(self, task: Any, block_scans: int, clock: Clock, description: str) -> None:
@@ -167,12 +167,8 @@ class NiStream:
         self._next_scan = block.stop
         return block
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Stop the card."""
         task, self._task = self._task, None
         if task is not None:
             # An unplugged card or a dead server cannot be stopped, and need not be.
@@ -197,14 +193,11 @@ def list_devices(server: str | None = None) -> list[tuple[str, Identity]]:
     rpc: Any = None
     try:
         with translate_errors(where):
-            if not server:
-                return [
-                    (c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in System.local().devices
-                ]
-            import grpc
+            if server:
+                import grpc
 
-            rpc = grpc.insecure_channel(server)
-            system = System.remote(nidaqmx.GrpcSessionOptions(rpc, ""))
+                rpc = grpc.insecure_channel(server)
+            system = System.remote(nidaqmx.GrpcSessionOptions(rpc, "")) if server else System.local()
             return [(c.name, Identity("NI", c.product_type, format(c.serial_num, "X"))) for c in system.devices]
     finally:
         if rpc is not None:

@@ -26,7 +26,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
-from protocols.measurements.fields import QualityFlags, SampleRate
+from protocols.measurements.fields import QualityFlags, SampleRate, point_quality
 
 SOURCE = "free decay after a step"
 
@@ -101,9 +101,7 @@ class FreeDecay(Protocol):
         recording, edge = recordings[-1], int(float(key[0]))
         _, moved = self._decay_after_edge(recording, edge)
         decay = fit_decay(moved, recording.rate_hz, (self.low_hz, self.high_hz))
-        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01:
-            quality |= Quality.DRIVE_OFF
+        drive_off = abs(float(np.ptp(recording.drive_v)) - self.step_v) > 0.05 * self.step_v + 0.01
         return DecayPoint(
             edge=float(edge),
             resonance=decay.natural_hz,
@@ -112,7 +110,7 @@ class FreeDecay(Protocol):
             damping_errors=decay.damping_error,
             amplitude=decay.amplitude,
             noise=decay.noise,
-            quality=int(quality),
+            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:

@@ -27,7 +27,7 @@ from protocols.base import (
     ResultCurve,
     Step,
 )
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.signals import fit_frequency, fit_sine
 from protocols.signals.loop import fold, measure_loops
 
@@ -162,9 +162,7 @@ class Hysteresis(Protocol):
         drive, rate, frequency = recording.drive, recording.rate_hz, folded.frequency_hz
         assert isinstance(drive, Sine)
         seen_v = abs(fit_sine(recording.drive_v, rate, frequency).fundamental)
-        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v:
-            quality |= Quality.DRIVE_OFF
+        drive_off = abs(seen_v - drive.amplitude_v) > DRIVE_TOLERANCE * drive.amplitude_v
         loop = measure_loops(folded.drive_v, folded.displacement_m)
         return LoopPoint(
             frequency=frequency,
@@ -183,7 +181,7 @@ class Hysteresis(Protocol):
             asymmetry=loop.asymmetry,
             asymmetry_errors=loop.asymmetry_error,
             cycles=loop.degrees_of_freedom + 1.0,
-            quality=int(quality),
+            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

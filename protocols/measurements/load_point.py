@@ -10,7 +10,7 @@ from annotated_types import Unit
 
 from drivers import REST_TOLERANCE_V, Hold
 from protocols.base import EstimatedQuantity, Prompt, Quality, Recording
-from protocols.measurements.fields import QualityFlags, RepeatNumber
+from protocols.measurements.fields import QualityFlags, RepeatNumber, point_quality
 from protocols.measurements.weights import format_grams
 from protocols.signals.levels import LevelEstimate
 from protocols.signals.step_detection import WeightStepDetector
@@ -34,8 +34,10 @@ def compliance_estimates(points: Sequence[Any]) -> tuple[EstimatedQuantity, ...]
         (one, one_error), (other, other_error) = lines.values()
         error = math.hypot(one_error, other_error)
         mean = (one + other) / 2
-        found.append(EstimatedQuantity("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE))
-        found.append(EstimatedQuantity("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE))
+        found += [
+            EstimatedQuantity("compliance, mean of both sides", mean, error / 2, "m/N", SOURCE),
+            EstimatedQuantity("difference of the sides", (one - other) / mean, error / abs(mean), "1", SOURCE),
+        ]
     for side, group in by_side.items():
         if (bend := nonlinearity(group)) is not None:
             source = f"static loading, against a line, at {max(p.load for p in group):.3g} N"
@@ -148,15 +150,14 @@ def load_point(
     zero_error = math.hypot(before.standard_error, after.standard_error) / 2
     # The time at which the zero moved is unknown: a rectangular distribution from one to the other.
     error = math.hypot(under.standard_error, zero_error, drift / math.sqrt(12))
-    quality = Quality.SIMULATED if simulated else Quality.GOOD
-    for part in parts:
-        quality |= part.quality
-        if isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V:
-            quality |= Quality.DRIVE_OFF
-    if abs(drift) > zero_limit_m:
-        quality |= Quality.UNSETTLED
-    if abs(deflection) <= 5 * error:
-        quality |= Quality.NO_RESPONSE
+    detected = {
+        Quality.DRIVE_OFF: any(
+            isinstance(part.drive, Hold) and abs(float(part.drive_v.mean()) - part.drive.level_v) > REST_TOLERANCE_V
+            for part in parts
+        ),
+        Quality.UNSETTLED: abs(drift) > zero_limit_m,
+        Quality.NO_RESPONSE: abs(deflection) <= 5 * error,
+    }
     load, load_error = load_n
     return LoadPoint(
         side=side,
@@ -171,7 +172,7 @@ def load_point(
         drift=drift,
         creep=under.drift_per_s,
         noise=under.noise,
-        quality=int(quality),
+        quality=point_quality(parts, simulated, detected),
     )
 
 

@@ -28,7 +28,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
-from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate
+from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 from protocols.signals.swept_response import MIN_BINS_PER_LINE
@@ -183,12 +183,11 @@ class MassResonance(Protocol):
         if len(recordings) == 1:
             found = spectrum_peak(recordings[0].displacement_m, recordings[0].rate_hz, (self.low_hz, self.high_hz))
             spectrum = found.frequency_hz, found.standard_error_hz
-        quality = Quality.SIMULATED if simulated else Quality.GOOD
-        for recording in recordings:
-            quality |= recording.quality
-            amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
-            if abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v:
-                quality |= Quality.DRIVE_OFF
+        drive_off = any(
+            abs(0.5 * float(np.ptp(recording.drive_v)) - 0.5 * self.peak_to_peak_v)
+            > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
+            for recording in recordings
+        )
         return MassPoint(
             mass=float(key[0]),
             frequency=float(peak.frequency_hz),
@@ -202,7 +201,7 @@ class MassResonance(Protocol):
             height=float(peak.height),
             coherence=float(response.within(*peak.band_hz).coherence.min()),
             resolution=response.resolution_hz,
-            quality=int(quality),
+            quality=point_quality(recordings, simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -4,6 +4,7 @@ The sag, some millimetres, exceeds the range of a fine laser sensor. It is measu
 depth below the line of the clamps: sag = depth + displacement between the surface and the membrane.
 """
 
+import contextlib
 import math
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from annotated_types import Interval, Unit
 
 from model import Array, Membrane, ParameterError, linear_young_modulus, weight_per_length, young_modulus_from_sag
 from protocols.base import Ask, EstimatedQuantity, PlanEntry, Prompt, Protocol, Quality, Record, Recording, Repeat, Step
-from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate
+from protocols.measurements.fields import LevelDuration, QualityFlags, RepeatNumber, SampleRate, point_quality
 from protocols.signals.levels import combine_errors, estimate_level
 
 SOURCE = "membrane sag, bending with the tension of the deflection itself"
@@ -110,7 +111,6 @@ class MembraneSag(Protocol):
         surface, hanging = (
             estimate_level(part.displacement_m[-round(self.record_s * part.rate_hz) :], part.rate_hz) for part in parts
         )
-        quality = parts[0].quality | parts[1].quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         return SagPoint(
             repeat=float(key[0]),
             sag=self.reference_m + hanging.value - surface.value,
@@ -118,7 +118,7 @@ class MembraneSag(Protocol):
             reference=surface.value,
             hanging=hanging.value,
             noise=hanging.noise,
-            quality=int(quality),
+            quality=point_quality(parts, simulated, {}),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
@@ -129,7 +129,7 @@ class MembraneSag(Protocol):
         if not mean_m > 0:
             return ()
         found = [EstimatedQuantity("sag", mean_m, error_m, "m", "membrane sag")]
-        try:
+        with contextlib.suppress(ParameterError):  # where no modulus explains this sag, the sag itself is reported
             found.append(EstimatedQuantity("Young modulus", *self._young_modulus(mean_m, error_m), "Pa", SOURCE))
             linear = linear_young_modulus(self.membrane, mean_m, self.load_n_per_m)
             found.append(
@@ -137,8 +137,6 @@ class MembraneSag(Protocol):
                     "Young modulus by linear theory", linear, linear * error_m / mean_m, "Pa", LINEAR_SOURCE
                 )
             )
-        except ParameterError:
-            pass  # no modulus explains this sag; the sag itself is reported
         return tuple(found)
 
     def mean_sag(self, sags_m: Array, errors_m: Array) -> tuple[float, float]:

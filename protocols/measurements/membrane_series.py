@@ -5,14 +5,14 @@ and more so the further it is stretched; a response that contradicts this gives 
 """
 
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Interval, Len, Unit
 from pydantic import model_validator
 
-from protocols.base import EstimatedQuantity, PlanEntry, Prompt, Quality, Recording, Step
+from protocols.base import EstimatedQuantity, PlanEntry, Prompt, Quality, Recording
 from protocols.measurements.sine_dwell import SineDwell, SinePoint, sine_point
 
 FREE = "free"
@@ -76,9 +76,6 @@ class MembraneSeries(SineDwell):
             for part, elongation in enumerate(elongations)
             for f in self.frequencies_hz
         )
-
-    def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:
-        yield from super().measure(entry, rest_v)
 
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> MembranePoint:
         dwelt = sine_point(recordings, simulated)

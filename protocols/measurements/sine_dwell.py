@@ -15,8 +15,9 @@ from pydantic import model_validator
 
 from drivers import Sine
 from protocols.base import EstimatedQuantity, Log, PlanEntry, Protocol, Quality, Record, Recording, Settle, Step
-from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags
+from protocols.measurements.fields import DriveVpp, FittedFrequency, QualityFlags, point_quality
 from protocols.signals import SettlingDetector, fit_frequency, fit_sine
+from protocols.signals.sine import SineFit
 
 HARMONIC_COUNT = 8
 """Components fitted; under a sine the amplifier gives 2, 4, 6, ... with 21, 4, 2, ... % of the fundamental."""
@@ -56,16 +57,12 @@ class SinePoint:
 
 @dataclass(frozen=True, slots=True)
 class _RecordingFit:
-    """What one recording gives. `components` are turned so that the drive has phase 0; (K,), m."""
+    """Fits of drive and displacement of one recording. `components` are turned so that the drive has phase 0; (K,), m."""
 
     frequency: float
     components: np.ndarray
-    standard_error: float
-    drive_v: float
-    drive_offset_v: float
-    offset: float
-    drift: float
-    noise: float
+    driven: SineFit
+    moved: SineFit
     peak_to_peak: float
     samples: int
 
@@ -80,17 +77,20 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
     if not isinstance(drive, Sine):
         raise ValueError(f"a sine dwell cannot use a recording under {drive.kind}")
     each = [_fit_recording(recording, drive.frequency_hz) for recording in recordings]
-    quality = Quality.SIMULATED if simulated else Quality.GOOD
-    for recording, one in zip(recordings, each, strict=True):
-        quality |= recording.quality
-        if abs(one.drive_v - drive.amplitude_v) > SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v:
-            quality |= Quality.DRIVE_OFF
     components = np.mean([one.components for one in each], axis=0)
-    fundamental, error = float(abs(components[0])), math.sqrt(sum(one.standard_error**2 for one in each)) / len(each)
-    if fundamental < MIN_RESPONSE_SIGMAS * error:
-        quality |= Quality.NO_RESPONSE
+    fundamental, error = (
+        float(abs(components[0])),
+        math.sqrt(sum(one.moved.standard_error**2 for one in each)) / len(each),
+    )
+    drive_tolerance_v = SettlingDetector.DRIVE_TOLERANCE * drive.amplitude_v
+    detected = {
+        Quality.DRIVE_OFF: any(
+            abs(abs(one.driven.fundamental) - drive.amplitude_v) > drive_tolerance_v for one in each
+        ),
+        Quality.NO_RESPONSE: fundamental < MIN_RESPONSE_SIGMAS * error,
+    }
     frequency = float(np.mean([one.frequency for one in each]))
-    noise = math.sqrt(sum(one.noise**2 for one in each) / len(each))
+    noise = math.sqrt(sum(one.moved.noise**2 for one in each) / len(each))
     turn = np.angle(components[0]) + 2 * np.pi * frequency * recordings[-1].sensor_delay_s
     harmonics = np.full(HARMONIC_COUNT, np.nan)
     harmonics[: len(components)] = np.abs(components)
@@ -110,13 +110,13 @@ def sine_point(recordings: Sequence[Recording], simulated: bool) -> SinePoint:
         phase_errors=min(error / fundamental, math.pi / math.sqrt(3)) if fundamental > 0 else math.pi / math.sqrt(3),
         thd=float(np.linalg.norm(components[1:]) / fundamental) if fundamental > 0 else math.nan,
         harmonics=tuple(harmonics.tolist()),
-        drive_amplitude=float(np.mean([one.drive_v for one in each])),
-        drive_offset=float(np.mean([one.drive_offset_v for one in each])),
-        offset=float(np.mean([one.offset for one in each])),
-        drift=float(np.mean([one.drift for one in each])),
+        drive_amplitude=float(np.mean([abs(one.driven.fundamental) for one in each])),
+        drive_offset=float(np.mean([one.driven.offset for one in each])),
+        offset=float(np.mean([one.moved.offset for one in each])),
+        drift=float(np.mean([one.moved.drift_per_s for one in each])),
         noise=noise,
         cycles=sum(one.samples for one in each) * frequency / rate,
-        quality=int(quality),
+        quality=point_quality(recordings, simulated, detected),
     )
 
 
@@ -129,12 +129,8 @@ def _fit_recording(recording: Recording, frequency_hz: float) -> _RecordingFit:
     return _RecordingFit(
         frequency=frequency,
         components=moved.components * np.exp(-1j * orders * np.angle(driven.fundamental)),
-        standard_error=moved.standard_error,
-        drive_v=abs(driven.fundamental),
-        drive_offset_v=driven.offset,
-        offset=moved.offset,
-        drift=moved.drift_per_s,
-        noise=moved.noise,
+        driven=driven,
+        moved=moved,
         peak_to_peak=float(np.ptp(recording.displacement_m)),
         samples=len(recording.displacement_m),
     )
@@ -263,7 +259,6 @@ class SineDwell(Protocol):
         return sine_point(recordings, simulated)
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
-
         return fit_resonance([p for p in points if Quality(p.quality).usable])
 
     def _plan_entry(self, f: float, rest_v: float) -> PlanEntry:
@@ -300,18 +295,14 @@ def refinement_frequencies(points: Sequence[Any], resolution_hz: float) -> list[
     if len(usable) < 3:
         return []
     top = max(range(len(usable)), key=lambda i: usable[i].fundamental / usable[i].drive_amplitude)
-    found = []
-    for i in (top - 1, top + 1):
-        if (
-            0 <= i < len(usable)
-            and abs(usable[i].frequency - usable[top].frequency) > resolution_hz + FREQUENCY_TOLERANCE_HZ
-        ):
-            middle = round(0.5 * (usable[i].frequency + usable[top].frequency), 1)
-            if all(
-                abs(p.frequency - middle) > FREQUENCY_TOLERANCE_HZ for p in points
-            ):  # one without a response is not asked for again
-                found.append(middle)
-    return found
+    neighbours = [usable[i].frequency for i in (top - 1, top + 1) if 0 <= i < len(usable)]
+    middles = [
+        round(0.5 * (frequency + usable[top].frequency), 1)
+        for frequency in neighbours
+        if abs(frequency - usable[top].frequency) > resolution_hz + FREQUENCY_TOLERANCE_HZ
+    ]
+    # A frequency that was measured without a response is not measured again.
+    return [m for m in middles if all(abs(p.frequency - m) > FREQUENCY_TOLERANCE_HZ for p in points)]
 
 
 def format_percent(fraction: float) -> str:

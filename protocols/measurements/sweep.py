@@ -26,7 +26,7 @@ from protocols.base import (
     Step,
     format_with_uncertainty,
 )
-from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate
+from protocols.measurements.fields import DriveVpp, QualityFlags, SampleRate, point_quality
 from protocols.measurements.response_curve import check_response_present, frequency_response_curve
 from protocols.signals.response import FrequencyResponse
 
@@ -121,9 +121,7 @@ class Sweep(Protocol):
         half = mode.natural_hz * min(mode.damping_ratio, 0.5)
         core = response.within(mode.natural_hz - half, mode.natural_hz + half).coherence
         amplitude_v = 0.5 * float(np.ptp(recording.drive_v))
-        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v:
-            quality |= Quality.DRIVE_OFF
+        drive_off = abs(amplitude_v - 0.5 * self.peak_to_peak_v) > DRIVE_TOLERANCE * 0.5 * self.peak_to_peak_v
         return SweepPoint(
             repeat=float(key[0]),
             resonance=mode.natural_hz,
@@ -135,7 +133,7 @@ class Sweep(Protocol):
             coherence=float(core.min()) if core.size else math.nan,
             lines=float(response.frequency_hz.size),
             drive_amplitude=amplitude_v,
-            quality=int(quality),
+            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def curves(self, key: tuple[float | str, ...], recordings: Sequence[Recording]) -> tuple[ResultCurve, ...]:

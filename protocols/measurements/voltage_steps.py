@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from drivers import Hold
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
-from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate
+from protocols.measurements.fields import QualityFlags, RepeatNumber, SampleRate, point_quality
 from protocols.signals.creep import fit_creep
 from protocols.signals.levels import DetectedRamp, estimate_step, find_ramp
 
@@ -197,9 +197,7 @@ class VoltageSteps(Protocol):
             moved, rate, ramp.end_s, self.read_s, self.window_s, guard_s=ramp.duration_s + ZERO_GUARD_S
         )  # fmt: skip
         creep, creep_errors = self._creep(moved, rate, ramp, seen.before.value)
-        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
-        if abs(ramp.end_level_v - level_v) > LEVEL_TOLERANCE_V:
-            quality |= Quality.DRIVE_OFF
+        drive_off = abs(ramp.end_level_v - level_v) > LEVEL_TOLERANCE_V
         return StepPoint(
             level=level_v,
             repeat=repeat,
@@ -214,26 +212,24 @@ class VoltageSteps(Protocol):
             creep_errors=creep_errors,
             zero=seen.before.value,
             drift=seen.before.drift_per_s,
-            quality=int(quality),
+            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:
         good = [point for point in points if Quality(point.quality).usable]
-        scatter = repeatability(good)
+        above = [p for p in good if p.drive_step > LEVEL_TOLERANCE_V]
+        below = [p for p in good if p.drive_step < -LEVEL_TOLERANCE_V]
         found = [
-            EstimatedQuantity(f"deflection per volt {side}", *gain, "m/V", SOURCE)
-            for side, gain in (
-                ("above rest", deflection_per_volt([p for p in good if p.drive_step > LEVEL_TOLERANCE_V])),
-                ("below rest", deflection_per_volt([p for p in good if p.drive_step < -LEVEL_TOLERANCE_V])),
+            EstimatedQuantity(name, *value, unit, SOURCE)
+            for name, value, unit in (
+                ("deflection per volt above rest", deflection_per_volt(above), "m/V"),
+                ("deflection per volt below rest", deflection_per_volt(below), "m/V"),
+                ("creep per decade", relative_creep(good), "1"),
+                ("repeatability", repeatability(good), "m"),
+                ("loop width", loop_width(good), "m"),
             )
-            if gain is not None
+            if value is not None
         ]
-        if (creep := relative_creep(good)) is not None:
-            found.append(EstimatedQuantity("creep per decade", *creep, "1", SOURCE))
-        if scatter is not None:
-            found.append(EstimatedQuantity("repeatability", *scatter, "m", SOURCE))
-        if (loop := loop_width(good)) is not None:
-            found.append(EstimatedQuantity("loop width", *loop, "m", SOURCE))
         if len(good) > 1:
             error = math.hypot(good[0].deflection_errors, good[-1].deflection_errors) / math.sqrt(2)
             found.append(EstimatedQuantity("zero drift", good[-1].zero - good[0].zero, error, "m", SOURCE))

@@ -15,7 +15,7 @@ from pydantic import model_validator
 
 from drivers import Drive, Hold, Sine
 from protocols.base import EstimatedQuantity, PlanEntry, Play, Protocol, Quality, Record, Recording, Step
-from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate
+from protocols.measurements.fields import FittedFrequency, QualityFlags, SampleRate, point_quality
 from protocols.signals import fit_frequency, fit_sine
 
 SOURCE = "wiring check"
@@ -124,7 +124,6 @@ class WiringCheck(Protocol):
     def point(self, key: tuple[float | str, ...], recordings: Sequence[Recording], simulated: bool) -> WiringPoint:
         recording = recordings[-1]
         drive, rate, n = recording.drive, recording.rate_hz, len(recording.drive_v)
-        quality = recording.quality | (Quality.SIMULATED if simulated else Quality.GOOD)
         seen_v, moved = float(recording.drive_v.mean()), float(recording.displacement_m.mean())
         drive_noise, noise = float(recording.drive_v.std()), float(recording.displacement_m.std())
         amplitude_v = amplitude = 0.0
@@ -144,8 +143,7 @@ class WiringCheck(Protocol):
                 turn -= 2 * math.pi * frequency * recording.sensor_delay_s
                 latency = math.remainder(turn, math.pi) / (2 * math.pi * frequency)
                 latency_errors = answer.standard_error / max(amplitude, 1e-12) / (2 * math.pi * frequency)
-        if abs(seen_v - commanded_v) > self.drive_limit_v:
-            quality |= Quality.DRIVE_OFF
+        drive_off = abs(seen_v - commanded_v) > self.drive_limit_v
         return WiringPoint(
             commanded=commanded_v,
             commanded_amplitude=commanded_amplitude_v,
@@ -160,7 +158,7 @@ class WiringCheck(Protocol):
             latency=latency,
             latency_errors=latency_errors,
             noise=noise,
-            quality=int(quality),
+            quality=point_quality((recording,), simulated, {Quality.DRIVE_OFF: drive_off}),
         )
 
     def estimates(self, points: Iterable[Any]) -> tuple[EstimatedQuantity, ...]:

@@ -20,6 +20,7 @@ from protocols.base import (
     BlockDiscarded,
     ChannelCalibration,
     DetectionResult,
+    Detector,
     DriveStarted,
     Log,
     LogMessage,
@@ -175,8 +176,9 @@ class StepExecutor:
                         recordings.append(answer)
                     case Ask(prompt):
                         answer = self.ask_operator(prompt)
-                    case WaitForDetection():
-                        answer = self._wait_for_detection(armed, step)
+                    case WaitForDetection(prompt, detector):
+                        text = self._wait_for_answer(prompt, detector)
+                        answer = DetectionResult(text is None, text)
                     case ReadMeter(meter):
                         answer = self._read_meter(meter)
                     case Log(text):
@@ -185,18 +187,27 @@ class StepExecutor:
 
     def ask_operator(self, prompt: Prompt) -> str:
         """Show a prompt, wait for the answer without a time limit, and return it."""
-        ask_id = self._show_prompt(prompt)
-        while (words := self._operator.answer(ask_id)) is None:
+        return self._wait_for_answer(prompt) or ""
+
+    def _wait_for_answer(self, prompt: Prompt, detector: Detector | None = None) -> str | None:
+        """Show a prompt and wait for the answer; return None once `detector` has detected the action."""
+        ask_id = next(_PROMPT_IDS)
+        self._recorder.publish(PromptShown(ask_id, prompt))
+        self._operator.show(ask_id, prompt)
+        while (answer := self._operator.answer(ask_id)) is None:
             self._check_interrupts()
             # The card's buffer must be read while the operator takes their time; these samples are not stored.
-            if self._armed is not None:
-                self.discard_block(self._armed)
-            else:
+            if self._armed is None:
                 self._bench.clock.sleep(0.05)
-        self._recorder.publish(PromptAnswered(ask_id, words))
+                continue
+            block = self.discard_block(self._armed)
+            if detector is not None and detector.feed(*_to_si(self._channels, block.raw)):
+                self._recorder.publish(PromptAnswered(ask_id, "seen by the laser"))
+                return None
+        self._recorder.publish(PromptAnswered(ask_id, answer))
         if self._armed is not None:
             self._drain_stale_blocks(self._armed)
-        return words
+        return answer
 
     def _drain_stale_blocks(self, armed: ArmedBench) -> None:
         """Discard the blocks sampled before this moment, which may still be in transfer."""
@@ -220,24 +231,6 @@ class StepExecutor:
                 while self._scan_index(armed, -self._bench.block_s) >= self._scans_read:
                     self.discard_block(armed)
             return done.result()
-
-    def _show_prompt(self, prompt: Prompt) -> int:
-        ask_id = next(_PROMPT_IDS)
-        self._recorder.publish(PromptShown(ask_id, prompt))
-        self._operator.show(ask_id, prompt)
-        return ask_id
-
-    def _wait_for_detection(self, armed: ArmedBench, step: WaitForDetection) -> DetectionResult:
-        ask_id = self._show_prompt(step.prompt)
-        while (words := self._operator.answer(ask_id)) is None:
-            self._check_interrupts()
-            block = self.discard_block(armed)
-            if step.detector.feed(*_to_si(self._channels, block.raw)):
-                self._recorder.publish(PromptAnswered(ask_id, "seen by the laser"))
-                return DetectionResult(True, None)
-        self._recorder.publish(PromptAnswered(ask_id, words))
-        self._drain_stale_blocks(armed)
-        return DetectionResult(False, words)
 
     def _settle(self, armed: ArmedBench, step: Settle) -> SettlingResult:
         if not isinstance(step.drive, Sine):

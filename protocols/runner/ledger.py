@@ -12,57 +12,42 @@ class PlanProgress:
 
     Args:
         rest_v: rest level at the amplifier's input, on which plans depend.
+
+    Attributes:
+        plan: the entries so far.
+        measured: row in the file and point, by entry.
     """
 
     def __init__(self, protocol: Protocol, run_file: RunFileWriter, rest_v: float) -> None:
         self._protocol, self._run_file, self._rest_v = protocol, run_file, rest_v
-        self._plan: list[PlanEntry] = []
+        self.plan: list[PlanEntry] = []
         self._queue: list[int] = []
-        self._measured: dict[int, tuple[int, Any]] = {}
-        """Row in the file and point, by entry."""
+        self.measured: dict[int, tuple[int, Any]] = {}
         self._curves: dict[int, list[ResultCurve]] = {}
         self._failed_labels: list[str] = []
         """Labels of entries without a point."""
         self._reported_warnings: set[str] = set()
 
     @property
-    def planned_count(self) -> int:
-        """Number of entries of the plan so far."""
-        return len(self._plan)
-
-    @property
-    def measured_count(self) -> int:
-        """Number of entries with a point."""
-        return len(self._measured)
-
-    @property
     def points(self) -> list[Any]:
         """The valid points, in the order of the plan."""
-        return [self._measured[i][1] for i in sorted(self._measured)]
+        return [self.measured[i][1] for i in sorted(self.measured)]
 
     @property
     def curves(self) -> list[ResultCurve]:
         """The curves of the entries, in the order of the plan."""
         return [curve for i in sorted(self._curves) for curve in self._curves[i]]
 
-    def entry(self, index: int) -> PlanEntry:
-        """Return an entry of the plan."""
-        return self._plan[index]
-
-    def point(self, index: int) -> Any:
-        """Return the point of a measured entry."""
-        return self._measured[index][1]
-
     # -- plan and queue ------------------------------------------------------------------------------------------------
 
     def build_plan(self) -> None:
         """Build the plan as known in advance."""
-        self._plan = list(self._protocol.plan(self._rest_v))
+        self.plan = list(self._protocol.plan(self._rest_v))
 
     def queue_remaining(self, repeat_entries: Collection[int]) -> None:
         """Queue all entries without a point, and `repeat_entries`."""
         self._extend_plan()
-        self._queue = [i for i in range(len(self._plan)) if i not in self._measured or i in repeat_entries]
+        self._queue = [i for i in range(len(self.plan)) if i not in self.measured or i in repeat_entries]
 
     def next_entry(self) -> int | None:
         """Return the next entry to measure; None if nothing is left."""
@@ -73,14 +58,14 @@ class PlanProgress:
         if repeat is Repeat.PREVIOUS and index > 0:
             self._queue[:0] = [index - 1, index]
         if not self._queue:
-            known = len(self._plan)
+            known = len(self.plan)
             self._extend_plan()
-            self._queue = list(range(known, len(self._plan)))
+            self._queue = list(range(known, len(self.plan)))
 
     def _extend_plan(self) -> None:
         """Append the protocol's refinements once all entries so far are measured."""
-        points = {entry: point for entry, (_, point) in self._measured.items()}
-        self._plan = list(extend_plan(self._protocol, self._plan, points, self._rest_v))
+        points = {entry: point for entry, (_, point) in self.measured.items()}
+        self.plan = list(extend_plan(self._protocol, self.plan, points, self._rest_v))
 
     # -- points and curves ---------------------------------------------------------------------------------------------
 
@@ -91,10 +76,10 @@ class PlanProgress:
             StorageError: the file cannot be written.
         """
         row = self._run_file.append_point(point, index)
-        replaces, _ = self._measured.get(index, (None, None))
+        replaces, _ = self.measured.get(index, (None, None))
         if replaces is not None:
             self._run_file.flag_superseded(replaces)
-        self._measured[index] = (row, point)
+        self.measured[index] = (row, point)
         self._curves[index] = []  # drops the curves of a superseded point
         return PointMeasured(row, point, index, replaces)
 
@@ -104,7 +89,7 @@ class PlanProgress:
 
     def mark_failed(self, index: int) -> None:
         """Note that an entry has no point."""
-        self._failed_labels.append(self._plan[index].label)
+        self._failed_labels.append(self.plan[index].label)
 
     # -- messages ------------------------------------------------------------------------------------------------------
 
@@ -120,12 +105,12 @@ class PlanProgress:
 
     def progress_event(self) -> ProgressUpdated:
         """Return the progress as an event to publish."""
-        left = [self._plan[i] for i in self._queue]
+        left = [self.plan[i] for i in self._queue]
         left_s = sum(entry.expected_s for entry in left)
-        return ProgressUpdated(len(self._plan) - len(left), len(self._plan), left_s, left[0].label if left else "done")
+        return ProgressUpdated(len(self.plan) - len(left), len(self.plan), left_s, left[0].label if left else "done")
 
     def outcome_message(self) -> str:
         """Return the outcome of a completed run as a message."""
         if not self._failed_labels:
             return "all points measured"
-        return f"{len(self._measured)} of {len(self._plan)} points; none from {', '.join(self._failed_labels)}"
+        return f"{len(self.measured)} of {len(self.plan)} points; none from {', '.join(self._failed_labels)}"

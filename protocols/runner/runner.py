@@ -133,7 +133,7 @@ class Runner:
                     self._recorder.notify(ShutdownStarted())
             status, reason = RunStatus.COMPLETED, self._plan_progress.outcome_message()
         except RunCancelled:
-            done = f"{self._plan_progress.measured_count} of {self._plan_progress.planned_count} points"
+            done = f"{len(self._plan_progress.measured)} of {len(self._plan_progress.plan)} points"
             status, reason = RunStatus.STOPPED, f"stopped by the operator after {done}"
         except UnsafeError as error:
             status, reason = RunStatus.UNSAFE, str(error)
@@ -142,7 +142,7 @@ class Runner:
         except (BenchError, StorageError) as error:
             status, reason = RunStatus.FAILED, str(error)
         except KeyboardInterrupt:
-            status, reason = RunStatus.STOPPED, f"interrupted after {self._plan_progress.measured_count} points"
+            status, reason = RunStatus.STOPPED, f"interrupted after {len(self._plan_progress.measured)} points"
         except Exception as error:
             log.exception("the run failed by an error of this program")
             status, reason = RunStatus.FAILED, f"an error of this program: {type(error).__name__}: {error}"
@@ -178,7 +178,7 @@ class Runner:
 
     def _measure_entry(self, armed: ArmedBench, index: int) -> Repeat | None:
         """Measure one entry, again after a pause or if the protocol requests it."""
-        entry = self._plan_progress.entry(index)
+        entry = self._plan_progress.plan[index]
         while True:
             try:
                 self._operator_actions.set_up(armed, entry.setup)
@@ -239,10 +239,10 @@ class Runner:
         last = self._resume_state.drift_check_entry
         if last is None or last in self._resume_state.repeat_entries:
             return
-        before = self._plan_progress.point(last)
+        _, before = self._plan_progress.measured[last]
         self._measure_entry(armed, last)
         words, question = assess_drift(
-            self._protocol, self._plan_progress.entry(last).label, before, self._plan_progress.point(last)
+            self._protocol, self._plan_progress.plan[last].label, before, self._plan_progress.measured[last][1]
         )
         self._recorder.publish(LogMessage(words))
         if question is not None and self._executor.ask_operator(question) != question.choices[0]:

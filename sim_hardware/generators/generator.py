@@ -17,7 +17,6 @@ from sim_hardware.plant.segments import (
     ArbitraryWaveform,
     ChirpSegment,
     ConstantSegment,
-    OpenOutputSegment,
     PeriodicSegment,
     RelayGlitchSegment,
     Segment,
@@ -77,7 +76,7 @@ class SimulatedGenerator:
         self._random = random.Random(seed)
         self._clock = self._next_clock = 1 + clock_ppm * 1e-6
         self._relay_s = relay_s
-        self._open = OpenOutputSegment(open_circuit_v)
+        self._open = ConstantSegment(open_circuit_v)
         self._powered = True
         self._glitch_until = -math.inf
         self._burst: PeriodicSegment | None = None

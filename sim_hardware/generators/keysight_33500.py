@@ -7,6 +7,7 @@ be used once; clearing the memory selects another waveform; the byte order of a 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -59,8 +60,8 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
             self._numeric_command(
                 SOURCE_PATTERN + "BURSt:INTernal:PERiod", "period_s", "S", 1e-6, 8e3, settings.period_s
             ),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:SINusoid", self._apply("SIN")),
-            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", self._apply("DC")),
+            ScpiCommand(SOURCE_PATTERN + "APPLy:SINusoid", partial(self._apply, function="SIN")),
+            ScpiCommand(SOURCE_PATTERN + "APPLy:DC", partial(self._apply, function="DC")),
             self._keyword_command("UNIT:ANGLe", "DEGree", "RADian"),
             ScpiCommand("FORMat:BORDer", self._set_byte_order, lambda _: "NORM" if self._big_endian else "SWAP"),
         ]
@@ -74,23 +75,19 @@ class SimulatedKeysightGenerator(SimulatedScpiGenerator):
             self._generator.apply_settings(cycles=1.0)
         super()._select_trigger(source)
 
-    def _apply(self, function: str) -> Callable[[Arguments], None]:
-        """Make APPLy: sets frequency, amplitude and offset, ends modes, sets automatic range, turns the output on."""
-
-        def setter(a: Arguments) -> None:
-            requested = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
-            self._levels.unfreeze_range()
-            self._generator.apply_settings(burst=False, sweep=False, trigger="IMM", function=function)
-            if 0 in requested:
-                hertz = parse_number(requested[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
-                self._generator.apply_settings(frequency_hz=self._levels.clip(hertz, 1e-6, self.MAX_FREQUENCY_HZ))
-            if 1 in requested and function == "SIN":
-                self._levels.set_vpp(requested[1])
-            if 2 in requested:
-                self._levels.set_offset(requested[2])
-            self._generator.apply_settings(on=True)
-
-        return setter
+    def _apply(self, a: Arguments, function: str) -> None:
+        """Set frequency, amplitude and offset, end modes, set automatic range, turn the output on (APPLy)."""
+        requested = {i: x for i, x in enumerate(a) if x.strip().upper() not in ("DEF", "DEFAULT")}
+        self._levels.unfreeze_range()
+        self._generator.apply_settings(burst=False, sweep=False, trigger="IMM", function=function)
+        if 0 in requested:
+            hertz = parse_number(requested[0], "HZ", 1e-6, self.MAX_FREQUENCY_HZ)
+            self._generator.apply_settings(frequency_hz=self._levels.clip(hertz, 1e-6, self.MAX_FREQUENCY_HZ))
+        if 1 in requested and function == "SIN":
+            self._levels.set_vpp(requested[1])
+        if 2 in requested:
+            self._levels.set_offset(requested[2])
+        self._generator.apply_settings(on=True)
 
 
 class SimulatedKeysight33500(SimulatedKeysightGenerator):

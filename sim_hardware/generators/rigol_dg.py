@@ -7,6 +7,7 @@ as ON and OFF; the idle level of a burst is a setting of its own.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -66,12 +67,12 @@ class SimulatedRigolDg(SimulatedScpiGenerator):
         limits = [
             ScpiCommand(
                 "OUTPut[1]:VOLLimit:LOW",
-                levels.limit_setter(high=False),
+                partial(levels.set_limit, high=False),
                 lambda _: self.format_number(levels.limits_v[0]),
             ),
             ScpiCommand(
                 "OUTPut[1]:VOLLimit:HIGH",
-                levels.limit_setter(high=True),
+                partial(levels.set_limit, high=True),
                 lambda _: self.format_number(levels.limits_v[1]),
             ),
             ScpiCommand(

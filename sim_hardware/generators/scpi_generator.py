@@ -5,6 +5,7 @@ A family lists its headers and adds its own commands; `SimulatedGenerator` appli
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -107,23 +108,27 @@ class SimulatedScpiGenerator:
     def _numeric_command(
         self, pattern: str, name: str, unit: str, low: float, high: float, default: float
     ) -> ScpiCommand:
-        def setter(a: Arguments) -> None:
-            self._generator.apply_settings(
+        return ScpiCommand(
+            pattern,
+            lambda a: self._generator.apply_settings(
                 **{name: self._levels.clip(parse_number(single_argument(a), unit, low, high, default), low, high)}
-            )
-
-        return ScpiCommand(pattern, setter, lambda _: self.format_number(getattr(self._generator.settings, name)))
+            ),
+            lambda _: self.format_number(getattr(self._generator.settings, name)),
+        )
 
     def _mode_command(self, pattern: str, mode: str, other: str) -> ScpiCommand:
         return ScpiCommand(
-            pattern, self._set_mode(mode, other), lambda _: self.format_switch(getattr(self._generator.settings, mode))
+            pattern,
+            partial(self._set_mode, mode=mode, other=other),
+            lambda _: self.format_switch(getattr(self._generator.settings, mode)),
         )
 
     def _switch_command(self, pattern: str, name: str) -> ScpiCommand:
-        def setter(a: Arguments) -> None:
-            self._generator.apply_settings(**{name: parse_boolean(single_argument(a))})
-
-        return ScpiCommand(pattern, setter, lambda _: self.format_switch(getattr(self._generator.settings, name)))
+        return ScpiCommand(
+            pattern,
+            lambda a: self._generator.apply_settings(**{name: parse_boolean(single_argument(a))}),
+            lambda _: self.format_switch(getattr(self._generator.settings, name)),
+        )
 
     def _keyword_command(self, pattern: str, *names: str) -> ScpiCommand:
         """Make a setting that is stored and does not affect an idle output; the first name is the factory value."""
@@ -168,18 +173,15 @@ class SimulatedScpiGenerator:
             self.queue_error(ScpiError(-221, "offset changed on exit from dc function"))
         self._generator.apply_settings(function=function, emf_offset_v=min(max(s.emf_offset_v, -room), room))
 
-    def _set_mode(self, mode: str, other: str) -> Callable[[Arguments], None]:
-        def setter(a: Arguments) -> None:
-            on, s = parse_boolean(single_argument(a)), self._generator.settings
-            if on and s.function == "DC":
-                raise ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
-            changed: dict[str, Any] = {mode: on}
-            if on and getattr(s, other):
-                self.queue_error(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
-                changed[other] = False
-            self._generator.apply_settings(**changed)
-
-        return setter
+    def _set_mode(self, a: Arguments, mode: str, other: str) -> None:
+        on, s = parse_boolean(single_argument(a)), self._generator.settings
+        if on and s.function == "DC":
+            raise ScpiError(-221, f"not able to {mode} dc, {mode} turned off")
+        changed: dict[str, Any] = {mode: on}
+        if on and getattr(s, other):
+            self.queue_error(ScpiError(-221, f"{other} turned off by selection of other mode or modulation"))
+            changed[other] = False
+        self._generator.apply_settings(**changed)
 
     def _set_cycles(self, a: Arguments) -> None:
         cycles = parse_number(single_argument(a), "", 1.0, self.MAX_BURST_CYCLES, 1.0)

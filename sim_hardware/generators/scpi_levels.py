@@ -6,6 +6,7 @@ open output, so a change of the declared load changes the display and not the vo
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from sim_hardware.generators.generator import RANGES_VPP, SimulatedGenerator
 from sim_hardware.wires.scpi_engine import (
@@ -123,20 +124,17 @@ class OutputLevels:
             return 10 * math.log10((max(vpp, 1e-12) / VPP_PER_VRMS) ** 2 / self.load_ohm * 1e3)
         return vpp / (VPP_PER_VRMS if unit == "VRMS" else 1.0)
 
-    def _level_setter(self, high: bool) -> Callable[[Arguments], None]:
-        def setter(a: Arguments) -> None:
-            s = self._generator.settings
-            most = MAX_EMF_V * self.display_ratio
-            value = parse_number(single_argument(a), "V", -most, most) / self.display_ratio
-            low_v = s.emf_offset_v - s.emf_vpp / 2 if high else value
-            high_v = value if high else s.emf_offset_v + s.emf_vpp / 2
-            if high_v - low_v < MIN_EMF_VPP:
-                raise ScpiError(-221, "high level must be above low level")
-            if max(abs(low_v), abs(high_v)) > MAX_EMF_V * (1 + 1e-9):
-                raise ScpiError(-222)
-            self._apply_levels(high_v - low_v, (high_v + low_v) / 2)
-
-        return setter
+    def _set_level(self, a: Arguments, high: bool) -> None:
+        s = self._generator.settings
+        most = MAX_EMF_V * self.display_ratio
+        value = parse_number(single_argument(a), "V", -most, most) / self.display_ratio
+        low_v = s.emf_offset_v - s.emf_vpp / 2 if high else value
+        high_v = value if high else s.emf_offset_v + s.emf_vpp / 2
+        if high_v - low_v < MIN_EMF_VPP:
+            raise ScpiError(-221, "high level must be above low level")
+        if max(abs(low_v), abs(high_v)) > MAX_EMF_V * (1 + 1e-9):
+            raise ScpiError(-222)
+        self._apply_levels(high_v - low_v, (high_v + low_v) / 2)
 
     def _set_unit(self, a: Arguments) -> None:
         unit = match_keyword(single_argument(a), "VPP", "VRMS", "DBM")
@@ -164,19 +162,16 @@ class OutputLevels:
                 self._frozen_range_vpp = next(r for r in RANGES_VPP if r >= vpp)
             self._generator.apply_settings(auto_range=False)
 
-    def limit_setter(self, high: bool) -> Callable[[Arguments], None]:
-        def setter(a: Arguments) -> None:
-            most = MAX_EMF_V * self.display_ratio
-            value = self.clip(parse_number(single_argument(a), "V", -most, most), -most, most)
-            before = self._low_limit_v, self._high_limit_v
-            self._low_limit_v, self._high_limit_v = (before[0], value) if high else (value, before[1])
-            try:
-                self._check_present_levels()
-            except ScpiError:
-                self._low_limit_v, self._high_limit_v = before
-                raise
-
-        return setter
+    def set_limit(self, a: Arguments, high: bool) -> None:
+        most = MAX_EMF_V * self.display_ratio
+        value = self.clip(parse_number(single_argument(a), "V", -most, most), -most, most)
+        before = self._low_limit_v, self._high_limit_v
+        self._low_limit_v, self._high_limit_v = (before[0], value) if high else (value, before[1])
+        try:
+            self._check_present_levels()
+        except ScpiError:
+            self._low_limit_v, self._high_limit_v = before
+            raise
 
     def set_limits_on(self, a: Arguments) -> None:
         self.limits_on = parse_boolean(single_argument(a))
@@ -194,12 +189,9 @@ class OutputLevels:
         """The commands, their patterns beginning with `source`."""
         level, voltage = source + "VOLTage[:LEVel][:IMMediate]", source + "VOLTage"
 
-        def volts(swings: float) -> Callable[[Arguments], str]:
-            def show(_: Arguments) -> str:
-                s = self._generator.settings
-                return self._format_number((s.emf_offset_v + swings * s.emf_vpp / 2) * self.display_ratio)
-
-            return show
+        def volts(_: Arguments, swings: float) -> str:
+            s = self._generator.settings
+            return self._format_number((s.emf_offset_v + swings * s.emf_vpp / 2) * self.display_ratio)
 
         def amplitude(_: Arguments) -> str:
             return self._format_number(
@@ -208,18 +200,22 @@ class OutputLevels:
 
         return [
             ScpiCommand(level + "[:AMPLitude]", lambda a: self.set_vpp(single_argument(a)), amplitude),
-            ScpiCommand(level + ":OFFSet", lambda a: self.set_offset(single_argument(a)), volts(0)),
-            ScpiCommand(level + ":HIGH", self._level_setter(high=True), volts(+1)),
-            ScpiCommand(level + ":LOW", self._level_setter(high=False), volts(-1)),
+            ScpiCommand(level + ":OFFSet", lambda a: self.set_offset(single_argument(a)), partial(volts, swings=0)),
+            ScpiCommand(level + ":HIGH", partial(self._set_level, high=True), partial(volts, swings=+1)),
+            ScpiCommand(level + ":LOW", partial(self._set_level, high=False), partial(volts, swings=-1)),
             ScpiCommand(voltage + ":UNIT", self._set_unit, lambda _: self._unit),
             ScpiCommand(
                 voltage + ":RANGe:AUTO", self.set_auto_range, lambda _: str(int(self._generator.settings.auto_range))
             ),
             ScpiCommand(
-                voltage + ":LIMit:HIGH", self.limit_setter(high=True), lambda _: self._format_number(self._high_limit_v)
+                voltage + ":LIMit:HIGH",
+                partial(self.set_limit, high=True),
+                lambda _: self._format_number(self._high_limit_v),
             ),
             ScpiCommand(
-                voltage + ":LIMit:LOW", self.limit_setter(high=False), lambda _: self._format_number(self._low_limit_v)
+                voltage + ":LIMit:LOW",
+                partial(self.set_limit, high=False),
+                lambda _: self._format_number(self._low_limit_v),
             ),
             ScpiCommand(voltage + ":LIMit:STATe", self.set_limits_on, lambda _: str(int(self.limits_on))),
             ScpiCommand("OUTPut[1]:LOAD", self.set_load, lambda _: self._format_number(self.load_ohm)),

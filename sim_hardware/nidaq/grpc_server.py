@@ -15,22 +15,27 @@ import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2
 
 from drivers import Closeable
+from sim_hardware.nidaq.card import Counts
 from sim_hardware.nidaq.errors import ERROR_MESSAGES, NiError
 from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_task import NiOutputTask
 from sim_hardware.nidaq.properties import (
+    SYSTEM_PROPERTIES,
     NiTaskTable,
     device_property,
     physical_channel_property,
-    system_property,
+    read_property,
     task_property,
 )
-from sim_hardware.nidaq.task import NiTask, SimulatedNiDevice
+from sim_hardware.nidaq.task import SimulatedNiDevice
 from sim_hardware.wires.port import HOST
 
 _BY_CHANNEL = 0
 _SERVICE = nidaqmx_pb2.DESCRIPTOR.services_by_name["NiDAQmx"]
 _UNLIMITED = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length", -1), ("grpc.so_reuseport", 0)]
+
+Call = Callable[[Any], Mapping[str, Any] | None]
+"""Handles a request; returns the fields of the reply, None if it has none."""
 
 
 class NiGrpcServer(Closeable):
@@ -87,7 +92,7 @@ class NiGrpcServer(Closeable):
         self._pool.shutdown()
         self._server = None
 
-    def _handler(self, name: str, call: Callable[[Any], Mapping[str, Any]]) -> Any:
+    def _handler(self, name: str, call: Call) -> Any:
         method = _SERVICE.methods_by_name[name]
         ask = getattr(nidaqmx_pb2, method.input_type.name)
         answer = getattr(nidaqmx_pb2, method.output_type.name)
@@ -95,7 +100,7 @@ class NiGrpcServer(Closeable):
         def serve(request: Any, context: Any) -> Any:
             self.calls[name] = self.calls.get(name, 0) + 1
             try:
-                return answer(**call(request))
+                return answer(**(call(request) or {}))
             except NiError as error:
                 read = () if error.samples_read is None else (("ni-samps-per-chan-read", str(error.samples_read)),)
                 context.set_trailing_metadata((("ni-error", str(error.code)), *read))
@@ -103,37 +108,35 @@ class NiGrpcServer(Closeable):
 
         return grpc.unary_unary_rpc_method_handler(serve, ask.FromString, answer.SerializeToString)
 
-    def _calls(self) -> dict[str, Callable[[Any], Mapping[str, Any]]]:
+    def _calls(self) -> dict[str, Call]:
         """The calls that are served."""
-        table: dict[str, Callable[[Any], Mapping[str, Any]]] = {
+        table: dict[str, Call] = {
             "CreateTask": self._create,
-            "ClearTask": _without_result(lambda q: self._tasks.clear(q.task.name)),
-            "StartTask": _without_result(lambda q: self._task(q).start()),
-            "StopTask": _without_result(lambda q: self._task(q).stop()),
+            "ClearTask": lambda q: self._tasks.clear(q.task.name),
+            "StartTask": lambda q: self._task(q).start(),
+            "StopTask": lambda q: self._task(q).stop(),
             "TaskControl": self._control,
             "IsTaskDone": lambda q: {"is_task_done": self._task(q).is_done()},
             "WaitUntilTaskDone": self._wait_done,
-            "CreateAIVoltageChan": _without_result(
-                lambda q: self._input(q).add_voltage_channels(
-                    q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
-                )
+            "CreateAIVoltageChan": lambda q: self._input(q).add_voltage_channels(
+                q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
             ),
-            "CreateAOVoltageChan": _without_result(
-                lambda q: self._tasks.add_output(
-                    q.task.name, q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
-                )
+            "CreateAOVoltageChan": lambda q: self._tasks.add_output(
+                q.task.name, q.physical_channel, q.name_to_assign_to_channel, q.min_val, q.max_val
             ),
-            "CfgDigEdgeStartTrig": _without_result(lambda q: self._output(q).configure_trigger(q.trigger_source)),
-            "WriteAnalogF64": self._write_f64,
-            "WriteAnalogScalarF64": _without_result(lambda q: self._output(q).write(np.array([q.value]), q.auto_start)),
-            "ResetDevice": _without_result(lambda _: self.device.reset()),
-            "SetWriteAttributeInt32": self._set_write,
-            "CfgSampClkTiming": _without_result(
-                lambda q: self._task(q).configure_clock(q.rate, q.sample_mode_raw or q.sample_mode, q.samps_per_chan)
+            "CfgDigEdgeStartTrig": lambda q: self._output(q).configure_trigger(q.trigger_source),
+            "WriteAnalogF64": lambda q: {
+                "samps_per_chan_written": self._output(q).write(np.array(q.write_array, np.float64), q.auto_start)
+            },
+            "WriteAnalogScalarF64": self._write_scalar,
+            "ResetDevice": lambda _: self.device.reset(),
+            "SetWriteAttributeInt32": lambda q: self._output(q).set_property(q.attribute_raw, q.value_raw or q.value),
+            "CfgSampClkTiming": lambda q: self._task(q).configure_clock(
+                q.rate, q.sample_mode_raw or q.sample_mode, q.samps_per_chan
             ),
-            "CfgInputBuffer": _without_result(lambda q: self._task(q).set_buffer(q.num_samps_per_chan)),
-            "ReadBinaryI16": self._read_i16,
-            "ReadAnalogF64": self._read_f64,
+            "CfgInputBuffer": lambda q: self._task(q).set_buffer(q.num_samps_per_chan),
+            "ReadBinaryI16": lambda q: self._read(q, np.asarray),
+            "ReadAnalogF64": lambda q: self._read(q, self.device.card.scale.to_volts),
             "ReadAnalogScalarF64": self._read_scalar,
             "GetErrorString": lambda q: {"error_string": ERROR_MESSAGES.get(q.error_code, "")},
             "SetBufferAttributeUInt32": self._set_buffer,
@@ -146,7 +149,7 @@ class NiGrpcServer(Closeable):
                 table[name] = lambda q, value=value: {value: self._attribute(q)}  # type: ignore[misc]
         return table
 
-    def _task(self, request: Any) -> NiTask:
+    def _task(self, request: Any) -> NiInputTask | NiOutputTask:
         return self._tasks[request.task.name]
 
     def _input(self, request: Any) -> NiInputTask:
@@ -160,7 +163,7 @@ class NiGrpcServer(Closeable):
         self._tasks.create(name, name)
         return {"task": {"name": name}, "new_session_initialized": True}
 
-    def _control(self, request: Any) -> Mapping[str, Any]:
+    def _control(self, request: Any) -> None:
         task, action = self._task(request), request.action_raw or request.action
         match action:
             case 0:  # start
@@ -169,44 +172,28 @@ class NiGrpcServer(Closeable):
                 task.stop()
             case 2 | 3 | 4 if task.rate_hz is not None:  # verify, commit, reserve
                 task.actual_rate()
-            case _:
-                pass
-        return {}
 
-    def _wait_done(self, request: Any) -> Mapping[str, Any]:
+    def _wait_done(self, request: Any) -> None:
         task = self._task(request)
         if not task.wait_until_done(request.time_to_wait):
             raise NiError(-200560, f"Task Name: {task.name}")
-        return {}
 
-    def _read_i16(self, request: Any) -> Mapping[str, Any]:
+    def _read(self, request: Any, convert: Callable[[Counts], np.ndarray]) -> Mapping[str, Any]:
         raw, status = self._input(request).read(request.num_samps_per_chan, request.timeout)
-        flat = raw if request.fill_mode_raw == _BY_CHANNEL else raw.T
-        return {"status": status, "read_array": flat.ravel().tolist(), "samps_per_chan_read": raw.shape[1]}
-
-    def _read_f64(self, request: Any) -> Mapping[str, Any]:
-        raw, status = self._input(request).read(request.num_samps_per_chan, request.timeout)
-        volts = self.device.card.scale.to_volts(raw)
-        flat = volts if request.fill_mode_raw == _BY_CHANNEL else volts.T
-        return {"status": status, "read_array": flat.ravel(), "samps_per_chan_read": raw.shape[1]}
+        values = convert(raw) if request.fill_mode_raw == _BY_CHANNEL else convert(raw).T
+        return {"status": status, "read_array": values.ravel().tolist(), "samps_per_chan_read": raw.shape[1]}
 
     def _read_scalar(self, request: Any) -> Mapping[str, Any]:
         raw, status = self._input(request).read(1, request.timeout)
         return {"status": status, "value": float(self.device.card.scale.to_volts(raw)[0, 0]) if raw.size else 0.0}
 
-    def _set_buffer(self, request: Any) -> Mapping[str, Any]:
+    def _set_buffer(self, request: Any) -> None:
         if request.attribute_raw not in (0x186C, 0x186D):  # input, output
             raise NiError(-200452)
         self._task(request).set_buffer(request.value)
-        return {}
 
-    def _write_f64(self, request: Any) -> Mapping[str, Any]:
-        volts = np.array(request.write_array, np.float64)
-        return {"samps_per_chan_written": self._output(request).write(volts, request.auto_start)}
-
-    def _set_write(self, request: Any) -> Mapping[str, Any]:
-        self._output(request).set_property(request.attribute_raw, request.value_raw or request.value)
-        return {}
+    def _write_scalar(self, request: Any) -> None:
+        self._output(request).write(np.array([request.value]), request.auto_start)
 
     def _attribute(self, request: Any) -> Any:
         number = request.attribute_raw or request.attribute
@@ -217,14 +204,4 @@ class NiGrpcServer(Closeable):
             return device_property(self.device, request.device_name, number)
         if "physical_channel" in fields:
             return physical_channel_property(self.device, request.physical_channel, number)
-        return system_property(self.device, number)
-
-
-def _without_result(call: Callable[[Any], object]) -> Callable[[Any], Mapping[str, Any]]:
-    """Make a call that returns no result."""
-
-    def run(request: Any) -> Mapping[str, Any]:
-        call(request)
-        return {}
-
-    return run
+        return read_property(SYSTEM_PROPERTIES, number, self.device)

@@ -17,9 +17,7 @@ class SimulatedDigitizer:
 
     def __init__(self, card: SimulatedCard, clock: Clock, faults: FaultState, buffer_s: float = 10.0) -> None:
         self.identity = Identity("NI", card.parameters.product, f"{card.parameters.serial:X}")
-        self._card = card
-        self._clock = clock
-        self._faults = faults
+        self.card, self.clock, self.faults = card, clock, faults
         self._buffer_s = buffer_s
         self._stream: SimulatedStream | None = None
 
@@ -29,25 +27,18 @@ class SimulatedDigitizer:
         Raises:
             AcquisitionError: the card is unplugged, in use, or cannot do this rate.
         """
-        if self._faults.is_active("card-unplugged"):
+        if self.faults.is_active("card-unplugged"):
             raise AcquisitionError(f"{self.identity} does not answer; check its USB cable")
         if self._stream is not None and self._stream.is_open:
             raise AcquisitionError(f"{self.identity} is already acquiring; stop that first")
         if block_scans < 1:
             raise AcquisitionError(f"{self.identity}: a block needs at least one scan, not {block_scans}")
         try:
-            acquisition = self._card.start_acquisition(rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), self._clock.now())
+            acquisition = self.card.start_acquisition(rate_hz, (DRIVE_CHANNEL, SENSOR_CHANNEL), self.clock.now())
         except SampleRateError as error:
             raise AcquisitionError(f"{self.identity}: {error}; lower the sample rate") from error
-        self._stream = SimulatedStream(
-            str(self.identity),
-            self._clock,
-            self._faults,
-            self._card.scale,
-            acquisition,
-            block_scans,
-            max(int(self._buffer_s * rate_hz), 2 * block_scans),
-        )
+        buffer_scans = max(int(self._buffer_s * rate_hz), 2 * block_scans)
+        self._stream = SimulatedStream(self, acquisition, block_scans, buffer_scans)
         return self._stream
 
     def close(self) -> None:
@@ -62,26 +53,20 @@ class SimulatedStream(Closeable):
 
     def __init__(
         self,
-        name: str,
-        clock: Clock,
-        faults: FaultState,
-        scale: Scale,
+        digitizer: SimulatedDigitizer,
         acquisition: Acquisition,
         block_scans: int,
         buffer_scans: int,
     ) -> None:
         self.rate_hz = acquisition.rate_hz
         self.scales: tuple[Scale, ...] = tuple(
-            replace(scale, skew_s=slot * acquisition.convert_s) for slot in range(len(acquisition.channels))
+            replace(digitizer.card.scale, skew_s=slot * acquisition.convert_s)
+            for slot in range(len(acquisition.channels))
         )
         self.start_time_s = acquisition.start_time_s
         self.is_open = True
-        self._name = name
-        self._clock = clock
-        self._faults = faults
-        self._acquisition = acquisition
-        self._block_scans = block_scans
-        self._buffer_scans = buffer_scans
+        self._digitizer, self._acquisition = digitizer, acquisition
+        self._block_scans, self._buffer_scans = block_scans, buffer_scans
         self._next_scan = 0
 
     def read(self) -> Block:
@@ -90,7 +75,7 @@ class SimulatedStream(Closeable):
         Raises:
             AcquisitionError: scans were lost, the card is unplugged, or the stream is closed.
         """
-        card, clock, faults = self._name, self._clock, self._faults
+        card, clock, faults = self._digitizer.identity, self._digitizer.clock, self._digitizer.faults
         if not self.is_open:
             raise AcquisitionError(f"{card}: the acquisition has been stopped")
         late = self._acquisition.available_scans(clock.now()) - self._next_scan

@@ -1,6 +1,5 @@
 """NI-DAQmx analogue input tasks on the simulated card: states, reservation, buffer, reading."""
 
-import math
 import threading
 
 import numpy as np
@@ -136,20 +135,18 @@ class NiInputTask(NiTask):
         )
 
     def _wait_for_scans(self, count: int, timeout_s: float) -> bool:
-        """Wait until `count` more scans are there; whether they are. The time-out is real time."""
-        clock, run = self.device.clock, self.acquisition
-        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * self.device.speed)
-        while run is not None:
-            self.device.check_present(-88705)
-            if self.available() >= count:
+        """Wait until `count` more scans are there; return whether they are."""
+        run = self.acquisition
+        if run is None:
+            return False
+
+        def is_over() -> bool:
+            if self.acquisition is None:
                 return True
-            now = clock.now()
-            if now >= given_up or self.device.server_stopping.is_set():
-                return False
-            until = min(run.available_at(self.read_position + count), given_up)
-            # In short pieces, so that a pulled cable or a closing server is noticed while waiting.
-            clock.sleep(min(max(until - now, 1e-4 * self.device.speed), 0.02 * self.device.speed))
-        return False
+            self.device.check_present(-88705)
+            return self.available() >= count
+
+        return self._wait(is_over, lambda: run.available_at(self.read_position + count), timeout_s)
 
     def _read_on_demand(self) -> NDArray[np.int16]:
         """One scan now, paced by software."""

@@ -155,15 +155,8 @@ class NiOutputTask(NiTask):
         return self._start_time_s is None or self.samples_generated() >= self._counts.size
 
     def wait_until_done(self, timeout_s: float) -> bool:
-        clock, speed = self.device.clock, self.device.speed
-        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
-        while not self.is_done():
-            now = clock.now()
-            if now >= given_up or self.device.server_stopping.is_set():
-                return False
-            left = (self._start_time_s or 0.0) + self._counts.size / self.actual_rate() - now
-            clock.sleep(min(max(left, 1e-4 * speed), 0.02 * speed))
-        return True
+        duration_s = self._counts.size / self.actual_rate() if self.rate_hz is not None else 0.0
+        return self._wait(self.is_done, lambda: (self._start_time_s or 0.0) + duration_s, timeout_s)
 
     def _channel(self) -> TaskChannel:
         if not self.channels:

@@ -1,170 +1,142 @@
 """NI-DAQmx properties of devices and tasks by NI's numbers (nidaqmx source), and the table of a client's tasks."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 from sim_hardware.nidaq.card import convert_interval_s
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.input_task import NiInputTask
 from sim_hardware.nidaq.output_task import NiOutputTask
-from sim_hardware.nidaq.task import FINITE, NiTask, SimulatedNiDevice
+from sim_hardware.nidaq.task import FINITE, SimulatedNiDevice, TaskChannel
 
-DRIVER_VERSION = {0x1272: 25, 0x1923: 5, 0x2F22: 0}
-"""Major, minor and update version of the driver."""
+Properties = Mapping[int, Callable[[Any], Any]]
+"""Functions that return a property of a device, a task or a channel, by the property's number."""
 
-_NOT_SIMULATED = (0x2320, 0x2321, 0x2322, 0x2323, 0x2324)
-"""Digital lines and counters of a device: not simulated."""
+SYSTEM_PROPERTIES: Properties = {
+    0x1272: lambda _: 25,  # version of the driver: major,
+    0x1923: lambda _: 5,  # minor
+    0x2F22: lambda _: 0,  # and update
+    0x193B: lambda device: device.name,  # devices
+    0x1267: lambda _: "",  # saved tasks
+    0x1268: lambda _: "",  # saved channels
+}
 
 
-def system_property(device: SimulatedNiDevice, number: int) -> Any:
-    """A property of the driver or its device list. Raises NiError for one that is not simulated."""
-    match number:
-        case 0x1272 | 0x1923 | 0x2F22:
-            return DRIVER_VERSION[number]
-        case 0x193B:  # devices
-            return device.name
-        case 0x1267 | 0x1268:  # saved tasks and channels
-            return ""
-    raise NiError(-200452, f"Property: {number:#x}")
+def _serial_number(device: SimulatedNiDevice) -> int:
+    device.check_present()
+    return device.card.parameters.serial
+
+
+def _terminals(device: SimulatedNiDevice) -> str:
+    names = ("PFI0", "PFI1", "ai/SampleClock", "ai/ConvertClock", "ai/StartTrigger", "100MHzTimebase")
+    return ", ".join(f"/{device.name}/{name}" for name in names)
+
+
+DEVICE_PROPERTIES: Properties = {
+    0x631: lambda device: device.card.parameters.product,
+    0x632: _serial_number,
+    0x22CA: lambda _: True,  # simulated
+    0x231E: lambda device: ", ".join(f"{device.name}/ai{i}" for i in range(device.card.parameters.channels)),
+    0x231F: lambda device: ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs))),
+    0x2A40: _terminals,
+    **dict.fromkeys((0x2320, 0x2321, 0x2322, 0x2323, 0x2324), lambda _: ""),  # digital lines and counters: none
+    **dict.fromkeys((0x298C, 0x298D), lambda device: device.card.parameters.max_rate_hz),  # one channel, all channels
+    0x298F: lambda device: device.card.parameters.convert_s == 0,  # simultaneous sampling
+    0x2990: lambda device: [-device.card.parameters.range_v, device.card.parameters.range_v],
+    0x2326: lambda _: 12588,  # bus: USB
+    0x29A9: lambda _: 15858,  # category: X series
+}
+
+PHYSICAL_CHANNEL_PROPERTIES: Properties = {
+    0x2342: lambda _: [10083, 10078, 10106],  # terminal configurations: RSE, NRSE, differential
+}
+
+TASK_PROPERTIES: Properties = {
+    0x1276: lambda task: task.name,
+    0x1273: lambda task: ", ".join(channel.name for channel in task.channels),
+    0x230E: lambda task: task.device.name,
+    0x2181: lambda task: len(task.channels),
+    0x1344: lambda task: task.actual_rate(),
+    0x22C8: lambda task: task.max_rate(),
+    0x1300: lambda task: task.mode,
+    0x1310: lambda task: task.samples_per_channel,
+}
+
+
+def _readable_scans(task: NiInputTask) -> int:
+    """Return how many scans a read of "all available" takes."""
+    if task.rate_hz is None:
+        return 1
+    return task.samples_per_channel if task.mode == FINITE else task.available()
+
+
+INPUT_TASK_PROPERTIES: Properties = {
+    0x1823: TASK_PROPERTIES[0x1273],  # channels to read
+    0x217B: TASK_PROPERTIES[0x2181],
+    0x1848: lambda task: 1 / convert_interval_s(task.device.card.parameters, task.actual_rate(), len(task.channels)),
+    0x1347: lambda task: 10390 if task.rate_hz is None else 10388,  # timing: on demand, or sample clock
+    0x186C: lambda task: task.buffer_size(),
+    0x230A: lambda _: 4095,  # the card's own buffer
+    0x1223: lambda task: task.available(),
+    0x192A: lambda task: task.acquired(),
+    0x1808: lambda task: task.read_position,
+    0x31E8: _readable_scans,
+    0x1215: lambda _: False,  # read all available
+}
+
+OUTPUT_TASK_PROPERTIES: Properties = {
+    0x217E: TASK_PROPERTIES[0x2181],
+    0x187F: lambda _: 10102,  # kind of channel: AO
+    0x192B: lambda task: task.samples_generated(),
+    0x190C: lambda task: task.relative_to,  # where a write begins
+    0x190D: lambda task: task.offset,
+}
+
+INPUT_CHANNEL_PROPERTIES: Mapping[int, Callable[[SimulatedNiDevice, TaskChannel], Any]] = {
+    0x187F: lambda _, __: 10100,  # kind of channel: AI
+    0x695: lambda _, __: 10322,  # measures: voltage
+    0x18F5: lambda device, channel: device.physical_channel_name(channel.number),
+    0x1930: lambda device, _: list(device.card.parameters.coefficients),
+    0x17DD: lambda _, channel: channel.high_v,
+    0x17DE: lambda _, channel: channel.low_v,
+    0x1815: lambda device, _: device.card.parameters.range_v,
+    0x1816: lambda device, _: -device.card.parameters.range_v,
+    0x1765: lambda _, __: 16.0,  # resolution in bits
+    0x1097: lambda _, __: 10106,  # terminal configuration: differential
+}
+
+
+def read_property(table: Mapping[int, Callable[..., Any]], number: int, *owner: Any) -> Any:
+    """Return a property of `owner`. Raises NiError for one that is not simulated."""
+    if number not in table:
+        raise NiError(-200452, f"Property: {number:#x}")
+    return table[number](*owner)
 
 
 def device_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
-    """A property of the card. Raises NiError: another device, not simulated, or unplugged."""
-    parameters = device.card.parameters
+    """Return a property of the card. Raises NiError: another device, not simulated, or unplugged."""
     if name.lower() != device.name.lower():
         raise NiError(-200220, f"Device Specified: {name}")
-    match number:
-        case 0x631:  # product type
-            return parameters.product
-        case 0x632:  # serial number
-            device.check_present()
-            return parameters.serial
-        case 0x22CA:  # simulated
-            return True
-        case 0x231E:  # physical AI channels
-            return ", ".join(f"{device.name}/ai{i}" for i in range(parameters.channels))
-        case 0x231F:  # physical AO channels
-            return ", ".join(f"{device.name}/ao{i}" for i in range(len(device.card.outputs)))
-        case 0x2A40:  # terminals
-            names = ("PFI0", "PFI1", "ai/SampleClock", "ai/ConvertClock", "ai/StartTrigger", "100MHzTimebase")
-            return ", ".join(f"/{device.name}/{t}" for t in names)
-        case _ if number in _NOT_SIMULATED:
-            return ""
-        case 0x298C | 0x298D:  # largest AI rate, one channel and all together
-            return parameters.max_rate_hz
-        case 0x298F:  # simultaneous sampling
-            return parameters.convert_s == 0
-        case 0x2990:  # voltage ranges
-            return [-parameters.range_v, parameters.range_v]
-        case 0x2326:  # bus: USB
-            return 12588
-        case 0x29A9:  # category: X series
-            return 15858
-    raise NiError(-200452, f"Property: {number:#x}")
+    return read_property(DEVICE_PROPERTIES, number, device)
 
 
 def physical_channel_property(device: SimulatedNiDevice, name: str, number: int) -> Any:
-    """A property of a physical channel. Raises NiError: no such channel, or not simulated."""
+    """Return a property of a physical channel. Raises NiError: no such channel, or not simulated."""
     device.parse_physical_channels(name)
-    if number == 0x2342:  # terminal configurations: RSE, NRSE, differential
-        return [10083, 10078, 10106]
-    raise NiError(-200452, f"Property: {number:#x}")
+    return read_property(PHYSICAL_CHANNEL_PROPERTIES, number, device)
 
 
-def task_property(task: NiTask, number: int, channel: str) -> Any:
+def task_property(task: NiInputTask | NiOutputTask, number: int, channel_name: str) -> Any:
     """Return a property of a task, its timing, buffer, reading, or one of its channels. Raises NiError if not simulated."""
-    match number:
-        case 0x1276:  # name
-            return task.name
-        case 0x1273:  # channels in the task
-            return ", ".join(c.name for c in task.channels)
-        case 0x230E:  # devices
-            return task.device.name
-        case 0x2181:  # number of channels
-            return len(task.channels)
-        case 0x1344:  # sample rate
-            return task.actual_rate()
-        case 0x22C8:  # largest sample rate
-            return task.max_rate()
-        case 0x1300:  # mode
-            return task.mode
-        case 0x1310:  # samples per channel
-            return task.samples_per_channel
     if isinstance(task, NiOutputTask):
-        return _output_task_property(task, number)
-    assert isinstance(task, NiInputTask)
-    return _input_task_property(task, number, channel)
-
-
-def _input_task_property(task: NiInputTask, number: int, channel: str) -> Any:
-    match number:
-        case 0x1823:  # channels to read
-            return ", ".join(c.name for c in task.channels)
-        case 0x217B:  # number of channels
-            return len(task.channels)
-        case 0x1848:  # conversions a second
-            return 1 / convert_interval_s(task.device.card.parameters, task.actual_rate(), len(task.channels))
-        case 0x1347:  # timing: on demand, or sample clock
-            return 10390 if task.rate_hz is None else 10388
-        case 0x186C:  # buffer
-            return task.buffer_size()
-        case 0x230A:  # the card's own buffer
-            return 4095
-        case 0x1223:  # available
-            return task.available()
-        case 0x192A:  # acquired
-            return task.acquired()
-        case 0x1808:  # read position
-            return task.read_position
-        case 0x31E8:  # samples a read of "all available" takes
-            return 1 if task.rate_hz is None else task.samples_per_channel if task.mode == FINITE else task.available()
-        case 0x1215:  # read all available
-            return False
-    return _channel_property(task, number, channel)
-
-
-def _channel_property(task: NiInputTask, number: int, name: str) -> Any:
+        return read_property({**TASK_PROPERTIES, **OUTPUT_TASK_PROPERTIES}, number, task)
+    of_task = {**TASK_PROPERTIES, **INPUT_TASK_PROPERTIES}
+    if number in of_task:
+        return of_task[number](task)
     if not task.channels:
         raise NiError(-200478)
-    channel = next((c for c in task.channels if c.name == name), task.channels[0])
-    parameters = task.device.card.parameters
-    match number:
-        case 0x187F:  # kind of channel: AI
-            return 10100
-        case 0x695:  # measures: voltage
-            return 10322
-        case 0x18F5:  # physical channel
-            return task.device.physical_channel_name(channel.number)
-        case 0x1930:  # scaling coefficients
-            return list(parameters.coefficients)
-        case 0x17DD:  # max
-            return channel.high_v
-        case 0x17DE:  # min
-            return channel.low_v
-        case 0x1815:  # range, high
-            return parameters.range_v
-        case 0x1816:  # range, low
-            return -parameters.range_v
-        case 0x1765:  # resolution in bits
-            return 16.0
-        case 0x1097:  # terminal configuration: differential
-            return 10106
-    raise NiError(-200452, f"Property: {number:#x}")
-
-
-def _output_task_property(task: NiOutputTask, number: int) -> Any:
-    match number:
-        case 0x217E:  # number of channels
-            return len(task.channels)
-        case 0x187F:  # kind of channel: AO
-            return 10102
-        case 0x192B:  # samples generated
-            return task.samples_generated()
-        case 0x190C:  # where a write begins
-            return task.relative_to
-        case 0x190D:
-            return task.offset
-    raise NiError(-200452, f"Property: {number:#x}")
+    channel = next((c for c in task.channels if c.name == channel_name), task.channels[0])
+    return read_property(INPUT_CHANNEL_PROPERTIES, number, task.device, channel)
 
 
 class NiTaskTable:
@@ -172,7 +144,7 @@ class NiTaskTable:
 
     def __init__(self, device: SimulatedNiDevice) -> None:
         self._device = device
-        self._tasks: dict[Hashable, NiTask] = {}
+        self._tasks: dict[Hashable, NiInputTask | NiOutputTask] = {}
 
     def create(self, key: Hashable, name: str) -> None:
         self._tasks[key] = NiInputTask(self._device, name)
@@ -183,7 +155,7 @@ class NiTaskTable:
         task.add_voltage_channels(text, name, low_v, high_v)
         self._tasks[key] = task
 
-    def __getitem__(self, key: Hashable) -> NiTask:
+    def __getitem__(self, key: Hashable) -> NiInputTask | NiOutputTask:
         """Return the task. Raises NiError if there is none."""
         if key not in self._tasks:
             raise NiError(-200088)

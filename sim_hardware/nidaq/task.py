@@ -4,6 +4,7 @@ import math
 import re
 import threading
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers import Clock
@@ -128,9 +129,6 @@ class NiTask(ABC):
         """Return what the converter can do with this many channels."""
         return self.max_rate_hz / max(1, len(self.channels))
 
-    @abstractmethod
-    def set_buffer(self, scans: int) -> None: ...
-
     def actual_rate(self) -> float:
         """Return the rate that the divider makes. Raises NiError if it is too fast for this many channels."""
         if self.rate_hz is None:
@@ -142,14 +140,14 @@ class NiTask(ABC):
     @abstractmethod
     def _divided_rate(self, rate_hz: float) -> float: ...
 
-    @abstractmethod
-    def start(self) -> None: ...
-
-    @abstractmethod
-    def stop(self) -> None: ...
-
-    @abstractmethod
-    def is_done(self) -> bool: ...
-
-    @abstractmethod
-    def wait_until_done(self, timeout_s: float) -> bool: ...
+    def _wait(self, is_over: Callable[[], bool], expected_s: Callable[[], float], timeout_s: float) -> bool:
+        """Wait for the end that is expected at a bench time; return whether it came. The time-out is real time."""
+        clock, speed = self.device.clock, self.device.speed
+        given_up = clock.now() + (math.inf if timeout_s < 0 else timeout_s * speed)
+        while not is_over():
+            now = clock.now()
+            if now >= given_up or self.device.server_stopping.is_set():
+                return False
+            # In short pieces, so that a pulled cable or a closing server is noticed while waiting.
+            clock.sleep(min(max(min(expected_s(), given_up) - now, 1e-4 * speed), 0.02 * speed))
+        return True

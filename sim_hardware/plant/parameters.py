@@ -227,10 +227,8 @@ class SimulationParameters:
         Raises:
             ValueError: a key is unknown or a value does not fit.
         """
-        truth = _build(cls, record, "simulation")
-        if not isinstance(truth, cls):
-            raise ValueError("simulation: expected a table")
-        return truth
+        parameters: Self = _build(cls, record, "simulation")
+        return parameters
 
 
 def _build(target_type: Any, value: Any, key: str) -> Any:

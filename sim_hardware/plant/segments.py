@@ -31,10 +31,11 @@ class Segment(Protocol):
         """Volts at bench times `t`, shape (n,)."""
 
 
-class _ConstantOutput:
-    """What never changes by itself."""
+@dataclass(frozen=True, slots=True)
+class ConstantSegment:
+    """A constant voltage: a held level, or what the amplifier's input is pulled to by an open output."""
 
-    __slots__ = ()
+    level_v: float
 
     @property
     def constant_from_s(self) -> float:
@@ -44,25 +45,8 @@ class _ConstantOutput:
     def breakpoints_s(self) -> tuple[float, ...]:
         return ()
 
-
-@dataclass(frozen=True, slots=True)
-class ConstantSegment(_ConstantOutput):
-    """A constant voltage."""
-
-    level_v: float
-
     def volts(self, t: Array) -> Array:
         return np.full(np.shape(t), self.level_v)
-
-
-@dataclass(frozen=True, slots=True)
-class OpenOutputSegment(_ConstantOutput):
-    """The output relay is open or the power is off: the amplifier's input is pulled to `open_circuit_v`."""
-
-    open_circuit_v: float = 0.0
-
-    def volts(self, t: Array) -> Array:
-        return np.full(np.shape(t), self.open_circuit_v)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

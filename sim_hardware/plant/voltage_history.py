@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from drivers import Clock
 from model import Array, Mask
-from sim_hardware.plant.segments import OpenOutputSegment, Segment
+from sim_hardware.plant.segments import ConstantSegment, Segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class VoltageHistory:
 
     def __init__(self, open_circuit_v: float = 0.0) -> None:
         self._lock = threading.RLock()
-        self._entries = [HistoryEntry(-math.inf, OpenOutputSegment(open_circuit_v), hv=False)]
+        self._entries = [HistoryEntry(-math.inf, ConstantSegment(open_circuit_v), hv=False)]
         self._starts = [-math.inf]
         self._read_until = 0.0
 

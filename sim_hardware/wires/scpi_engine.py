@@ -301,16 +301,10 @@ class ScpiEngine:
         if key not in self._command_cache:
             self._command_cache[key] = next((c for regex, c in self._table if regex.match(key)), None)
         command = self._command_cache[key]
-        if command is None:
+        action = None if command is None else command.query if query else command.set
+        if action is None:
             raise ScpiError(-113)
-        if query:
-            if command.query is None:
-                raise ScpiError(-113)
-            return command.query(arguments)
-        if command.set is None:
-            raise ScpiError(-113)
-        command.set(arguments)
-        return None
+        return action(arguments)
 
     def _clear(self, _: Arguments) -> None:
         self._errors.clear()

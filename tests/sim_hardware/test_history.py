@@ -11,7 +11,6 @@ from sim_hardware.plant.history_report import make_voltage_report
 from sim_hardware.plant.segments import (
     ChirpSegment,
     ConstantSegment,
-    OpenOutputSegment,
     PeriodicSegment,
     RelayGlitchSegment,
 )
@@ -95,7 +94,7 @@ def test_report_counts_only_what_high_voltage_could_feel():
     history.switch_high_voltage(1.0, hv=True)
     history.append(2.0, PeriodicSegment(2.0, 100.0, 1.0, 2.5, 0.0, 2.5, cycles=100))
     history.switch_high_voltage(4.0, hv=False)
-    history.append(5.0, OpenOutputSegment(0.0))
+    history.append(5.0, ConstantSegment(0.0))
     seen = report(history, 6.0)
     assert seen.lowest_v == pytest.approx(1.5)
     assert seen.highest_v == pytest.approx(3.5)
@@ -138,7 +137,7 @@ def test_a_level_that_stood_for_no_time_is_still_seen():
     history = VoltageHistory()
     history.append(0.0, ConstantSegment(2.5))
     history.switch_high_voltage(0.0, hv=True)
-    history.append(1.0, OpenOutputSegment(0.0))
+    history.append(1.0, ConstantSegment(0.0))
     history.append(1.0, ConstantSegment(2.5))
     seen = report(history, 2.0)
     assert seen.lowest_v == 0.0

@@ -16,10 +16,11 @@ import numpy as np
 
 from sim_hardware.nidaq.errors import NiError
 from sim_hardware.nidaq.properties import (
+    SYSTEM_PROPERTIES,
     NiTaskTable,
     device_property,
     physical_channel_property,
-    system_property,
+    read_property,
     task_property,
 )
 from sim_hardware.nidaq.task import SimulatedNiDevice
@@ -93,7 +94,7 @@ class NiLibrary:
                 (_TEXT, _INT, _ANY, _UINT),
             ),
             "GetSystemInfoAttribute": (
-                lambda k, into, size: _give(system_property(self.device, k), k, into, size),
+                lambda k, into, size: _give(read_property(SYSTEM_PROPERTIES, k, self.device), k, into, size),
                 (_INT, _ANY, _UINT),
             ),
         }
