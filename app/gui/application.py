@@ -71,26 +71,26 @@ def open_window(
     units = threading.Thread(target=to_number, args=("1 V", "V"), name="units")
     newcomer = not autostart and not (kept.contains(WELCOME_SEEN_KEY) or kept.contains("window/geometry"))
     kept.setValue(WELCOME_SEEN_KEY, True)
-    leads = False
+    starts_demo = False
     while True:
-        wanted: list[tuple[Connect, BenchConfig]] = []
+        requested: list[tuple[Connect, BenchConfig]] = []
 
-        def change(name: str, wanted: list[tuple[Connect, BenchConfig]] = wanted) -> None:
+        def change(name: str, requested: list[tuple[Connect, BenchConfig]] = requested) -> None:
             if bench_factory is not None:
-                wanted.append(bench_factory(name))
+                requested.append(bench_factory(name))
 
         window = MainWindow(
             SessionAdapter(connect, make_session), config, protocol, folder, specimen, kept, autostart, change
         )
         if newcomer:
             window.central.show_welcome()
-        if leads:
+        if starts_demo:
             window.start_demo()
         code = _run_until_closed(window, units)
-        leads = window.demo_requested
-        if not wanted or code == UNSAFE_EXIT:
+        starts_demo = window.demo_requested
+        if not requested or code == UNSAFE_EXIT:
             break
-        connect, config = wanted[-1]
+        connect, config = requested[-1]
         newcomer = autostart = False
     if units.ident is not None:
         units.join()

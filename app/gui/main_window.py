@@ -61,18 +61,17 @@ class MainWindow(QMainWindow):
             self,
         )
         self.theme = system_theme()
-        self.status_bar = BenchStatusBar(self.theme)
-        self.notices = NoticeArea(self)
+        self.status_bar = BenchStatusBar(self.theme, self.controller)
+        self.notices = NoticeArea(self.controller, self)
         self.faults = FaultPanel(adapter.faults, self) if config.simulated else None
         self.tabs = MainTabs(protocol, adapter, config, settings, self.theme)
         self.measure_page, self.overlay = self.tabs.measure, self.tabs.overlay
         self.central = CentralStack(self.tabs)
         self._build(config.name)
-        self._connect_keys()
         self._restore(folder, specimen)
         self.set_theme(self.theme)
         self._show_state()
-        QGuiApplication.styleHints().colorSchemeChanged.connect(self._follow_system_theme)
+        QGuiApplication.styleHints().colorSchemeChanged.connect(lambda _: self.set_theme(system_theme()))
         self._timer = QTimer(self, interval=FRAME_MS, timerType=Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self.tick)
         self._timer.start()
@@ -115,15 +114,16 @@ class MainWindow(QMainWindow):
     def change_bench(self, name: str) -> None:
         """Release this bench and open another: a bench file, or the simulated one."""
         if self.state.busy or self._change_bench is None:
-            busy = "A run is going on: let it end, or stop it, first." if self.state.busy else ""
-            self.central.welcome.message_label.show_message(busy, is_error=True)
-            return
-        try:
-            self._change_bench(name)
-        except ConfigError as error:
-            self.central.welcome.message_label.show_message(str(error), is_error=True)
-            return
-        self.close_session()
+            problem = "A run is going on: let it end, or stop it, first." if self.state.busy else ""
+        else:
+            try:
+                self._change_bench(name)
+            except ConfigError as error:
+                problem = str(error)
+            else:
+                self.close_session()
+                return
+        self.central.welcome.message_label.show_message(problem, is_error=True)
 
     def close_session(self, force: bool = False) -> None:
         """Go to rest, release the bench and close. `force` closes even with an unacknowledged unsafe message."""
@@ -222,16 +222,14 @@ class MainWindow(QMainWindow):
 
     def _build(self, bench: str) -> None:
         self.setWindowTitle(f"Tactor Bench – {bench}")
-        centre = QWidget()
-        if self.faults is not None:
-            self.tabs.setCornerWidget(self.faults.corner)
-        faults = () if self.faults is None else (self.faults,)
+        centre, faults = QWidget(), () if self.faults is None else (self.faults,)
+        for panel in faults:
+            self.tabs.setCornerWidget(panel.corner)
         parts: tuple[Item, ...] = (self.status_bar, *faults, self.notices, (self.central, 1))
         column(*parts, parent=centre, margins=(0, 0, 0, 0), spacing=6)
         self.setCentralWidget(centre)
         self.controller.changed.connect(self._show_state)
-        self.status_bar.stop_pressed.connect(self.controller.stop)
-        self.status_bar.pause_pressed.connect(self.controller.toggle_pause)
+        self.notices.close_confirmed.connect(self.close_session)
         self.measure_page.run_panel.run_pressed.connect(self.start_run)
         self.measure_page.repeat_requested.connect(
             lambda entries: self.controller.repeat_entries(entries, self.tabs.folder)
@@ -239,17 +237,6 @@ class MainWindow(QMainWindow):
         self.tabs.run_requested.connect(self.start_campaign_run)
         self.central.demo_requested.connect(self.start_demo)
         self.central.bench_chosen.connect(self.change_bench)
-        for wish, do in (
-            (self.notices.answered, self.controller.answer_prompt),
-            (self.notices.stop_pressed, self.controller.stop),
-            (self.notices.acknowledged, self.controller.acknowledge),
-            (self.notices.reconnect_pressed, self.controller.reconnect),
-            (self.notices.close_confirmed, self.close_session),
-            (self.notices.close_cancelled, self.notices.cancel_closing),
-        ):
-            wish.connect(do)
-
-    def _connect_keys(self) -> None:
         add_actions(
             self,
             {
@@ -265,16 +252,13 @@ class MainWindow(QMainWindow):
         if not (isinstance(geometry, QByteArray) and self.restoreGeometry(geometry)):
             self.resize(1280, 720)
         # Show the Measure page if a protocol was given or is started.
-        asked = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
-        self.tabs.restore_state(folder, specimen, asked)
+        requested = self._autostart or self.measure_page.run_panel.protocol != SineDwell()
+        self.tabs.restore_state(folder, specimen, requested)
 
     def _save(self) -> None:
         self._settings.setValue("window/geometry", self.saveGeometry())
         self.tabs.save_state()
         self._settings.sync()
-
-    def _follow_system_theme(self, *_: object) -> None:
-        self.set_theme(system_theme())
 
 
 def _instrument_names(config: BenchConfig) -> dict[str, str]:

@@ -12,11 +12,8 @@ from app.live.session_link import SessionAdapter
 from app.session.messages import protocol_title
 from app.session.reducer import reduce
 from app.session.state import (
-    Acknowledged,
-    PauseRequested,
-    ReconnectRequested,
+    OperatorAction,
     RunRequested,
-    StopRequested,
     TimedEvent,
     WindowEvent,
     WindowState,
@@ -46,8 +43,8 @@ class SessionController(QObject):
     def process_events(self) -> None:
         """Reduce the events since the last call to the window state."""
         view = self.state
-        for heard in self.adapter.pending_events():
-            view = reduce(view, heard)
+        for event in self.adapter.pending_events():
+            view = reduce(view, event)
         if view is not self.state:
             self.state = view
             self.changed.emit()
@@ -76,7 +73,7 @@ class SessionController(QObject):
     def stop(self) -> None:
         """Go to rest and end the run; the session is called before the window is updated."""
         self.adapter.session.stop()
-        self._apply(StopRequested())
+        self._apply(OperatorAction.STOP)
 
     def toggle_pause(self) -> None:
         """Pause at rest, or resume."""
@@ -86,7 +83,7 @@ class SessionController(QObject):
             self.adapter.session.resume()
         else:
             self.adapter.session.pause()
-        self._apply(PauseRequested())
+        self._apply(OperatorAction.PAUSE)
 
     def answer_prompt(self, choice: str = "done") -> None:
         """Answer the present prompt."""
@@ -95,18 +92,18 @@ class SessionController(QObject):
 
     def acknowledge(self) -> None:
         """Acknowledge the unsafe message or the problem."""
-        self._apply(Acknowledged())
+        self._apply(OperatorAction.ACKNOWLEDGE)
 
     def reconnect(self) -> None:
         """Open the bench again."""
         if self.adapter.reconnect():
-            self._apply(ReconnectRequested())
+            self._apply(OperatorAction.RECONNECT)
             self.adapter.session.start()
 
     def close(self) -> None:
         """Go to rest and release the bench; returns immediately."""
         self.closing = True
-        self._apply(StopRequested())
+        self._apply(OperatorAction.STOP)
         self.adapter.session.close(0.0)
 
     def _apply(self, event: WindowEvent) -> None:

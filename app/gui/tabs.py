@@ -18,8 +18,7 @@ from app.gui.measure.presets import PresetStore, presets_path
 from app.gui.widgets import splitters
 from app.gui.widgets.actions import ACTIONS, add_actions
 from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import column
+from app.gui.widgets.layouts import column, configure
 from app.gui.widgets.theme import Theme
 from app.live.overlay import Overlay
 from app.live.session_link import SessionAdapter
@@ -110,21 +109,21 @@ class MainTabs(QTabWidget):
         with QSignalBlocker(self):
             self.setCurrentIndex(index)
         if index not in self._created:
-            comes = QLabel(f"{self.tabText(index)} …", alignment=Qt.AlignmentFlag.AlignCenter)
-            set_style_kind(comes, "note")
-            self._page_layouts[index].addWidget(comes)
+            title = QLabel(f"{self.tabText(index)} …", alignment=Qt.AlignmentFlag.AlignCenter)
+            self._page_layouts[index].addWidget(configure(title, kind="note"))
 
     def page(self, index: int) -> Page:
         """Return a page, created if necessary."""
         if index not in self._created:
             self._created[index] = page = self._factories[index]()
             assert isinstance(page, QWidget)
+            splitters.restore_splitters(page, self._settings)
             if self._theme is not None:
                 page.set_theme(self._theme)
             if self._state is not None:
                 page.set_state(self._state)
-            while (comes := self._page_layouts[index].takeAt(0)) is not None:
-                cast("QWidget", comes.widget()).deleteLater()
+            while (placeholder := self._page_layouts[index].takeAt(0)) is not None:
+                cast("QWidget", placeholder.widget()).deleteLater()
             self._page_layouts[index].addWidget(page)
             page.show()
         return self._created[index]
@@ -216,15 +215,13 @@ class MainTabs(QTabWidget):
     def restore_state(self, folder: Path | None, specimen: str | None, protocol_requested: bool) -> None:
         """Restore saved settings; a given folder or specimen has precedence, and a requested protocol is shown."""
         self.measure.restore_state(self._settings, restore_form=not protocol_requested)
-        splitters.restore_splitters(self.measure, self._settings)
         last = str(self._settings.value("window/page", ""))
         if not protocol_requested and last.isdigit() and int(last) < self.count():
             self.show_page_later(int(last))
-        kept = self._settings.value("run/folder", "runs")
-        self.measure.run_panel.folder_edit.setText(str(folder if folder is not None else kept))
-        self.measure.run_panel.specimen_edit.setText(
-            str(specimen if specimen is not None else self._settings.value("run/specimen", ""))
-        )
+        folder_text = str(folder) if folder is not None else str(self._settings.value("run/folder", "runs"))
+        self.measure.run_panel.folder_edit.setText(folder_text)
+        specimen_text = specimen if specimen is not None else str(self._settings.value("run/specimen", ""))
+        self.measure.run_panel.specimen_edit.setText(specimen_text)
 
     def save_state(self) -> None:
         """Save settings."""
@@ -248,9 +245,9 @@ class MainTabs(QTabWidget):
     def _preload_page(self, index: int) -> None:
         if self._worker.closed:  # a page created after shutdown would not be shut down
             return
-        waited = index == self.currentIndex() and index not in self.created_pages
+        awaited = index == self.currentIndex() and index not in self.created_pages
         page = self.page(index)
-        if waited:
+        if awaited:
             page.activate()
 
     def _pages_with(self, method: str) -> Iterator[Any]:
@@ -268,7 +265,6 @@ class MainTabs(QTabWidget):
         controller.run_requested.connect(self.run_requested)
         page.run_open_requested.connect(self._open_run)
         page.restore_state(self._settings)
-        splitters.restore_splitters(page, self._settings)
         return page
 
     def _make_explore(self) -> ExplorePage:
@@ -277,7 +273,6 @@ class MainTabs(QTabWidget):
 
         page = ExplorePage(self._first_theme, fit_runs)
         page.restore_state(self._settings)
-        splitters.restore_splitters(page, self._settings)
         return page
 
     def _make_runs(self) -> RunsPage:
@@ -285,7 +280,6 @@ class MainTabs(QTabWidget):
 
         page = RunsPage(lambda: self.folder, lambda: self.specimen, self._amplifier, self.overlay, self._first_theme)
         page.explore_requested.connect(self._overlay_runs)
-        splitters.restore_splitters(page, self._settings)
         return page
 
     def _open_run(self, path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from app.identification.active_model import PAPER_MODEL, ActiveModel, load_active_model
 from app.live.latest_only import LatestOnlyWorker
 from app.live.model_curve import CurveCache, ModelCurve
-from model import AmplifierMap, Array
+from model import AmplifierMap, Array, ParameterError
 from protocols.base import Protocol
 
 if TYPE_CHECKING:
@@ -110,17 +110,12 @@ class Overlay:
             self._worker.submit(request)
 
     def result(self) -> OverlayCurve | None:
-        """Return the curve requested last, None while it is being computed.
-
-        Raises:
-            ParameterError: the model cannot compute this request; raised once.
-        """
+        """Return the curve requested last; None while it is being computed, or if it is outside the model's range."""
         request, curve = self._result
-        if isinstance(curve, Exception):
-            self._result = request, None
-        if request is not self._requested:
+        if isinstance(curve, ParameterError) or request is not self._requested:
             return None
-        if isinstance(curve, Exception):
+        if isinstance(curve, Exception):  # an error of this program
+            self._result = request, None
             raise curve
         return curve
 
@@ -141,7 +136,7 @@ class Overlay:
         self._result = request, result
 
     def _compute_all(self, request: CurveRequest, active_model: ActiveModel) -> OverlayCurve:
-        from model import ParameterError, Specimen
+        from model import Specimen
 
         free = self._compute_curve(request, active_model, Specimen(active_model.tactor))
         on = []

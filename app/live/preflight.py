@@ -40,15 +40,11 @@ class PreflightCheck:
         self._requested: PreflightRequest | None = None
         self._result: tuple[PreflightRequest, tuple[str, ...]] | None = None
 
-    def submit(self, request: PreflightRequest) -> None:
-        """Request the warnings of a run; returns at once."""
+    def warnings(self, request: PreflightRequest) -> tuple[str, ...]:
+        """Return the warnings of a run, none while it is being rehearsed; returns at once."""
         if not request.same_as(self._requested):
             self._requested = request
             self._worker.submit(request)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The warnings of the newest request; none while it is being rehearsed."""
         return self._result[1] if self._result is not None and self._result[0] is self._requested else ()
 
     def close(self) -> None:

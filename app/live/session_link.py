@@ -3,20 +3,16 @@
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from datetime import datetime
-from pathlib import Path
-from typing import Protocol
 
 from app.live.feed import LiveFeed
 from app.session.fault_injection import FaultPlan
 from app.session.session import ConnectedBench, Observer, Session, SessionEvent
 from app.session.state import TimedEvent
-from drivers import Bench
 from protocols.base import (
     BlockDiscarded,
     BlockStored,
-    Event,
     EventBus,
     Operator,
     Prompt,
@@ -24,7 +20,6 @@ from protocols.base import (
     RunStarted,
     StreamStarted,
 )
-from protocols.runner.request import RunRequest
 
 
 class PromptMailbox:
@@ -49,9 +44,9 @@ class PromptMailbox:
         with self._lock:
             if self._answer is None or self._answer[0] != ask_id:
                 return None
-            words = self._answer[1]
-            self._pending_id, self._answer = None, None
-            return words
+            choice = self._answer[1]
+            self._pending_id = self._answer = None
+            return choice
 
     def reply(self, ask_id: int, choice: str = "done") -> bool:
         """Answer a prompt and return whether it was still waiting."""
@@ -64,35 +59,13 @@ class PromptMailbox:
     def clear(self) -> None:
         """Drop the prompt after the run."""
         with self._lock:
-            self._pending_id, self._answer = None, None
+            self._pending_id = self._answer = None
 
 
 Connect = Callable[[], AbstractContextManager[ConnectedBench]]
 
 
-class SessionLike(Protocol):
-    """Interface of a session as used by the window."""
-
-    bench: Bench | None
-
-    def start(self) -> None: ...
-
-    def run(self, request: RunRequest) -> None: ...
-
-    def repeat_entries(self, path: Path, entries: Sequence[int], folder: Path) -> None: ...
-
-    def pause(self) -> None: ...
-
-    def resume(self) -> None: ...
-
-    def stop(self) -> None: ...
-
-    def inject_event(self, event: Event) -> None: ...
-
-    def close(self, timeout_s: float | None = None) -> bool: ...
-
-
-MakeSession = Callable[[Connect, Sequence[Observer], Operator], SessionLike]
+MakeSession = Callable[[Connect, Sequence[Observer], Operator], Session]
 
 
 class SessionAdapter:
@@ -117,11 +90,9 @@ class SessionAdapter:
 
     def pending_events(self) -> Iterator[TimedEvent]:
         """Yield the events since the last call without waiting."""
-        while True:
-            try:
+        with suppress(queue.Empty):
+            while True:
                 yield self._events.get_nowait()
-            except queue.Empty:
-                return
 
     def publish(self, events: Sequence[SessionEvent]) -> None:
         """Publish events that come from no session; from any thread."""
@@ -144,7 +115,7 @@ class SessionAdapter:
         finally:
             self._events.put(TimedEvent(event, datetime.now().astimezone(), self.feed.streamed_s))
 
-    def _new_session(self) -> SessionLike:
+    def _new_session(self) -> Session:
         session = self._make_session(self._connect, [self.observe], self.mailbox)
         self.faults.on_switched = session.inject_event
         return session

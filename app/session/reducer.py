@@ -6,15 +6,12 @@ from dataclasses import replace
 from app.session.messages import LogLine, Severity, describe_event, protocol_title
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
-    Acknowledged,
     BenchState,
     InstrumentStatus,
     Lamp,
-    PauseRequested,
-    ReconnectRequested,
+    OperatorAction,
     RunProgress,
     RunRequested,
-    StopRequested,
     TimedEvent,
     WindowEvent,
     WindowState,
@@ -41,6 +38,14 @@ from protocols.base import (
 
 MAX_LOG_LINES = 500
 
+ACTION_MESSAGES = {
+    OperatorAction.PAUSE: (Severity.INFO, "Pause was asked"),
+    OperatorAction.STOP: (Severity.WARNING, "Stop was asked; the bench goes to rest"),
+    OperatorAction.RECONNECT: (Severity.INFO, "Connecting again"),
+    OperatorAction.ACKNOWLEDGE: (Severity.INFO, "The message was acknowledged"),
+}
+RESUME_MESSAGE = (Severity.INFO, "Going on was asked")
+
 INSTRUMENT_PATTERN = r"\b{role} [^:.;,]{{1,40}}:"
 """A driver's message begins with its instrument: `function generator 33511B: no answer ...`."""
 
@@ -49,13 +54,14 @@ def reduce(view: WindowState, timed_event: TimedEvent) -> WindowState:
     """Return the window state after an event."""
     event = timed_event.event
     after = _transition(view, event, timed_event.streamed_s)
-    if isinstance(event, RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested):
-        said = _request_message(event, after) if after is not view else None
+    if isinstance(event, OperatorAction):
+        resumed = event is OperatorAction.PAUSE and not after.pause_requested
+        message = None if after is view else RESUME_MESSAGE if resumed else ACTION_MESSAGES[event]
     else:
-        said = describe_event(event)
-    if said is None:
+        message = describe_event(event) if not isinstance(event, RunRequested) else None
+    if message is None:
         return after
-    messages = (*after.messages, LogLine(timed_event.time, *said))[-MAX_LOG_LINES:]
+    messages = (*after.messages, LogLine(timed_event.time, *message))[-MAX_LOG_LINES:]
     return replace(after, messages=messages, message_count=after.message_count + 1)
 
 
@@ -70,7 +76,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
             view = replace(view, bench_state=state, connected=False, instruments=gone)
             return replace(view, busy=False, problem=words, prompt=None)
-        case ReconnectRequested():
+        case OperatorAction.RECONNECT:
             state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
             return replace(view, bench_state=state, instruments=_with_lamps(view, Lamp.WAITING), problem="")
         case RunRequested(title, reads):
@@ -115,7 +121,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return _with_live_state(view)
         case DriveStarted(drive):
             return _with_live_state(replace(view, drive=drive))
-        case PauseRequested() if view.can_pause:
+        case OperatorAction.PAUSE if view.can_pause:
             return replace(view, pause_requested=not view.paused)
         case RunPaused() if view.bench_state is not BenchState.GOING_TO_REST:
             state = BenchState.PAUSED if view.high_voltage else BenchState.HV_OFF
@@ -136,7 +142,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             which = (curve.entry, curve.name, curve.label)
             others = tuple(c for c in view.curves if (c.entry, c.name, c.label) != which)
             return replace(view, curves=(*others, curve))
-        case StopRequested() if view.busy and view.bench_state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
+        case OperatorAction.STOP if view.busy and view.bench_state not in (BenchState.GOING_TO_REST, BenchState.UNSAFE):
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
         case ShutdownStarted():
             return replace(view, bench_state=BenchState.GOING_TO_REST, prompt=None)
@@ -145,7 +151,7 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             return replace(view, bench_state=state, rest=event, rest_lost=not confirmed, drive=None)
         case RunEnded():
             return _with_outcome(view, event)
-        case Acknowledged() if view.unsafe or view.problem:
+        case OperatorAction.ACKNOWLEDGE if view.unsafe or view.problem:
             return replace(view, unsafe="", problem="")
         case _:
             return view
@@ -201,18 +207,3 @@ def _with_outcome(view: WindowState, event: RunEnded) -> WindowState:
 
 def _with_lamps(view: WindowState, lamp: Lamp) -> tuple[InstrumentStatus, ...]:
     return tuple(replace(instrument, lamp=lamp) for instrument in view.instruments)
-
-
-def _request_message(
-    event: RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested, view: WindowState
-) -> tuple[Severity, str] | None:
-    match event:
-        case PauseRequested():
-            return Severity.INFO, "Pause was asked" if view.pause_requested else "Going on was asked"
-        case StopRequested():
-            return Severity.WARNING, "Stop was asked; the bench goes to rest"
-        case ReconnectRequested():
-            return Severity.INFO, "Connecting again"
-        case Acknowledged():
-            return Severity.INFO, "The message was acknowledged"
-    return None

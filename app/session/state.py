@@ -82,27 +82,19 @@ class RunRequested:
     """File of the run to continue, which is read first; its points are shown until the new run begins."""
 
 
-@dataclass(frozen=True, slots=True)
-class PauseRequested:
-    """The operator pressed Pause."""
+class OperatorAction(StrEnum):
+    """An action of the operator that has no further parameters."""
+
+    PAUSE = "pause"
+    """Pause at rest, or resume."""
+    STOP = "stop"
+    """Stop, or close the window."""
+    ACKNOWLEDGE = "acknowledge"
+    RECONNECT = "reconnect"
+    """Open the bench again."""
 
 
-@dataclass(frozen=True, slots=True)
-class StopRequested:
-    """The operator pressed Stop or closes the window."""
-
-
-@dataclass(frozen=True, slots=True)
-class Acknowledged:
-    """The operator acknowledged the message."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReconnectRequested:
-    """The operator requested to open the bench again."""
-
-
-WindowEvent = SessionEvent | RunRequested | PauseRequested | StopRequested | Acknowledged | ReconnectRequested
+WindowEvent = SessionEvent | RunRequested | OperatorAction
 
 
 @dataclass(frozen=True, slots=True)

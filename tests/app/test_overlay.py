@@ -68,10 +68,17 @@ def test_a_known_curve_is_not_computed_again(overlay: Overlay) -> None:
     assert wait_for(overlay) is first
 
 
-def test_a_question_the_model_refuses_is_told_once(overlay: Overlay) -> None:
-    overlay.submit(CurveRequest(275.0, 99.0))
+def test_a_request_outside_the_models_range_has_no_curve(overlay: Overlay) -> None:
+    outside = CurveRequest(275.0, 99.0)
     with pytest.raises(ParameterError, match="amplifier"):
-        wait_for(overlay)
+        overlay.compute(outside)
+    overlay.submit(CurveRequest(275.0, 2.5))
+    wait_for(overlay)
+    overlay.submit(outside)
+    deadline = time.monotonic() + 60
+    while overlay._result[0] is not outside:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
     assert overlay.result() is None
 
 

@@ -7,13 +7,11 @@ import pytest
 from app.session.reducer import reduce
 from app.session.session import BenchFailed, BenchOpened, RunRejected
 from app.session.state import (
-    Acknowledged,
     BenchState,
     Lamp,
-    ReconnectRequested,
+    OperatorAction,
     RunProgress,
     RunRequested,
-    StopRequested,
     TimedEvent,
     WindowEvent,
     WindowState,
@@ -77,28 +75,28 @@ def view_after(*events: WindowEvent) -> WindowState:
         ((), BenchState.CONNECTING),
         ((OPENED,), BenchState.IDLE),
         ((BenchFailed("no generator"),), BenchState.NO_BENCH),
-        ((BenchFailed("no generator"), ReconnectRequested()), BenchState.CONNECTING),
+        ((BenchFailed("no generator"), OperatorAction.RECONNECT), BenchState.CONNECTING),
         (BEGUN, BenchState.ARMING),
         ((*BEGUN, PromptShown(1, DISABLE_HIGH_VOLTAGE)), BenchState.ARMING),
         ((*BEGUN, PromptShown(2, ENABLE_HIGH_VOLTAGE)), BenchState.LIVE),
         (LIVE, BenchState.LIVE),
-        ((*LIVE, StopRequested()), BenchState.GOING_TO_REST),
-        ((*LIVE, StopRequested(), DriveStarted(SINE)), BenchState.GOING_TO_REST),
-        ((OPENED, RunRequested("x"), StopRequested(), STARTED, BenchArmed()), BenchState.GOING_TO_REST),
+        ((*LIVE, OperatorAction.STOP), BenchState.GOING_TO_REST),
+        ((*LIVE, OperatorAction.STOP, DriveStarted(SINE)), BenchState.GOING_TO_REST),
+        ((OPENED, RunRequested("x"), OperatorAction.STOP, STARTED, BenchArmed()), BenchState.GOING_TO_REST),
         ((*LIVE, ShutdownStarted()), BenchState.GOING_TO_REST),
         ((*LIVE, ShutdownStarted(), AT_REST), BenchState.AT_REST),
         ((*LIVE, ShutdownStarted(), AT_REST, COMPLETED), BenchState.AT_REST),
         ((*BEGUN, FAILED), BenchState.IDLE),
         ((*LIVE, ShutdownStarted(), NOT_AT_REST), BenchState.UNSAFE),
-        ((*LIVE, ShutdownStarted(), NOT_AT_REST, StopRequested()), BenchState.UNSAFE),
+        ((*LIVE, ShutdownStarted(), NOT_AT_REST, OperatorAction.STOP), BenchState.UNSAFE),
         (LOST, BenchState.UNSAFE),
-        ((*LOST, Acknowledged()), BenchState.UNSAFE),
-        ((*LOST, Acknowledged(), RunRequested("x"), STARTED, FAILED), BenchState.UNSAFE),
-        ((*LOST, Acknowledged(), RunRequested("x"), RunRejected("no permission")), BenchState.UNSAFE),
-        ((*LOST, Acknowledged(), RunRequested("x"), STARTED, BenchArmed()), BenchState.LIVE),
+        ((*LOST, OperatorAction.ACKNOWLEDGE), BenchState.UNSAFE),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, FAILED), BenchState.UNSAFE),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), RunRejected("no permission")), BenchState.UNSAFE),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, BenchArmed()), BenchState.LIVE),
         ((*LOST, BenchFailed("gone")), BenchState.UNSAFE),
-        ((*LOST, BenchFailed("gone"), ReconnectRequested()), BenchState.UNSAFE),
-        ((*LOST, BenchFailed("gone"), ReconnectRequested(), OPENED), BenchState.UNSAFE),
+        ((*LOST, BenchFailed("gone"), OperatorAction.RECONNECT), BenchState.UNSAFE),
+        ((*LOST, BenchFailed("gone"), OperatorAction.RECONNECT, OPENED), BenchState.UNSAFE),
     ],
 )
 def test_the_bench_state_says_what_is_known(events: tuple[WindowEvent, ...], state: BenchState) -> None:
@@ -128,11 +126,11 @@ def test_volts_on_the_specimen_follow_the_drive(events: tuple[WindowEvent, ...],
 
 
 def test_the_unsafe_sentence_stays_until_it_is_acknowledged() -> None:
-    later = (LogMessage("something else"), BenchFailed("the bench is gone"), ReconnectRequested(), OPENED)
+    later = (LogMessage("something else"), BenchFailed("the bench is gone"), OperatorAction.RECONNECT, OPENED)
     view = view_after(*LOST, *later)
     assert view.unsafe == UNSAFE.reason
     assert not view.can_run
-    assert reduce(view, TimedEvent(Acknowledged(), WHEN)).unsafe == ""
+    assert reduce(view, TimedEvent(OperatorAction.ACKNOWLEDGE, WHEN)).unsafe == ""
 
 
 @pytest.mark.parametrize(
@@ -146,9 +144,9 @@ def test_the_unsafe_sentence_stays_until_it_is_acknowledged() -> None:
         ((*LIVE, AT_REST, FAILED, RunRequested("x"), STARTED, BenchArmed(), AT_REST, COMPLETED), 0),
         ((OPENED, RunRequested("x"), RunRejected("no permission")), 1),
         (LOST, 3),
-        ((*LOST, Acknowledged()), 3),
-        ((*LOST, Acknowledged(), RunRequested("x"), STARTED, FAILED), 3),
-        ((*LOST, Acknowledged(), RunRequested("x"), STARTED, BenchArmed(), AT_REST, COMPLETED), 0),
+        ((*LOST, OperatorAction.ACKNOWLEDGE), 3),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, FAILED), 3),
+        ((*LOST, OperatorAction.ACKNOWLEDGE, RunRequested("x"), STARTED, BenchArmed(), AT_REST, COMPLETED), 0),
     ],
 )
 def test_the_exit_code_follows_the_last_outcome(events: tuple[WindowEvent, ...], code: int) -> None:
@@ -165,8 +163,8 @@ def test_the_exit_code_follows_the_last_outcome(events: tuple[WindowEvent, ...],
         ((*LIVE, AT_REST, COMPLETED), True, False),
         ((OPENED, RunRequested("x"), RunRejected("no")), True, False),
         (LOST, False, False),
-        ((*LOST, Acknowledged()), True, False),
-        ((*LOST, BenchFailed("gone"), Acknowledged()), False, False),
+        ((*LOST, OperatorAction.ACKNOWLEDGE), True, False),
+        ((*LOST, BenchFailed("gone"), OperatorAction.ACKNOWLEDGE), False, False),
         ((OPENED, BenchFailed("x")), False, False),
     ],
 )
@@ -199,7 +197,7 @@ def test_a_prompt_is_there_until_it_is_answered_or_the_run_ends() -> None:
     asked = PromptShown(2, ENABLE_HIGH_VOLTAGE)
     assert view_after(*BEGUN, asked).prompt == asked
     assert view_after(*BEGUN, asked, PromptAnswered(1, "done")).prompt == asked
-    for end in (PromptAnswered(2, "done"), StopRequested(), STOPPED, RunRequested("x")):
+    for end in (PromptAnswered(2, "done"), OperatorAction.STOP, STOPPED, RunRequested("x")):
         assert view_after(*BEGUN, asked, end).prompt is None
 
 

@@ -1,23 +1,12 @@
 """Fault injection panel of the simulated bench."""
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import (
-    QApplication,
-    QCheckBox,
-    QFrame,
-    QGridLayout,
-    QLabel,
-    QPushButton,
-    QScrollArea,
-    QSizePolicy,
-    QWidget,
-)
+from PySide6.QtWidgets import QApplication, QCheckBox, QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QWidget
 from shiboken6 import isValid
 
 from app.gui.widgets.actions import add_actions, name_button, shortcut_label
 from app.gui.widgets.background import BackgroundWorker
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import column, row
+from app.gui.widgets.layouts import column, configure, grid, make_button, row
 from app.session.fault_injection import FaultPlan
 from app.session.state import WindowState
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
@@ -41,21 +30,29 @@ class FaultPanel(QWidget):
         self.active_faults: tuple[str, ...] = ()
         """Active faults as reported by the bench."""
         self.corner = QWidget()
-        self.open_button = QPushButton()
-        set_style_kind(self.open_button, "choice")
-        self.open_button.setCheckable(True)
+        self.open_button = configure(QPushButton(), "faults.toggle", kind="choice", checkable=True)
         name_button(self.open_button, "faults.toggle", "Break something …")
         self.open_button.toggled.connect(self._set_open)
-        self.band, self.band_label, self.message_label = QFrame(), QLabel(), QLabel()
-        set_style_kind(self.band, "broken")
-        set_style_kind(self.message_label, "fault")
-        self.band_label.setWordWrap(True)
-        self.clear_button = QPushButton(shortcut_label("Mend all", "faults.clear"))
-        self.clear_button.clicked.connect(lambda: self._switch_fault("", active=False))
-        self.list, self._sheet = QScrollArea(), QWidget()
+        self.band = configure(QFrame(), "faults.active", kind="broken")
+        self.band_label = configure(QLabel(), "faults.active-label", wordWrap=True)
+        self.message_label = configure(QLabel(), "faults.message", kind="fault")
+        self.clear_button = make_button(
+            shortcut_label("Mend all", "faults.clear"),
+            lambda: self._switch_fault("", active=False),
+            name="faults.clear",
+        )
         self.fault_boxes = {
-            name: QCheckBox(f"{words[0].upper()}{words[1:]}") for name, words in FAULT_DESCRIPTIONS.items()
+            name: configure(
+                QCheckBox(f"{description[0].upper()}{description[1:]}"),
+                f"faults.{name}",
+                toolTip=f"{name}: break it, or mend it. At a command line: run ... --fault {name}@5",
+                accessibleName=f"break: {description}",
+                # rather cut off than a wider window
+                sizePolicy=QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred),
+            )
+            for name, description in FAULT_DESCRIPTIONS.items()
         }
+        self.list = QScrollArea()
         self._build()
         add_actions(parent, {"faults.toggle": self.open_button.click, "faults.clear": self.clear_button.click})
 
@@ -115,26 +112,27 @@ class FaultPanel(QWidget):
 
     def _build(self) -> None:
         row((self.band_label, 1), self.clear_button, parent=self.band, margins=(12, 4, 8, 4))
-        grid = QGridLayout(self._sheet)
-        grid.setContentsMargins(12, 6, 12, 6)
-        grid.setVerticalSpacing(2)
-        rows = -(-len(self.fault_boxes) // COLUMNS)
-        for at, (name, box) in enumerate(self.fault_boxes.items()):
-            box.setToolTip(f"{name}: break it, or mend it. At a command line: run ... --fault {name}@5")
-            box.setAccessibleName(f"break: {FAULT_DESCRIPTIONS[name]}")
-            box.setSizePolicy(
-                QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred
-            )  # rather cut off than a wider window
+        sheet, rows = QWidget(), -(-len(self.fault_boxes) // COLUMNS)
+        grid(
+            *((box, at % rows, at // rows) for at, box in enumerate(self.fault_boxes.values())),
+            (self.message_label, rows, 0, 1, COLUMNS),
+            parent=sheet,
+            margins=(12, 6, 12, 6),
+            spacing=(-1, 2),
+        )
+        for name, box in self.fault_boxes.items():
             box.clicked.connect(lambda broken, name=name: self._switch_fault(name, broken))
-            grid.addWidget(box, at % rows, at // rows)
-        grid.addWidget(self.message_label, rows, 0, 1, COLUMNS)
-        self.list.setWidget(self._sheet)
-        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.list.setWidgetResizable(True)
-        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.list.setMinimumHeight(48)  # a notice above it may need the space: then it scrolls
-        self.list.setMaximumHeight(self._sheet.sizeHint().height() + 4)
-        self.list.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+        self.list.setWidget(sheet)
+        configure(
+            self.list,
+            "faults.list",
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            widgetResizable=True,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumHeight=48,  # a notice above it may need the space: then it scrolls
+            maximumHeight=sheet.sizeHint().height() + 4,
+            sizePolicy=QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding),
+        )
         column(self.band, self.list, parent=self, margins=(10, 0, 10, 0), spacing=4)
         self.list.hide()
         column(self.open_button, parent=self.corner, margins=(0, 0, 0, 5))

@@ -5,10 +5,11 @@ import time
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
-from app.gui.bench.notice import Notice, NoticeButton
+from app.gui.bench.notice import Notice
 from app.gui.bench.prompt import PromptNotice
+from app.gui.session_controller import SessionController
 from app.gui.widgets.actions import ACTIONS, add_action, add_actions, shortcut_label
-from app.gui.widgets.layouts import column
+from app.gui.widgets.layouts import column, make_button
 from app.session.state import WindowState
 from drivers import MANUAL_SHUTDOWN_INSTRUCTIONS
 from protocols.base import PromptShown
@@ -22,48 +23,44 @@ CLOSING_TEXT = "Closing: the bench goes to rest and lets go of its instruments â
 
 
 class NoticeArea(QWidget):
-    """Hidden while there is nothing to say."""
+    """Hidden while there is nothing to say.
 
-    answered = Signal(str)
-    stop_pressed = Signal()
-    acknowledged = Signal()
-    reconnect_pressed = Signal()
+    Args:
+        controller: performs what the operator answers.
+        parent: in which the shortcuts work.
+    """
+
     close_confirmed = Signal()
-    close_cancelled = Signal()
 
-    def __init__(self, parent: QWidget) -> None:
+    def __init__(self, controller: SessionController, parent: QWidget) -> None:
         super().__init__(parent)
+        self._controller = controller
         self.unsafe = Notice(
-            (NoticeButton(shortcut_label("Acknowledge", "acknowledge"), self.acknowledged.emit),),
+            "notices.unsafe",
             "unsafe",
             "danger",
-            self,
+            make_button(
+                shortcut_label("Acknowledge", "acknowledge"), controller.acknowledge, name="unsafe.acknowledge"
+            ),
         )
         self.closing = Notice(
-            (
-                NoticeButton("Go to rest and close   (Enter)", self.close_confirmed.emit),
-                NoticeButton(shortcut_label("Keep the window", "acknowledge"), self.close_cancelled.emit),
-            ),
+            "notices.closing",
             "prompt",
             "question",
-            self,
+            make_button("Go to rest and close   (Enter)", self.close_confirmed.emit, name="closing.confirm"),
+            make_button(shortcut_label("Keep the window", "acknowledge"), self.cancel_closing, name="closing.cancel"),
         )
-        self.prompt = PromptNotice(self)
-        self.prompt.answered.connect(self._on_answer)
-        self.prompt.stop_pressed.connect(self.stop_pressed)
+        self.prompt = PromptNotice(self._on_answer, controller.stop)
         self.problem = Notice(
-            (
-                NoticeButton(shortcut_label("Connect again", "reconnect"), self.reconnect_pressed.emit),
-                NoticeButton(shortcut_label("Dismiss", "acknowledge"), self.acknowledged.emit),
-            ),
+            "notices.problem",
             "trouble",
             "cross",
-            self,
+            make_button(shortcut_label("Connect again", "reconnect"), controller.reconnect, name="problem.reconnect"),
+            make_button(shortcut_label("Dismiss", "acknowledge"), controller.acknowledge, name="problem.dismiss"),
         )
-        notices = (self.unsafe, self.closing, self.prompt, self.problem)
-        column(*notices, parent=self, margins=(10, 0, 10, 0), spacing=6)
-        self._shown_at_s = 0.0
-        self._no_bench = False
+        self._notices = (self.unsafe, self.closing, self.prompt, self.problem)
+        column(*self._notices, parent=self, margins=(10, 0, 10, 0), spacing=6)
+        self._shown_at_s, self._no_bench = 0.0, False
         self._answer_action = add_action(parent, ACTIONS["answer"], self._on_enter)
         add_actions(parent, {"acknowledge": self._on_dismiss, "reconnect": self._on_reconnect})
         self._update_visibility()
@@ -80,8 +77,7 @@ class NoticeArea(QWidget):
 
     def show_prompt(self, prompt: PromptShown | None, pending_id: int | None, laser_um: float | None = None) -> None:
         """Show a prompt if this window must answer it, and not a simulated operator."""
-        asked = prompt if prompt is not None and pending_id == prompt.ask_id else None
-        if self.prompt.show_prompt(asked):
+        if self.prompt.show_prompt(prompt if prompt is not None and pending_id == prompt.ask_id else None):
             self._shown_at_s = time.monotonic()
             self._update_visibility()
         self.prompt.show_laser(laser_um)
@@ -118,8 +114,7 @@ class NoticeArea(QWidget):
         self._update_visibility()
 
     def _update_visibility(self) -> None:
-        shown = [n for n in (self.unsafe, self.closing, self.prompt, self.problem) if not n.isHidden()]
-        self.setVisible(bool(shown))
+        self.setVisible(not all(notice.isHidden() for notice in self._notices))
         self._answer_action.setEnabled(self._awaits_answer(self.closing) or self._awaits_answer(self.prompt))
 
     def _awaits_answer(self, notice: Notice) -> bool:
@@ -135,14 +130,14 @@ class NoticeArea(QWidget):
 
     def _on_answer(self, choice: str) -> None:
         if self.accepts_input:
-            self.answered.emit(choice)
+            self._controller.answer_prompt(choice)
 
     def _on_dismiss(self) -> None:
         if self._awaits_answer(self.closing):
-            self.close_cancelled.emit()
+            self.cancel_closing()
         elif not (self.unsafe.isHidden() and self.problem.isHidden()):
-            self.acknowledged.emit()
+            self._controller.acknowledge()
 
     def _on_reconnect(self) -> None:
         if self._no_bench:
-            self.reconnect_pressed.emit()
+            self._controller.reconnect()

@@ -1,37 +1,38 @@
 """Operator prompt: instruction, drawing of the set-up, laser reading and answers."""
 
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QPushButton, QWidget
+from collections.abc import Callable
+from functools import partial
 
-from app.gui.bench.notice import Notice, NoticeButton
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction
+
+from app.gui.bench.notice import Notice
 from app.gui.bench.setup_drawing import SetupDrawing
 from app.gui.widgets.actions import ActionInfo, add_action, shortcut_label
-from app.gui.widgets.layouts import STRETCH, make_label, row
+from app.gui.widgets.layouts import STRETCH, make_button, make_label, row
 from protocols.base import PromptShown
 
 
 class PromptNotice(Notice):
     """Shows one prompt at a time. Enter gives its first answer; each other answer has its first letter as shortcut."""
 
-    answered = Signal(str)
-    stop_pressed = Signal()
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(
-            (NoticeButton(shortcut_label("Stop", "escape"), self._on_stop, "stop"),), "prompt", "hand", parent
-        )
-        self._stop_button = self.buttons.pop()
+    def __init__(self, on_answer: Callable[[str], object], on_stop: Callable[[], object]) -> None:
+        super().__init__("notices.prompt", "prompt", "hand")
+        self._on_answer = on_answer
         self._prompt: PromptShown | None = None
         self._answer_actions: list[QAction] = []
         self.drawing = SetupDrawing()
-        self.laser_label = make_label(kind="laser", wrap=False)
+        self.laser_label = make_label(
+            kind="laser",
+            wrap=False,
+            name="prompt.laser",
+            alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter,
+        )
         self.laser_label.setMinimumWidth(self.laser_label.fontMetrics().horizontalAdvance("laser −0000.0 µm") * 2)
-        self.laser_label.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.row.insertWidget(1, self.drawing)
-        self.row.insertWidget(3, self.laser_label)
-        self.row.removeWidget(self._stop_button)
-        self._answer_row = row(STRETCH, self._stop_button)
+        self.row.addWidget(self.laser_label)
+        stop_button = make_button(shortcut_label("Stop", "escape"), on_stop, "stop", name="prompt.stop")
+        self._answer_row = row(STRETCH, stop_button)
         self.text_layout.addLayout(self._answer_row)
 
     def show_prompt(self, event: PromptShown | None) -> bool:
@@ -47,8 +48,8 @@ class PromptNotice(Notice):
             button.deleteLater()
         self._answer_actions, self.buttons = [], []
         prompt = event.prompt if event is not None else None
-        for at, words in enumerate(prompt.choices if prompt is not None else ()):
-            self._add_answer(words, "Enter" if at == 0 else words[0].upper())
+        for at, choice in enumerate(prompt.choices if prompt is not None else ()):
+            self._add_answer(choice, "Enter" if at == 0 else choice[0].upper())
         drawn = prompt is not None and self.drawing.show_prompt(prompt)
         self.drawing.setVisible(drawn)
         self.symbol.setVisible(not drawn)
@@ -57,19 +58,16 @@ class PromptNotice(Notice):
 
     def show_laser(self, displacement_um: float | None) -> None:
         """Show the present laser reading."""
-        words = "" if displacement_um is None else f"laser {round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
-        self.laser_label.setText(words)
-        self.laser_label.setVisible(bool(words) and self._prompt is not None and self._prompt.prompt.hands_on)
+        text = "" if displacement_um is None else f"laser {round(displacement_um, 1) + 0.0:+.1f} µm".replace("-", "−")
+        self.laser_label.setText(text)
+        self.laser_label.setVisible(bool(text) and self._prompt is not None and self._prompt.prompt.hands_on)
 
     def _add_answer(self, choice: str, key: str) -> None:
-        button = QPushButton(f"{choice[:1].upper()}{choice[1:]}   ({key})")
-        button.clicked.connect(lambda: self.answered.emit(choice))
+        label = f"{choice[:1].upper()}{choice[1:]}   ({key})"
+        button = make_button(label, partial(self._on_answer, choice), name=f"answer.{choice}")
         self._answer_row.insertWidget(self._answer_row.count() - 2, button)
         button.show()  # in a notice that is seen already it would only be shown later, and Enter be off until then
         self.buttons.append(button)
         if key != "Enter":
             info = ActionInfo(f"answer.{choice}", f"Answer: {choice}", (key,))
             self._answer_actions.append(add_action(self, info, button.click))
-
-    def _on_stop(self) -> None:
-        self.stop_pressed.emit()

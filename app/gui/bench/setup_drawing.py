@@ -36,7 +36,7 @@ class SetupDrawing(QWidget):
         painter.end()
 
 
-def _copy_samples(painter: QPainter, color: str, box: QRectF) -> None:
+def _fill_rectangle(painter: QPainter, color: str, box: QRectF) -> None:
     painter.setBrush(QBrush(QColor(color)))
     painter.drawRect(box)
 
@@ -44,10 +44,10 @@ def _copy_samples(painter: QPainter, color: str, box: QRectF) -> None:
 def _draw_tactor(painter: QPainter, side: float = 1.0, y: float = 60.0) -> None:
     """Aluminium strip between two clamps, the MFC patch in its middle: above, or below where the side is turned."""
     for x in (8, 160):
-        _copy_samples(painter, METAL, QRectF(x, y - 12, 22, 24))
-    _copy_samples(painter, "#d8dde2", QRectF(30, y - 3, 130, 6))
+        _fill_rectangle(painter, METAL, QRectF(x, y - 12, 22, 24))
+    _fill_rectangle(painter, "#d8dde2", QRectF(30, y - 3, 130, 6))
     patch = QRectF(60, y - 8 if side > 0 else y + 3, 70, 5)
-    _copy_samples(painter, MFC, patch)
+    _fill_rectangle(painter, MFC, patch)
 
 
 def _draw_text(painter: QPainter, box: QRectF, text: str, color: str = INK) -> None:
@@ -76,14 +76,14 @@ def format_grams(mass_kg: float) -> str:
 
 def _draw_place_weight(painter: QPainter, values: dict[str, float]) -> None:
     _draw_tactor(painter, values.get("side", 1.0), 74)
-    _copy_samples(painter, WEIGHT, QRectF(68, 18, 54, 30))
+    _fill_rectangle(painter, WEIGHT, QRectF(68, 18, 54, 30))
     _draw_text(painter, QRectF(68, 18, 54, 30), format_grams(values.get("mass_kg", 0.0)), "white")
     _draw_arrow(painter, QPointF(95, 50), QPointF(95, 64))
 
 
 def _draw_remove_weight(painter: QPainter, values: dict[str, float]) -> None:
     _draw_tactor(painter, values.get("side", 1.0), 74)
-    _copy_samples(painter, WEIGHT, QRectF(68, 34, 54, 30))
+    _fill_rectangle(painter, WEIGHT, QRectF(68, 34, 54, 30))
     _draw_arrow(painter, QPointF(95, 30), QPointF(95, 6))
 
 
@@ -140,7 +140,7 @@ def _draw_remove_membrane(painter: QPainter, _values: dict[str, float]) -> None:
 
 def _draw_hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
     for x in (8, 160):
-        _copy_samples(painter, METAL, QRectF(x, 30, 22, 24))
+        _fill_rectangle(painter, METAL, QRectF(x, 30, 22, 24))
     painter.setBrush(Qt.BrushStyle.NoBrush)
     painter.setPen(QPen(QColor(SKIN), 3))
     painter.drawArc(QRectF(28, 6, 134, 60), 190 * 16, 160 * 16)
@@ -148,8 +148,8 @@ def _draw_hang_membrane(painter: QPainter, _values: dict[str, float]) -> None:
 
 def _draw_place_reference(painter: QPainter, values: dict[str, float]) -> None:
     for x in (8, 160):
-        _copy_samples(painter, METAL, QRectF(x, 30, 22, 24))
-    _copy_samples(painter, "#d8dde2", QRectF(60, 60, 70, 14))
+        _fill_rectangle(painter, METAL, QRectF(x, 30, 22, 24))
+    _fill_rectangle(painter, "#d8dde2", QRectF(60, 60, 70, 14))
     painter.drawLine(QPointF(30, 42), QPointF(160, 42))
     _draw_arrow(painter, QPointF(95, 42), QPointF(95, 59))
     _draw_text(painter, QRectF(20, 6, 150, 20), f"{1e3 * values.get('reference_m', 0.0):.3f} mm deep")

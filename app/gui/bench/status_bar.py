@@ -1,13 +1,14 @@
 """Status bar of the bench: state, voltage, progress, instruments, SIMULATED, Pause and Stop."""
 
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter, QPaintEvent
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSizePolicy, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from app.common import format_duration
 from app.gui.bench.status_sign import StatusSign
 from app.gui.bench.symbols import SYMBOLS
-from app.gui.widgets.layouts import Item, column, row
+from app.gui.session_controller import SessionController
+from app.gui.widgets.layouts import Item, column, configure, make_button, make_progress_bar, row
 from app.gui.widgets.theme import LIGHT, Theme
 from app.session.state import BenchState, InstrumentStatus, Lamp, WindowState
 
@@ -78,55 +79,54 @@ class InstrumentLamp(QWidget):
         left += QFontMetricsF(bold).horizontalAdvance(role) + 6
         painter.setFont(self.font())
         painter.setPen(QColor(self._theme.secondary_text))
-        words = self.fontMetrics().elidedText(self.text, Qt.TextElideMode.ElideRight, max(int(self.width() - left), 0))
-        painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, words)
+        text = self.fontMetrics().elidedText(self.text, Qt.TextElideMode.ElideRight, max(int(self.width() - left), 0))
+        painter.drawText(QRectF(left, 0, self.width() - left, self.height()), flags, text)
         painter.end()
 
 
 class BenchStatusBar(QWidget):
     """The top of the window, the same on every page."""
 
-    stop_pressed = Signal()
-    pause_pressed = Signal()
-
-    def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, theme: Theme, controller: SessionController) -> None:
+        super().__init__()
         self._theme = theme
         self._state: WindowState | None = None
-        self.state_sign = StatusSign(270)
-        self.voltage_sign = StatusSign(236)
-        self.task_sign = StatusSign(200)
-        self.progress_bar = QProgressBar()
-        self.progress_bar.setRange(0, 1000)
-        self.progress_bar.setTextVisible(False)
-        self.progress_bar.setFixedHeight(12)
-        self.simulated_label = QLabel("SIMULATED")
-        self.simulated_label.setProperty("kind", "simulated")
-        self.simulated_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.simulated_label.setToolTip("No real instrument is connected: every number is computed.")
-        self.stop_button = QPushButton("STOP\nEsc or F12")
-        self.stop_button.setProperty("kind", "stop")
-        self.stop_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.stop_button.setToolTip("Go to rest and end the run: Esc or F12, at any moment")
-        self.stop_button.clicked.connect(self.stop_pressed)
-        self.pause_button = QPushButton("PAUSE\nF8")
-        self.pause_button.setProperty("kind", "pause")
-        self.pause_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        self.pause_button.clicked.connect(self.pause_pressed)
+        self.state_sign, self.voltage_sign, self.task_sign = (
+            configure(StatusSign(width), f"status.{name}")
+            for name, width in (("state", 270), ("voltage", 236), ("task", 200))
+        )
+        self.progress_bar = make_progress_bar(1000, 12, "status.progress")
+        # Otherwise their large text would keep a window large.
+        narrow = {"sizePolicy": QSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed), "minimumWidth": 72}
+        self.simulated_label = configure(
+            QLabel("SIMULATED"),
+            "status.simulated",
+            kind="simulated",
+            alignment=Qt.AlignmentFlag.AlignCenter,
+            toolTip="No real instrument is connected: every number is computed.",
+            **narrow,
+        )
+        self.stop_button = make_button(
+            "STOP\nEsc or F12",
+            controller.stop,
+            "stop",
+            "Go to rest and end the run: Esc or F12, at any moment",
+            "status.stop",
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            **narrow,
+        )
+        self.pause_button = make_button(
+            "PAUSE\nF8",
+            controller.toggle_pause,
+            "pause",
+            "",
+            "status.pause",
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            **narrow,
+        )
         self.lamps: list[InstrumentLamp] = []
         self._lamp_row = row(spacing=16)
-        self._build()
-        self.set_theme(theme)
-
-    def _build(self) -> None:
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        for widget in (
-            self.simulated_label,
-            self.pause_button,
-            self.stop_button,
-        ):  # else their large writing would keep a window large
-            widget.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-            widget.setMinimumWidth(72)
         run = column((self.task_sign, 1), self.progress_bar, spacing=4)
         signs: tuple[Item, ...] = ((self.state_sign, 9), (self.voltage_sign, 8), (run, 9))
         top = row(*signs, self.simulated_label, self.pause_button, self.stop_button, spacing=18)
@@ -139,9 +139,9 @@ class BenchStatusBar(QWidget):
             widget.setFixedHeight(height)
         grown = max(min(height / REFERENCE_SIZE.height(), window.width() / REFERENCE_SIZE.width()), 1.0)
         for button, points in ((self.simulated_label, 13), (self.pause_button, 11), (self.stop_button, 13)):
-            words = f"font-size: {points * grown:.0f}pt"
-            if button.styleSheet() != words:
-                button.setStyleSheet(words)
+            style = f"font-size: {points * grown:.0f}pt"
+            if button.styleSheet() != style:
+                button.setStyleSheet(style)
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

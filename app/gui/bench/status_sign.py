@@ -12,11 +12,11 @@ NOTE_SHARE = 0.30
 
 
 class StatusSign(QWidget):
-    """Paints words in the largest type that fits; on two lines where that is larger."""
+    """Paints a text in the largest type that fits; on two lines where that is larger."""
 
     def __init__(self, width: int, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._text, self._note, self._symbol = "", "", ""
+        self.text, self.note, self._symbol = "", "", ""
         self._background, self._foreground = "#808080", "#ffffff"
         self._striped = False
         self._width = width
@@ -24,8 +24,8 @@ class StatusSign(QWidget):
 
     def set_content(self, text: str, note: str = "", symbol: str = "") -> None:
         """Set the text, the note below it and the symbol."""
-        if (text, note, symbol) != (self._text, self._note, self._symbol):
-            self._text, self._note, self._symbol = text, note, symbol
+        if (text, note, symbol) != (self.text, self.note, self._symbol):
+            self.text, self.note, self._symbol = text, note, symbol
             self.setAccessibleName(f"{text} {note}".strip())
             self.update()
 
@@ -34,14 +34,6 @@ class StatusSign(QWidget):
         if (background, foreground, striped) != (self._background, self._foreground, self._striped):
             self._background, self._foreground, self._striped = background, foreground, striped
             self.update()
-
-    @property
-    def text(self) -> str:
-        return self._text
-
-    @property
-    def note(self) -> str:
-        return self._note
 
     def sizeHint(self) -> QSize:
         return QSize(self._width, 84)
@@ -69,13 +61,13 @@ class StatusSign(QWidget):
             SYMBOLS[self._symbol](painter, box)
             painter.restore()
             area = area.adjusted(side + 10, 0, 0, 0)
-        if self._note:
+        if self.note:
             note = QRectF(
                 area.left(), area.bottom() - NOTE_SHARE * area.height(), area.width(), NOTE_SHARE * area.height()
             )
-            self._draw_text(painter, note, self._note, bold=False, max_px=26)
+            self._draw_text(painter, note, self.note, bold=False, max_px=26)
             area = area.adjusted(0, 0, 0, -note.height())
-        self._draw_text(painter, area, self._text, bold=True, max_px=LARGEST_PX)
+        self._draw_text(painter, area, self.text, bold=True, max_px=LARGEST_PX)
         painter.end()
 
     def _draw_text(self, painter: QPainter, area: QRectF, text: str, *, bold: bool, max_px: int) -> None:

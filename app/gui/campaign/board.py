@@ -6,20 +6,23 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QProgressBar,
-    QSplitter,
-    QStackedWidget,
-    QWidget,
-)
+from PySide6.QtWidgets import QFrame, QStackedWidget, QWidget
 
 from app.gui.campaign.details import ItemDetailsPane
 from app.gui.campaign.item_list import CampaignList
 from app.gui.plots.live_pane import LivePane
 from app.gui.widgets.actions import add_actions, shortcut_label, update_actions
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
+from app.gui.widgets.layouts import (
+    STRETCH,
+    column,
+    configure,
+    make_button,
+    make_label,
+    make_progress_bar,
+    make_splitter,
+    row,
+)
 from app.gui.widgets.status_line import StatusLine
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState
@@ -47,14 +50,14 @@ class NextStepPane(QFrame):
 
     def __init__(self) -> None:
         super().__init__()
-        set_style_kind(self, "panel")
-        self.heading, self.reason, self.detail = (make_label(kind=kind) for kind in ("step", "step-why", "step-detail"))
+        configure(self, "campaign.step", kind="panel")
+        self.heading, self.reason, self.detail = (
+            make_label(kind=kind, name=f"campaign.{kind}") for kind in ("step", "step-why", "step-detail")
+        )
         self.buttons = {
-            action: make_button(text, partial(self.pressed.emit, action))
+            action: make_button(text, partial(self.pressed.emit, action), name=f"campaign.step.{action}", visible=False)
             for action, text in ACTION_BUTTON_LABELS.items()
         }
-        for button in self.buttons.values():
-            button.hide()
         text = column(self.heading, self.reason, self.detail, STRETCH, spacing=4)
         buttons = column(*self.buttons.values(), STRETCH, spacing=6)
         row((text, 1), buttons, parent=self, margins=(16, 10, 12, 10), spacing=20)
@@ -80,20 +83,24 @@ class NextStepPane(QFrame):
 class CampaignHeader(QWidget):
     """Specimen, progress bar and error message of the open campaign."""
 
-    another_pressed = Signal()
-    open_pressed = Signal()
+    action_requested = Signal(str)
+    """`new` or `open`."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.name_label, self.progress_label = make_label(kind="heading", wrap=False), make_label(wrap=False)
-        self.message_label = StatusLine()
-        self.bar = QProgressBar()
-        self.bar.setRange(0, 1000)
-        self.bar.setTextVisible(False)
-        self.bar.setFixedHeight(10)
-        new = make_button(shortcut_label("New …", "campaign.new"), self.another_pressed.emit, "choice")
-        open_ = make_button(shortcut_label("Open …", "campaign.open"), self.open_pressed.emit, "choice")
-        line = row(self.name_label, self.progress_label, (self.bar, 1), new, open_, spacing=12)
+        self.name_label = make_label(kind="heading", wrap=False, name="campaign.name")
+        self.progress_label, self.message_label = make_label(wrap=False, name="campaign.progress"), StatusLine()
+        self.bar = make_progress_bar(1000, 10, "campaign.progress-bar")
+        buttons = (
+            make_button(
+                shortcut_label(text, f"campaign.{action}"),
+                partial(self.action_requested.emit, action),
+                "choice",
+                name=f"campaign.{action}",
+            )
+            for action, text in (("new", "New …"), ("open", "Open …"))
+        )
+        line = row(self.name_label, self.progress_label, (self.bar, 1), *buttons, spacing=12)
         column(line, self.message_label, parent=self, margins=(0, 0, 0, 0), spacing=4)
 
     def show_progress(self, summary: CampaignSummary, running: str, state: WindowState, streamed_s: float) -> None:
@@ -127,14 +134,8 @@ class CampaignBoard(QWidget):
         self.side_stack = QStackedWidget()
         self.side_stack.addWidget(self.details)
         self.side_stack.addWidget(self.live_pane)
-        columns = QSplitter()
-        columns.addWidget(self.item_list)
-        columns.addWidget(self.side_stack)
-        columns.setSizes([520, 700])
-        columns.setObjectName("campaign/columns")
+        columns = make_splitter("campaign/columns", (self.item_list, 0), (self.side_stack, 0), sizes=[520, 700])
         self.live_pane.setObjectName("campaign/rows")
-        columns.setChildrenCollapsible(False)
-        self.item_list.setMinimumWidth(330)
         column(self.header, self.step_pane, (columns, 1), parent=self, margins=(0, 4, 0, 0), spacing=8)
         self.item_list.item_moved.connect(self.item_moved)
         self.item_list.selected_item_changed.connect(self._show_details)

@@ -6,10 +6,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QScrollArea, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.widgets.actions import name_button
-from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
+from app.gui.widgets.layouts import SELECTABLE, STRETCH, Item, column, make_button, make_label, make_scroll_area, row
 
 if TYPE_CHECKING:
     from app.campaign import CampaignEstimates, ItemSummary
@@ -25,16 +25,14 @@ class ItemDetailsPane(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.heading_label = make_label(kind="running", wrap=False)
-        self.buttons: dict[str, QPushButton] = {}
-        for what, text in BUTTONS.items():
-            self.buttons[what] = button = make_button(text, partial(self.pressed.emit, what), "choice")
-            name_button(button, f"campaign.item.{what}", text)
-        self.details_area = QScrollArea()
-        self.details_area.setWidgetResizable(True)
-        self.details_area.setFrameShape(QFrame.Shape.NoFrame)
-        self.details_area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.details_area.viewport().setAutoFillBackground(False)
+        self.heading_label = make_label(kind="running", wrap=False, name="campaign.item")
+        self.buttons = {
+            action: make_button(text, partial(self.pressed.emit, action), "choice", name=f"campaign.item.{action}")
+            for action, text in BUTTONS.items()
+        }
+        for action, button in self.buttons.items():
+            name_button(button, f"campaign.item.{action}", BUTTONS[action])
+        self.details_area = make_scroll_area(horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         buttons = row(*self.buttons.values(), STRETCH, spacing=4)
         column(self.heading_label, buttons, (self.details_area, 1), parent=self, margins=(10, 4, 0, 0), spacing=6)
         self._shown_state: object = None
@@ -48,8 +46,8 @@ class ItemDetailsPane(QWidget):
         self._shown_state = (item, estimates, specimen, busy)
         self.heading_label.setText(f"{item.name}: {item.state.title}" if item is not None else "")
         allowed = _allowed_actions(item) if item is not None else set()
-        for what, button in self.buttons.items():
-            button.setEnabled(what in allowed and (not busy or what == "open"))
+        for action, button in self.buttons.items():
+            button.setEnabled(action in allowed and (not busy or action == "open"))
         if item is not None:
             skipped = item.state.status == "skipped"
             name_button(self.buttons["skip"], "campaign.item.skip", "Take in" if skipped else BUTTONS["skip"])
@@ -58,29 +56,23 @@ class ItemDetailsPane(QWidget):
     @property
     def plain_text(self) -> str:
         """The displayed details as text."""
-        paper = self.details_area.widget()
-        return "\n".join(label.text() for label in paper.findChildren(QLabel)) if paper is not None else ""
+        return "\n".join(label.text() for label in self.details_area.viewport().findChildren(QLabel))
 
     def _show_details(self, item: ItemSummary, estimates: CampaignEstimates | None, specimen: str) -> None:
         from app.campaign import item_details  # imports HDF5, which a background thread has loaded by now
 
-        paper = QWidget()
-        paper.setAutoFillBackground(False)
-        sections: list[Item] = []
+        content, sections = QWidget(autoFillBackground=False), list[Item]()
         for section in item_details(item, estimates, specimen):
-            lines = make_label("\n".join(section.lines))
-            lines.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+            lines = make_label("\n".join(section.lines), textInteractionFlags=SELECTABLE)
             sections += [make_label(section.heading, "caption", wrap=False), lines, 8]
-        column(*sections, STRETCH, parent=paper, margins=(0, 0, 8, 0), spacing=2)
-        self.details_area.setWidget(paper)  # deletes the one before
+        column(*sections, STRETCH, parent=content, margins=(0, 0, 8, 0), spacing=2)
+        self.details_area.setWidget(content)  # deletes the previous content
 
 
 def _allowed_actions(item: ItemSummary) -> set[str]:
     """Return the actions that an item allows."""
-    line = item.state
-    allowed = {"skip"} if line.status != "running" else set()
-    if line.next_action not in ("", "wait"):
+    state = item.state
+    allowed = {"skip"} if state.status != "running" else set()
+    if state.next_action not in ("", "wait"):
         allowed.add("run")
-    if line.run is not None:
-        allowed |= {"repeat", "reject", "open"}
-    return allowed
+    return allowed | {"repeat", "reject", "open"} if state.run is not None else allowed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, QRect, QRectF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QDropEvent, QFont, QKeyEvent, QPainter
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 
 from app.common import format_duration
 from app.gui.bench.symbols import SYMBOLS
+from app.gui.widgets.layouts import configure
 from app.gui.widgets.theme import Theme
 
 if TYPE_CHECKING:
@@ -48,40 +49,47 @@ class CampaignList(QListWidget):
         super().__init__()
         self.item_delegate = CampaignItemDelegate(theme)
         self.setItemDelegate(self.item_delegate)
-        self.setDragDropMode(QAbstractItemView.DragDropMode.InternalMove)
-        self.setDefaultDropAction(Qt.DropAction.MoveAction)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setAccessibleName("measurements of the campaign")
-        self.setToolTip("Drag to another place, or Alt+Up and Alt+Down")
+        configure(
+            self,
+            "campaign.items",
+            accessibleName="measurements of the campaign",
+            toolTip="Drag to another place, or Alt+Up and Alt+Down",
+            minimumWidth=330,
+            dragDropMode=QAbstractItemView.DragDropMode.InternalMove,
+            defaultDropAction=Qt.DropAction.MoveAction,
+            selectionMode=QAbstractItemView.SelectionMode.SingleSelection,
+            verticalScrollMode=QAbstractItemView.ScrollMode.ScrollPerPixel,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+        )
         self.currentItemChanged.connect(lambda *_: self.selected_item_changed.emit())
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the items in their order."""
+        return [self.item(at).data(ITEM_ROLE).name for at in range(self.count())]
 
     @property
     def selected_item(self) -> str:
         """Name of the selected item, empty for none."""
-        item = self.currentItem()
-        return str(item.data(ITEM_ROLE).name) if item is not None else ""
+        return self.names[self.currentRow()] if self.currentRow() >= 0 else ""
 
     def select_item(self, name: str) -> None:
         """Select an item by its name."""
-        for at in range(self.count()):
-            if self.item(at).data(ITEM_ROLE).name == name:
-                self.setCurrentRow(at)
+        if name in self.names:
+            self.setCurrentRow(self.names.index(name))
 
     def show_summary(self, summary: CampaignSummary, running: str) -> None:
         """Show the items and keep the selection; at first the next item is selected."""
-        before = self.selected_item or running or (summary.next_item.name if summary.next_item is not None else "")
-        self.item_delegate.next_item = summary.next_item.name if summary.next_item is not None else ""
-        self.item_delegate.running_item = running
+        next_item = summary.next_item.name if summary.next_item is not None else ""
+        before = self.selected_item or running or next_item
+        self.item_delegate.next_item, self.item_delegate.running_item = next_item, running
         with QSignalBlocker(self):
-            if [self.item(at).data(ITEM_ROLE).name for at in range(self.count())] != [
-                row.name for row in summary.items
-            ]:
+            rebuild = self.names != [row.name for row in summary.items]
+            if rebuild:
                 self.clear()
-                for _ in summary.items:
-                    self.addItem(QListWidgetItem())
             for at, row in enumerate(summary.items):
+                if rebuild:
+                    self.addItem(QListWidgetItem())
                 self.item(at).setData(ITEM_ROLE, row)
                 state = "running" if row.name == running else f"{row.status_text}. {row.state.reason}"
                 self.item(at).setText(f"{row.name}: {state}")
@@ -93,11 +101,9 @@ class CampaignList(QListWidget):
 
     def move_selected(self, offset: int) -> None:
         """Move the selected item up (-1) or down (+1)."""
-        at, last = self.currentRow(), self.count() - 1
-        if 0 <= at + offset <= last and at >= 0:
-            names = [self.item(i).data(ITEM_ROLE).name for i in range(self.count())]
-            after = at + offset + (offset > 0)
-            self.item_moved.emit(names[at], names[after] if after <= last else "")
+        at, names = self.currentRow(), self.names
+        if 0 <= at + offset < len(names) and at >= 0:
+            self.item_moved.emit(names[at], [*names, ""][at + offset + (offset > 0)])
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""
@@ -114,8 +120,7 @@ class CampaignList(QListWidget):
         """Emit the new place; the list changes when the campaign has changed."""
         over = self.indexAt(event.position().toPoint())
         below = self.dropIndicatorPosition() == QAbstractItemView.DropIndicatorPosition.BelowItem
-        at = self.count() if not over.isValid() else over.row() + below
-        before = self.item(at).data(ITEM_ROLE).name if at < self.count() else ""
+        before = [*self.names, ""][over.row() + below] if over.isValid() else ""
         if self.selected_item and before != self.selected_item:
             self.item_moved.emit(self.selected_item, before)
         event.setDropAction(Qt.DropAction.IgnoreAction)
@@ -151,61 +156,49 @@ class CampaignItemDelegate(QStyledItemDelegate):
         status = "running" if running else str(row.state.status)
         side = 0.52 * area.height()
         box = QRectF(area.left() + 16, area.center().y() - side / 2, side, side)
-        painter.setPen(QColor(self._text_color(status)))
+        color = self._text_color(status)
+        painter.setPen(QColor(color))
         painter.save()
         SYMBOLS[STATUS_SYMBOLS[status]](painter, box)
         painter.restore()
-        words = QRect(area)
-        words.setLeft(round(box.right()) + 16)
-        words.setRight(area.right() - 10)
-        top, bottom = QRect(words), QRect(words)
-        top.setBottom(area.center().y() + 1)
-        bottom.setTop(area.center().y())
-        right = "" if row.rehearsal is None else format_duration(row.rehearsal.duration_s)
-        hands = "by hand" if row.needs_operator else ""
-        self._draw_title_line(painter, option, top, row.name, row.state.title, right)
-        painter.setPen(QColor(self._text_color(status)))
-        bold = QFont(option.font)
-        bold.setBold(True)
-        state = "running" if running else row.status_text
+        left, right, middle = round(box.right()) + 16, area.right() - 10, area.center().y()
+        top = QRect(QPoint(left, area.top() + 2), QPoint(right, middle + 1))
+        bottom = QRect(QPoint(left, middle), QPoint(right, area.bottom()))
+        duration = "" if row.rehearsal is None else format_duration(row.rehearsal.duration_s)
+        self._draw_line(painter, option, top, (row.name, theme.text), (row.state.title, theme.text), duration)
+        head = ("running" if running else row.status_text, color)
         reason = "" if status in ("done", "running") else row.state.reason
-        self._draw_line(painter, option, bottom, state, bold, reason, hands)
+        by_hand = "by hand" if row.needs_operator else ""
+        self._draw_line(painter, option, bottom, head, (reason, theme.secondary_text), by_hand)
         painter.setPen(QColor(theme.line))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
         painter.restore()
-
-    def _draw_title_line(
-        self, painter: QPainter, option: QStyleOptionViewItem, area: QRect, name: str, title: str, right: str
-    ) -> None:
-        painter.setPen(QColor(self.theme.text))
-        bold = QFont(option.font)
-        bold.setBold(True)
-        self._draw_line(painter, option, area.adjusted(0, 2, 0, 0), name, bold, title, right, QColor(self.theme.text))
 
     def _draw_line(
         self,
         painter: QPainter,
         option: QStyleOptionViewItem,
         area: QRect,
-        head: str,
-        font: QFont,
-        rest: str,
+        head: tuple[str, str],
+        rest: tuple[str, str],
         right: str,
-        color: QColor | None = None,
     ) -> None:
-        """Draw a bold word, elided text after it, and text at the right end."""
-        flags = Qt.AlignmentFlag.AlignVCenter
-        painter.setFont(font)
-        painter.drawText(area, flags | Qt.AlignmentFlag.AlignLeft, head)
-        used = painter.fontMetrics().horizontalAdvance(f"{head}  ")
+        """Draw a bold text, elided text after it, each with its colour, and text at the right end."""
+        left_aligned = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
+        bold = QFont(option.font)
+        bold.setBold(True)
+        painter.setFont(bold)
+        painter.setPen(QColor(head[1]))
+        painter.drawText(area, left_aligned, head[0])
+        used = painter.fontMetrics().horizontalAdvance(f"{head[0]}  ")
         painter.setFont(option.font)
-        painter.setPen(color or QColor(self.theme.secondary_text))
+        painter.setPen(QColor(rest[1]))
         metrics = painter.fontMetrics()
         available = area.width() - used - metrics.horizontalAdvance(f"{right}  ")
-        words = metrics.elidedText(rest, Qt.TextElideMode.ElideRight, max(available, 0))
-        painter.drawText(area.adjusted(used, 0, 0, 0), flags | Qt.AlignmentFlag.AlignLeft, words)
+        elided = metrics.elidedText(rest[0], Qt.TextElideMode.ElideRight, max(available, 0))
+        painter.drawText(area.adjusted(used, 0, 0, 0), left_aligned, elided)
         painter.setPen(QColor(self.theme.secondary_text))
-        painter.drawText(area, flags | Qt.AlignmentFlag.AlignRight, right)
+        painter.drawText(area, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, right)
 
     def _text_color(self, status: str) -> str:
         theme = self.theme

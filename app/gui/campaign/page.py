@@ -19,7 +19,6 @@ from app.gui.widgets.theme import Theme
 from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
 from app.session.state import WindowState
-from model import ParameterError
 from protocols.base import RunStatus
 
 if TYPE_CHECKING:
@@ -100,11 +99,7 @@ class CampaignPage(QStackedWidget):
         if self._request is None:
             return
         self._overlay.submit(self._request)
-        try:
-            curve = self._overlay.result()
-        except ParameterError:  # outside the model's range: show no curve
-            return
-        if curve is not None:
+        if (curve := self._overlay.result()) is not None:
             self.board.live_pane.show_model_curve(curve)
 
     def shutdown(self) -> None:
@@ -237,8 +232,9 @@ class CampaignPage(QStackedWidget):
         self.start_pane.create_requested.connect(self.create_campaign)
         self.start_pane.open_requested.connect(self.open)
         self.start_pane.browse_pressed.connect(self._choose_campaign_file)
-        self.board.header.another_pressed.connect(self._show_start)
-        self.board.header.open_pressed.connect(self._choose_campaign_file)
+        self.board.header.action_requested.connect(
+            lambda action: self._show_start() if action == "new" else self._choose_campaign_file()
+        )
         self.board.action_requested.connect(self.perform_action)
         self.board.item_moved.connect(
             lambda name, before: self.controller.modify(lambda campaign: campaign.move(name, before))

@@ -4,18 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QFrame,
-    QHBoxLayout,
-    QLineEdit,
-    QListWidget,
-    QListWidgetItem,
-    QWidget,
-)
+from PySide6.QtWidgets import QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from app.gui.widgets.actions import shortcut_label
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
+from app.gui.widgets.layouts import STRETCH, configure, make_button, make_label, make_panel, row
 from app.gui.widgets.status_line import StatusLine
 
 CAMPAIGN_INTRODUCTION = (
@@ -35,23 +27,24 @@ class CampaignStart(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.location_label = make_label(kind="note-size")
-        self.specimen_edit = QLineEdit()
-        self.specimen_edit.setPlaceholderText("name of the specimen, for example T7")
-        self.specimen_edit.setAccessibleName("specimen of the new campaign")
+        self.specimen_edit = configure(
+            QLineEdit(),
+            "campaign.specimen",
+            placeholderText="name of the specimen, for example T7",
+            accessibleName="specimen of the new campaign",
+        )
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
-        self.begin_button = make_button("Begin   (Enter)", self._request_create, "go")
+        self.begin_button = make_button("Begin   (Enter)", self._request_create, "go", name="campaign.begin")
         self.message_label = StatusLine()
         self.existing_label = make_label("Or go on with one that is there", "running", wrap=False)
-        self.campaign_list = QListWidget()
-        self.campaign_list.setAccessibleName("campaigns that are there")
+        self.campaign_list = configure(QListWidget(), "campaign.list", accessibleName="campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())
         self.campaign_list.itemActivated.connect(lambda item: self.open_requested.emit(item.data(PATH_ROLE)))
-        browse = make_button(shortcut_label("Open another …", "campaign.open"), self.browse_pressed.emit)
-        frame = QFrame()
-        set_style_kind(frame, "panel")
-        frame.setMaximumWidth(760)
-        column(
+        browse = make_button(
+            shortcut_label("Open another …", "campaign.open"), self.browse_pressed.emit, name="campaign.browse"
+        )
+        panel = make_panel(
             make_label("Begin a campaign", "heading", wrap=False),
             make_label(CAMPAIGN_INTRODUCTION, "large"),
             row((self.specimen_edit, 1), self.begin_button, spacing=10),
@@ -61,14 +54,12 @@ class CampaignStart(QWidget):
             self.existing_label,
             (self.campaign_list, 1),
             row(browse, STRETCH),
-            parent=frame,
             margins=(28, 22, 28, 22),
             spacing=10,
         )
-        layout = QHBoxLayout(self)
-        layout.setContentsMargins(0, 10, 0, 10)
-        layout.addStretch(1)
-        layout.addWidget(frame, 8, Qt.AlignmentFlag.AlignTop)
+        panel.setMaximumWidth(760)
+        layout = row((panel, 8, Qt.AlignmentFlag.AlignTop), parent=self, margins=(0, 10, 0, 10))
+        layout.insertStretch(0, 1)
         layout.addStretch(1)
         self._validate()
 

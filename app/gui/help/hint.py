@@ -22,7 +22,8 @@ class FirstRunHint(QWidget):
         super().__init__()
         self._run_finished = False
         self.label = make_label(kind="hint")
-        row((self.label, 1), make_button("Got it", self.hide, "choice"), parent=self, margins=(6, 0, 6, 0))
+        dismiss = make_button("Got it", self.hide, "choice", name="hint.dismiss")
+        row((self.label, 1), dismiss, parent=self, margins=(6, 0, 6, 0))
         self.hide()
 
     def start(self) -> None:

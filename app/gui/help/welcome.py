@@ -2,11 +2,10 @@
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.widgets.actions import shortcut_label
-from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import STRETCH, Item, column, make_button, make_label, row
+from app.gui.widgets.layouts import SELECTABLE, STRETCH, Item, column, grid, make_button, make_label, make_panel, row
 from app.gui.widgets.status_line import StatusLine
 
 DEMO_TEXT = (
@@ -41,23 +40,30 @@ class WelcomePage(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.about_label, self.message_label = make_label(kind="large"), StatusLine()
-        self.demo_button = make_button("Try it on the simulated bench   (Enter)", self.demo_requested.emit, "go")
-        self.demo_button.setMinimumHeight(64)
-        self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit)
-        close = make_button(shortcut_label("Not now", "escape"), self.closed.emit)
-        steps = QGridLayout()
-        steps.setHorizontalSpacing(10)
-        steps.setVerticalSpacing(2)
-        for at, (command, words) in enumerate(SETUP_STEPS):
+        self.demo_button = make_button(
+            "Try it on the simulated bench   (Enter)",
+            self.demo_requested.emit,
+            "go",
+            name="welcome.demo",
+            minimumHeight=64,
+        )
+        self.browse_button = make_button("Open a bench file …", self.browse_pressed.emit, name="welcome.browse")
+        close = make_button(shortcut_label("Not now", "escape"), self.closed.emit, name="welcome.close")
+        steps = grid(spacing=(10, 2), stretch={1: 1})
+        for at, (command, purpose) in enumerate(SETUP_STEPS):
             steps.addWidget(QLabel(f"{at + 1}."), 2 * at, 0)
-            line = make_label(command, "command", wrap=False)
-            line.setTextInteractionFlags(
-                Qt.TextInteractionFlag.TextSelectableByMouse | Qt.TextInteractionFlag.TextSelectableByKeyboard
+            steps.addWidget(
+                make_label(
+                    command,
+                    "command",
+                    wrap=False,
+                    textInteractionFlags=SELECTABLE | Qt.TextInteractionFlag.TextSelectableByKeyboard,
+                    focusPolicy=Qt.FocusPolicy.NoFocus,
+                ),
+                2 * at,
+                1,
             )
-            line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            steps.addWidget(line, 2 * at, 1)
-            steps.addWidget(make_label(words, "large"), 2 * at + 1, 1)
-        steps.setColumnStretch(1, 1)
+            steps.addWidget(make_label(purpose, "large"), 2 * at + 1, 1)
         left = _panel("See it work", self.about_label, 10, self.demo_button, STRETCH)
         right = _panel(
             "Set up my bench",
@@ -95,7 +101,4 @@ class WelcomePage(QWidget):
 
 
 def _panel(title: str, *items: Item) -> QFrame:
-    frame = QFrame()
-    set_style_kind(frame, "panel")
-    column(make_label(title, "heading", wrap=False), *items, parent=frame, margins=(24, 18, 24, 18), spacing=8)
-    return frame
+    return make_panel(make_label(title, "heading", wrap=False), *items, margins=(24, 18, 24, 18), spacing=8)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QPointF, QSize
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QGridLayout, QLabel, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
 from app.common import format_uncertain, pluralize
 from app.explore.sliders import SLIDERS
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import configure, grid
 from app.gui.widgets.theme import Theme
 from app.live.estimates import EstimateUpdate
 
@@ -60,26 +60,22 @@ class EstimatesPanel(QWidget):
 
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._theme, self._update = theme, EstimateUpdate()
-        self._busy = False
-        self.caption, self.note = QLabel(), QLabel()
-        set_style_kind(self.caption, "caption")
-        set_style_kind(self.note, "note")
-        self.note.setWordWrap(True)
-        self.rows = [(QLabel(), QLabel(), ErrorHistoryPlot()) for _ in range(MAX_ROWS)]
-        for name, value, _ in self.rows:
-            set_style_kind(name, "note")
-            set_style_kind(value, "small")
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(8)
-        grid.setVerticalSpacing(1)
-        grid.setColumnStretch(2, 1)
-        grid.addWidget(self.caption, 0, 0, 1, 3)
-        for at, row in enumerate(self.rows, 1):
-            for column, widget in enumerate(row):
-                grid.addWidget(widget, at, column)
-        grid.addWidget(self.note, MAX_ROWS + 1, 0, 1, 3)
+        self._theme, self._update, self._busy = theme, EstimateUpdate(), False
+        self.caption = configure(QLabel(), "estimates.caption", kind="caption")
+        self.note = configure(QLabel(), "estimates.note", kind="note", wordWrap=True)
+        self.rows = [
+            (configure(QLabel(), kind="note"), configure(QLabel(), kind="small"), ErrorHistoryPlot())
+            for _ in range(MAX_ROWS)
+        ]
+        grid(
+            (self.caption, 0, 0, 1, 3),
+            *((widget, at, column) for at, row in enumerate(self.rows, 1) for column, widget in enumerate(row)),
+            (self.note, MAX_ROWS + 1, 0, 1, 3),
+            parent=self,
+            margins=(0, 0, 0, 0),
+            spacing=(8, 1),
+            stretch={2: 1},
+        )
         self.hide()
 
     def set_theme(self, theme: Theme) -> None:
@@ -96,16 +92,14 @@ class EstimatesPanel(QWidget):
         count = pluralize(update.points, "usable point")
         self.caption.setText(f"What {count} tell{'s' if update.points == 1 else ''}")
         estimates = update.estimates[:MAX_ROWS]
-        for at, (name, value, shrinking) in enumerate(self.rows):
-            there = at < len(estimates)
-            for widget in (name, value, shrinking):
-                widget.setVisible(there)
-            if there:
-                e = estimates[at]
-                slider = SLIDERS[e.name.partition("(")[0]]
-                name.setText(slider.label + e.name.removeprefix(slider.name))
-                value.setText(format_uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
-                shrinking.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
+        for at, row in enumerate(self.rows):
+            for widget in row:
+                widget.setVisible(at < len(estimates))
+        for e, (name, value, history) in zip(estimates, self.rows, strict=False):
+            slider = SLIDERS[e.name.partition("(")[0]]
+            name.setText(slider.label + e.name.removeprefix(slider.name))
+            value.setText(format_uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
+            history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
         rests = f"Everything else as in {update.active_model.description}; the sensor's gain is taken as exact."
         self.note.setText(
             rests if estimates else TOO_FEW if update.message.startswith("not identifiable") else update.message

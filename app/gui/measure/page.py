@@ -12,6 +12,7 @@ from app.gui.measure.presets import PresetStore
 from app.gui.measure.run_panel import BenchGetter, RunPanel
 from app.gui.plots.live_pane import LivePane
 from app.gui.plots.points_plot import PointsPlot
+from app.gui.widgets.layouts import configure
 from app.gui.widgets.log_pane import LogPane
 from app.gui.widgets.theme import Theme
 from app.identification.active_model import PAPER_MODEL
@@ -20,7 +21,7 @@ from app.live.feed import LiveFeed
 from app.live.overlay import CurveRequest, Overlay, curve_request_for
 from app.live.preflight import PreflightCheck, PreflightRequest
 from app.session.state import WindowState
-from model import AmplifierMap, ParameterError
+from model import AmplifierMap
 from protocols.base import Protocol
 from protocols.registry import PROTOCOLS
 
@@ -47,12 +48,10 @@ class MeasurePage(QSplitter):
     ) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self._overlay, self._estimator = overlay, LiveEstimator(amplifier)
-        self._bench, self._preflight = bench, PreflightCheck()
-        self._active_model = PAPER_MODEL
+        self._bench, self._preflight, self._active_model = bench, PreflightCheck(), PAPER_MODEL
         self._state: WindowState | None = None
         self._request: CurveRequest | None = None
-        self._curve_started = False
-        self._last_poll_s = 0.0
+        self._curve_started, self._last_poll_s = False, 0.0
         self.run_panel = RunPanel(protocol, bench, presets, theme)
         self.live_pane = LivePane(feed, amplifier, theme)
         self.live_pane.repeat_requested.connect(self.repeat_requested)
@@ -60,15 +59,12 @@ class MeasurePage(QSplitter):
         self.time_plot = self.live_pane.time_plot
         self.log = LogPane(theme)
         self.live_pane.add_widget(self.log, 2)
-        self.setChildrenCollapsible(False)
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
-        self.addWidget(self.run_panel)
-        self.addWidget(self.live_pane)
-        self.setStretchFactor(0, 0)
-        self.setStretchFactor(1, 1)
+        configure(self, "measure/columns", childrenCollapsible=False, focusPolicy=Qt.FocusPolicy.ClickFocus)
+        for part, stretch in ((self.run_panel, 0), (self.live_pane, 1)):
+            self.addWidget(part)
+            self.setStretchFactor(self.indexOf(part), stretch)
         self.setSizes([350, 900])
         self.live_pane.setSizes([290, 210, 96])
-        self.setObjectName("measure/columns")
         self.live_pane.setObjectName("measure/rows")
         self.run_panel.setMinimumWidth(300)
         self.run_panel.changed.connect(self._update_request)
@@ -113,11 +109,7 @@ class MeasurePage(QSplitter):
             self._overlay.submit(self._request)
             self._poll_calibration()
             self._run_preflight()
-        try:
-            curve = self._overlay.result()
-        except ParameterError:  # the form admits values outside the model's range: show no curve
-            return
-        if curve is not None:
+        if (curve := self._overlay.result()) is not None:
             self._active_model = curve.active_model
             self.live_pane.show_model_curve(curve)
 
@@ -126,9 +118,9 @@ class MeasurePage(QSplitter):
         protocol, bench = self.run_panel.protocol, self._bench()
         if protocol is None or bench is None or self._state is None or self._state.busy:
             self.run_panel.show_warnings(())
-            return
-        self._preflight.submit(PreflightRequest(protocol, bench, self._active_model, self._folder))
-        self.run_panel.show_warnings(self._preflight.warnings)
+        else:
+            request = PreflightRequest(protocol, bench, self._active_model, self._folder)
+            self.run_panel.show_warnings(self._preflight.warnings(request))
 
     def _poll_calibration(self) -> None:
         """Check for another accepted calibration, for example from the command line."""
@@ -164,15 +156,15 @@ class MeasurePage(QSplitter):
     def save_state(self, settings: QSettings) -> None:
         """Save settings."""
         if (protocol := self.run_panel.protocol) is not None:
-            said = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
-            settings.setValue("measure/form", json.dumps(said))
+            saved = {"protocol": protocol.name, "parameters": protocol.model_dump(mode="json")}
+            settings.setValue("measure/form", json.dumps(saved))
         settings.setValue("measure/span", self.time_plot.selected_span)
 
 
 def _saved_form(settings: QSettings) -> Protocol | None:
     """Return the saved protocol; None if there is none, or this version rejects it."""
     try:
-        said = json.loads(str(settings.value("measure/form", "")))
-        return PROTOCOLS[said["protocol"]].model_validate(said["parameters"])
+        saved = json.loads(str(settings.value("measure/form", "")))
+        return PROTOCOLS[saved["protocol"]].model_validate(saved["parameters"])
     except (ValueError, KeyError, TypeError):
         return None

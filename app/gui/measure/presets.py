@@ -10,10 +10,10 @@ from typing import Any
 from platformdirs import user_config_path
 from pydantic import ValidationError
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton, QWidget
+from PySide6.QtWidgets import QInputDialog, QMenu, QMessageBox, QToolButton
 
 from app.common import write_atomic
-from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import configure
 from protocols.base import Protocol
 
 
@@ -92,29 +92,34 @@ class PresetStore:
 
 
 class PresetButton(QToolButton):
-    """Button with a menu of presets, filled when it is opened."""
+    """Button with a menu of presets, filled when it is opened.
+
+    Args:
+        presets: the lab's own sets of parameters.
+        current: returns the form's protocol.
+    """
 
     preset_chosen = Signal(object)
 
-    def __init__(self, presets: PresetStore, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._presets = presets
-        self._kind: type[Protocol] | None = None
-        self._current: Callable[[], Protocol | None] = lambda: None
-        self.setText("Presets")
-        set_style_kind(self, "tool")
-        self.setToolTip("The paper's parameters, or your own")
-        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+    def __init__(self, presets: PresetStore, current: Callable[[], Protocol | None]) -> None:
+        super().__init__()
+        self._presets, self._current = presets, current
+        self.kind: type[Protocol] | None = None
+        """The protocol whose presets are offered."""
+        configure(
+            self,
+            "measure.presets",
+            kind="tool",
+            text="Presets",
+            toolTip="The paper's parameters, or your own",
+            popupMode=QToolButton.ToolButtonPopupMode.InstantPopup,
+        )
         menu = QMenu(self)
         menu.aboutToShow.connect(self._fill_menu)
         self.setMenu(menu)
 
-    def set_protocol(self, kind: type[Protocol], current: Callable[[], Protocol | None]) -> None:
-        """Offer the presets of a protocol; `current` returns the form's protocol."""
-        self._kind, self._current = kind, current
-
     def _fill_menu(self) -> None:
-        menu, kind = self.menu(), self._kind
+        menu, kind = self.menu(), self.kind
         menu.clear()
         if kind is None:
             return
@@ -127,26 +132,24 @@ class PresetButton(QToolButton):
         for name in names:
             menu.addAction(name, partial(self._load_preset, kind, name))
         menu.addSeparator()
-        keep = menu.addAction("Keep these as …", self._save_preset)
-        keep.setEnabled(self._current() is not None)
+        menu.addAction("Keep these as …", self._save_preset).setEnabled(self._current() is not None)
         if names:
-            away = menu.addMenu("Forget")
+            deletion_menu = menu.addMenu("Forget")
             for name in names:
-                away.addAction(name, partial(self._delete_preset, kind, name))
+                deletion_menu.addAction(
+                    name, partial(self._report_errors, partial(self._presets.delete, kind.name, name))
+                )
 
     def _save_preset(self) -> None:
         protocol = self._current()
         if protocol is None:
             return
-        name, given = QInputDialog.getText(self, "Keep these parameters", "Name of the preset")
-        if given and name.strip():
+        name, accepted = QInputDialog.getText(self, "Keep these parameters", "Name of the preset")
+        if accepted and name.strip():
             self._report_errors(lambda: self._presets.save(name.strip(), protocol))
 
     def _load_preset(self, kind: type[Protocol], name: str) -> None:
         self._report_errors(lambda: self.preset_chosen.emit(self._presets.get(kind, name)))
-
-    def _delete_preset(self, kind: type[Protocol], name: str) -> None:
-        self._report_errors(lambda: self._presets.delete(kind.name, name))
 
     def _report_errors(self, action: Callable[[], object]) -> None:
         try:

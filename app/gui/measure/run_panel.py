@@ -4,25 +4,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import (
-    QComboBox,
-    QFileDialog,
-    QFrame,
-    QGridLayout,
-    QLabel,
-    QLineEdit,
-    QPushButton,
-    QScrollArea,
-    QToolButton,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QFileDialog, QLabel, QLineEdit, QToolButton, QWidget
 
 from app.common import format_bytes, format_duration, pluralize
 from app.gui.measure.estimates_panel import EstimatesPanel
 from app.gui.measure.presets import PresetButton, PresetStore
 from app.gui.widgets.actions import ACTIONS, tooltip
 from app.gui.widgets.form import ProtocolForm, set_style_kind
-from app.gui.widgets.layouts import column, make_label, row
+from app.gui.widgets.layouts import column, configure, grid, make_button, make_label, make_scroll_area, row
 from app.gui.widgets.theme import Theme
 from app.session.state import WindowState, format_voltage_range
 from drivers import Bench, BenchError
@@ -60,29 +49,45 @@ class RunPanel(QWidget):
         self._can_run, self._blocked_reason = False, ""
         self._rehearsed_inputs: tuple[object, ...] = ()
         self._rehearsal_result = ("", False)
-        self.form = ProtocolForm(protocol)
-        self.protocol_box = QComboBox()
-        self.protocol_box.setToolTip("What to measure")
-        self.protocol_box.setAccessibleName("protocol")
+        self.protocol_box = configure(
+            QComboBox(), "measure.protocol", kind="heading", toolTip="What to measure", accessibleName="protocol"
+        )
         for name in PROTOCOLS:
             self.protocol_box.addItem(PROTOCOLS.title(name), name)
-        self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
-        self.about_label = make_label(protocol_summary(type(protocol)), "note")
-        self.specimen_edit, self.folder_edit = QLineEdit(), QLineEdit()
-        self.rehearsal_label, self.warnings_label = make_label(), make_label(kind="caution")
-        self.warnings_label.hide()
+        self.about_label = make_label(kind="note", name="measure.about")
+        self.specimen_edit = configure(
+            QLineEdit(),
+            "measure.specimen",
+            accessibleName="specimen",
+            toolTip="Name of the specimen, written into the run file and its name",
+        )
+        self.folder_edit = configure(
+            QLineEdit(), "measure.folder", accessibleName="folder", toolTip="Where run files are kept"
+        )
+        self.rehearsal_label = make_label(name="measure.rehearsal")
+        self.warnings_label = make_label(kind="caution", name="measure.warnings", visible=False)
         self.estimates_panel = EstimatesPanel(theme)
-        self.run_button = QPushButton(f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})")
-        self.run_button.setProperty("kind", "go")
-        self.preset_button = PresetButton(presets)
-        self._browse = QToolButton()
-        self._scroll = QScrollArea()
+        self.run_button = make_button(
+            f"Run   ({' or '.join(ACTIONS['run'].shortcuts)})", self.run_pressed.emit, "go", name="measure.run"
+        )
+        self.preset_button = PresetButton(presets, lambda: self.protocol)
+        self._browse = configure(
+            QToolButton(),
+            "measure.browse",
+            kind="tool",
+            text="…",
+            toolTip="Choose the folder",
+            accessibleName="choose the folder",
+        )
+        self._scroll = make_scroll_area(
+            focusPolicy=Qt.FocusPolicy.NoFocus,
+            horizontalScrollBarPolicy=Qt.ScrollBarPolicy.ScrollBarAlwaysOff,
+            minimumHeight=40,
+        )
+        self._show_form(protocol)
         self._build()
-        self.form.changed.connect(self._on_edited)
         self.protocol_box.currentIndexChanged.connect(self._on_protocol_chosen)
         self.preset_button.preset_chosen.connect(self.set_protocol)
-        self.preset_button.set_protocol(type(protocol), lambda: self.protocol)
-        self.run_button.clicked.connect(self.run_pressed)
         self._browse.clicked.connect(self._choose_folder)
         self.specimen_edit.textChanged.connect(self._on_edited)
         self.folder_edit.textChanged.connect(self._on_edited)
@@ -104,15 +109,18 @@ class RunPanel(QWidget):
             return
         if (present := self.protocol) is not None:
             self._edited_protocols[present.name] = present
+        self._show_form(protocol)
+        self._on_edited()
+
+    def _show_form(self, protocol: Protocol) -> None:
         self.form = ProtocolForm(protocol)
+        self._scroll.setWidget(self.form)  # deletes the previous form
         self.form.setAutoFillBackground(False)
-        self._scroll.setWidget(self.form)  # deletes the form before
         self.form.changed.connect(self._on_edited)
         self.about_label.setText(protocol_summary(type(protocol)))
-        self.preset_button.set_protocol(type(protocol), lambda: self.protocol)
+        self.preset_button.kind = type(protocol)
         with QSignalBlocker(self.protocol_box):
             self.protocol_box.setCurrentIndex(self.protocol_box.findData(protocol.name))
-        self._on_edited()
 
     def _on_protocol_chosen(self) -> None:
         name = self.protocol_box.currentData()
@@ -156,8 +164,8 @@ class RunPanel(QWidget):
         about = (self.form.result, self._bench())
         if about != self._rehearsed_inputs:
             self._rehearsed_inputs, self._rehearsal_result = about, self._rehearse()
-        words, fault = self._rehearsal_result
-        self.rehearsal_label.setText(words)
+        text, fault = self._rehearsal_result
+        self.rehearsal_label.setText(text)
         set_style_kind(self.rehearsal_label, "fault" if fault else "")
         missing = "" if self.folder_edit.text().strip() else "a folder is needed"
         why = self._blocked_reason or missing or ("the form has a fault" if fault or self.protocol is None else "")
@@ -168,8 +176,7 @@ class RunPanel(QWidget):
         """Return duration, points, volts and file size, or the error; and whether it is an error."""
         protocol = self.protocol
         if protocol is None:
-            words = self.form.result.errors.get("", "") or "Correct the field marked above."
-            return f"✕ {words}", True
+            return f"✕ {self.form.result.errors.get('', '') or 'Correct the field marked above.'}", True
         bench = self._bench()
         if bench is None:
             return "Duration, volts and file size are told when the bench is there.", False
@@ -191,36 +198,17 @@ class RunPanel(QWidget):
             self.folder_edit.setText(str(Path(chosen)))
 
     def _build(self) -> None:
-        set_style_kind(self.protocol_box, "heading")
-        scroll = self._scroll
-        scroll.setWidget(self.form)
-        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        scroll.setWidgetResizable(True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setFrameShape(QFrame.Shape.NoFrame)
-        scroll.setMinimumHeight(40)
-        scroll.viewport().setAutoFillBackground(False)
-        self.form.setAutoFillBackground(False)
-        self._browse.setText("…")
-        set_style_kind(self._browse, "tool")
-        self._browse.setToolTip("Choose the folder")
-        self._browse.setAccessibleName("choose the folder")
-        self.specimen_edit.setToolTip("Name of the specimen, written into the run file and its name")
-        self.folder_edit.setToolTip("Where run files are kept")
-        where = QGridLayout()
-        where.setHorizontalSpacing(8)
-        where.setVerticalSpacing(4)
-        for at, (words, editor) in enumerate((("specimen", self.specimen_edit), ("folder", self.folder_edit))):
-            label = QLabel(words)
+        where = grid(spacing=(8, 4))
+        for at, editor in enumerate((self.specimen_edit, self.folder_edit)):
+            label = QLabel(editor.accessibleName())
             label.setBuddy(editor)
-            editor.setAccessibleName(words)
             where.addWidget(label, at, 0)
             where.addWidget(editor, at, 1)
         where.addWidget(self._browse, 1, 2)
         column(
             row((self.protocol_box, 1), self.preset_button),
             self.about_label,
-            (scroll, 1),
+            (self._scroll, 1),
             where,
             self.rehearsal_label,
             self.warnings_label,

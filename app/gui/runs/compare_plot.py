@@ -36,8 +36,11 @@ class ComparePlot(PlotBase):
         self.set_theme(theme)
 
     def _series(self) -> Iterable[PlotSeries]:
-        size = SERIES[0]
-        return [PlotSeries(r.title, r.frequency_hz, size.values_of(r), size.errors_of(r)) for r in self._runs]
+        peak_to_peak = SERIES[0]
+        return [
+            PlotSeries(r.title, r.frequency_hz, peak_to_peak.values_of(r), peak_to_peak.errors_of(r))
+            for r in self._runs
+        ]
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

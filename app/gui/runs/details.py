@@ -5,19 +5,13 @@ from functools import partial
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QFocusEvent
-from PySide6.QtWidgets import (
-    QGridLayout,
-    QLabel,
-    QLineEdit,
-    QPlainTextEdit,
-    QWidget,
-)
+from PySide6.QtWidgets import QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.archive import FORMATS, MeasuredResponse, RunSummary
 from app.gui.runs.compare_plot import ComparePlot
 from app.gui.widgets.actions import shortcut_label, tooltip
 from app.gui.widgets.form import set_style_kind
-from app.gui.widgets.layouts import STRETCH, column, make_button, make_label, row
+from app.gui.widgets.layouts import SELECTABLE, STRETCH, column, configure, grid, make_button, make_label, row
 from app.gui.widgets.progress_row import ProgressRow
 from app.gui.widgets.theme import Theme
 
@@ -47,37 +41,41 @@ class RunDetailsPane(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._saved_notes, self._run_path = ("", ""), ""
-        self.heading, self.facts_label, self.message_label = make_label(kind="caption"), make_label(), make_label()
-        self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.heading, self.message_label = make_label(kind="caption", name="runs.heading"), make_label()
+        self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.progress_row = ProgressRow()
-        self.plot = ComparePlot(theme)
-        self.plot.setMinimumHeight(160)
-        self.empty_label = make_label(kind="note-size")
-        self.empty_label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.tags_edit, self.note_edit = QLineEdit(), _NoteEdit()
-        self.tags_edit.setPlaceholderText(shortcut_label("good, second try", "runs.notes"))
-        self.tags_edit.setAccessibleName("tags")
-        self.note_edit.setAccessibleName("note")
-        self.note_edit.setTabChangesFocus(True)
+        self.plot = configure(ComparePlot(theme), "runs.plot", minimumHeight=160)
+        self.empty_label = make_label(kind="note-size", name="runs.empty", alignment=Qt.AlignmentFlag.AlignCenter)
+        self.tags_edit = configure(
+            QLineEdit(),
+            "runs.tags",
+            placeholderText=shortcut_label("good, second try", "runs.notes"),
+            accessibleName="tags",
+        )
+        self.note_edit = configure(_NoteEdit(), "runs.note", accessibleName="note", tabChangesFocus=True)
         self.note_edit.setMaximumHeight(3 * self.note_edit.fontMetrics().lineSpacing() + 14)
         self.tags_edit.editingFinished.connect(self._save_notes)
         self.note_edit.focus_lost.connect(self._save_notes)
-        self.open_button = make_button("Open", self.open_pressed.emit, "choice", "Enter")
-        self.explore_button = make_button("Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"))
+        self.open_button = make_button("Open", self.open_pressed.emit, "choice", "Enter", "runs.open")
+        self.explore_button = make_button(
+            "Explore", self.explore_pressed.emit, "choice", tooltip("runs.explore"), "runs.explore"
+        )
         self.export_buttons = [
             make_button(
                 kind.upper(),
                 partial(self.export_pressed.emit, kind),
                 "choice",
                 f"Points, estimates, events and raw samples as {kind.upper()} files",
+                f"runs.export-{kind}",
             )
             for kind in FORMATS
         ]
-        fields = QGridLayout()
-        fields.addWidget(QLabel("tags"), 0, 0)
-        fields.addWidget(self.tags_edit, 0, 1)
-        fields.addWidget(QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop)
-        fields.addWidget(self.note_edit, 1, 1)
+        fields = grid(
+            (QLabel("tags"), 0, 0),
+            (self.tags_edit, 0, 1),
+            (QLabel("note"), 1, 0, Qt.AlignmentFlag.AlignTop),
+            (self.note_edit, 1, 1),
+        )
         buttons = row(self.open_button, self.explore_button, STRETCH, QLabel("Export"), *self.export_buttons, spacing=6)
         column(
             self.heading,

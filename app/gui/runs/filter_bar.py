@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QComboBox, QLineEdit, QWidget
 
 from app.archive import RunFilter, RunSummary, ScanResult, read_since
-from app.gui.widgets.layouts import Item, make_button, make_label, row
+from app.gui.widgets.layouts import Item, configure, make_button, make_label, row
 
 SINCE = (("any time", ""), ("today", "today"), ("7 days", "7d"), ("30 days", "30d"), ("a year", "365d"))
 
@@ -35,31 +35,37 @@ class RunFilterBar(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.search_edit = _Search()
-        self.search_edit.setPlaceholderText("Search: words in names, results, tags, notes   ( / )")
-        self.search_edit.setAccessibleName("search")
-        self.search_edit.setClearButtonEnabled(True)
-        self.specimen, self.protocol, self.state, self.since = (QComboBox() for _ in range(4))
-        for combo, words in (
-            (self.specimen, "any specimen"),
-            (self.protocol, "any protocol"),
-            (self.state, "any status"),
-        ):
-            combo.addItem(words, "")
-            combo.setAccessibleName(words.removeprefix("any "))
-            combo.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
-        for words, text in SINCE:
-            self.since.addItem(words, text)
-        self.since.setAccessibleName("begun")
-        self.count_label = make_label(kind="note", wrap=False)
-        self.stop_button = make_button("Stop reading", self.stop_pressed.emit, "choice")
-        self.stop_button.hide()
-        combos = (self.specimen, self.protocol, self.state, self.since)
-        items: tuple[Item, ...] = ((self.search_edit, 1), *combos, self.count_label, self.stop_button)
+        self.search_edit = configure(
+            _Search(),
+            "runs.search",
+            placeholderText="Search: words in names, results, tags, notes   ( / )",
+            accessibleName="search",
+            clearButtonEnabled=True,
+        )
+        self.specimen, self.protocol, self.state = (
+            configure(
+                QComboBox(),
+                f"runs.{name}",
+                accessibleName=name,
+                sizeAdjustPolicy=QComboBox.SizeAdjustPolicy.AdjustToContents,
+            )
+            for name in ("specimen", "protocol", "status")
+        )
+        self.since = configure(QComboBox(), "runs.since", accessibleName="begun")
+        self._combos = (self.specimen, self.protocol, self.state, self.since)
+        for combo in self._combos[:-1]:
+            combo.addItem(f"any {combo.accessibleName()}", "")
+        for label, since in SINCE:
+            self.since.addItem(label, since)
+        self.count_label = make_label(kind="note", wrap=False, name="runs.count")
+        self.stop_button = make_button(
+            "Stop reading", self.stop_pressed.emit, "choice", name="runs.stop-reading", visible=False
+        )
+        items: tuple[Item, ...] = ((self.search_edit, 1), *self._combos, self.count_label, self.stop_button)
         row(*items, parent=self, margins=(0, 2, 0, 0), spacing=6)
         self.search_edit.textChanged.connect(lambda _: self.changed.emit())
         self.search_edit.focus_list_requested.connect(self.list_requested)
-        for combo in combos:
+        for combo in self._combos:
             combo.currentIndexChanged.connect(lambda _: self.changed.emit())
         self.progressed.connect(self._show_progress)
         self._count_text = ""
@@ -81,7 +87,7 @@ class RunFilterBar(QWidget):
         if self.selected_filter == RunFilter():
             return False
         self.search_edit.clear()
-        for combo in (self.specimen, self.protocol, self.state, self.since):
+        for combo in self._combos:
             combo.setCurrentIndex(0)
         return True
 
@@ -102,16 +108,15 @@ class RunFilterBar(QWidget):
 
     def show_count(self, shown: int, total: int) -> None:
         """Show the number of listed runs and the total."""
-        number = f"{total:,}".replace(",", " ")
-        self._count_text = f"{number} runs" if shown == total else f"{shown:,}".replace(",", " ") + f" of {number} runs"
+        some = f"{shown:,} of " if shown != total else ""
+        self._count_text = f"{some}{total:,} runs".replace(",", " ")
         if not self.stop_button.isVisible():
             self.count_label.setText(self._count_text)
 
     def show_scan_result(self, result: ScanResult) -> None:
         """Show the result of a folder scan."""
         self.stop_button.hide()
-        rest = "" if result.complete else "; reading was stopped"
-        self.count_label.setText(f"{self._count_text}{rest}")
+        self.count_label.setText(f"{self._count_text}{'' if result.complete else '; reading was stopped'}")
         self.count_label.setToolTip("\n".join(result.skipped))
 
     def _show_progress(self, fraction: float, text: str) -> None:

@@ -5,20 +5,21 @@ from pathlib import Path
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QDragEnterEvent, QDropEvent, QGuiApplication
-from PySide6.QtWidgets import QStackedWidget
+from PySide6.QtWidgets import QStackedWidget, QWidget
 
 from app.archive import Format, LoadedRun, RunSummary, TraceWindow, load_run, load_trace_window, measured_responses
 from app.config import AmplifierTable
 from app.gui.runs.details import RunDetailsPane
 from app.gui.runs.filter_bar import RunFilterBar
 from app.gui.runs.folder_model import RunFolderModel
-from app.gui.runs.table import RunListLayout, RunTableModel, RunTableView
+from app.gui.runs.table import RunTableModel, RunTableView
 from app.gui.runs.transfers import RunTransfers
 from app.gui.runs.viewer import RunViewer
 from app.gui.widgets.actions import add_actions
 from app.gui.widgets.background import BackgroundWorker
 from app.gui.widgets.dropped_files import dropped_runs, dropped_tables
 from app.gui.widgets.file_dialog import Mode, choose_files
+from app.gui.widgets.layouts import column, make_splitter
 from app.gui.widgets.theme import Theme
 from app.live.overlay import CurveRequest, Overlay, elongations_of
 from app.session.state import WindowState
@@ -57,7 +58,11 @@ class RunsPage(QStackedWidget):
         self.table = RunTableView(self.model)
         self.filter_bar, self.details, self.viewer = RunFilterBar(), RunDetailsPane(theme), RunViewer(theme)
         self.transfers = RunTransfers(self.details.progress_row, folder, specimen, amplifier, self)
-        self.addWidget(RunListLayout(self.filter_bar, self.table, self.details))
+        catalogue_pane = QWidget()
+        columns = make_splitter("runs/columns", (self.table, 3), (self.details, 1), sizes=[860, 390])
+        self.details.setMinimumWidth(340)  # now: at first the details have the width that their buttons need
+        column(self.filter_bar, (columns, 1), parent=catalogue_pane, margins=(0, 0, 0, 0), spacing=6)
+        self.addWidget(catalogue_pane)
         self.addWidget(self.viewer)
         self.setAcceptDrops(True)
         self._connect_signals()
@@ -100,12 +105,10 @@ class RunsPage(QStackedWidget):
     def open_selected(self) -> None:
         """Open the selected run."""
         chosen = self.selected
-        if not chosen:
-            return
-        if not chosen[0].readable:
+        if chosen and chosen[0].readable:
+            self.open_run(self._path_of(chosen[0]))
+        elif chosen:
             self.details.show_message(chosen[0].reason, is_error=True)
-            return
-        self.open_run(self._path_of(chosen[0]))
 
     def open_run(self, path: Path) -> None:
         """Open a run in the viewer."""
@@ -114,19 +117,16 @@ class RunsPage(QStackedWidget):
 
     def go_back(self) -> bool:
         """Return from an opened run to the list, or clear the filter; return whether either was done."""
-        if self.currentWidget() is self.viewer:
-            self.setCurrentIndex(0)
-            self.table.setFocus()
+        if self.currentWidget() is not self.viewer and self.filter_bar.clear():
             return True
-        if self.filter_bar.clear():
-            return True
+        opened = self.currentWidget() is self.viewer
+        self.setCurrentIndex(0)
         self.table.setFocus()
-        return False
+        return opened
 
     def annotate(self, tags: str, note: str) -> None:
         """Write tags and a note for the selected runs; with several, tags are added and notes stay."""
-        chosen = [(self._path_of(e), e.tags, e.note) for e in self.selected]
-        self.folder_model.annotate(chosen, tags, note)
+        self.folder_model.annotate([(self._path_of(e), e.tags, e.note) for e in self.selected], tags, note)
 
     def export_selected(self, folder: Path, kind: Format, selected: Sequence[RunSummary] | None = None) -> None:
         """Export the selected or given runs as files for other programs."""
@@ -182,8 +182,7 @@ class RunsPage(QStackedWidget):
     def _on_run_loaded(self, run: LoadedRun) -> None:
         self.details.show_message("")
         self.viewer.show_run(run)
-        peak_to_peak = run.parameters.get("peak_to_peak_v", 5.0)
-        amplitude_v, elongations = float(peak_to_peak) / 2, elongations_of(run.points)
+        amplitude_v, elongations = float(run.parameters.get("peak_to_peak_v", 5.0)) / 2, elongations_of(run.points)
         self._overlay.submit(CurveRequest(1.05 * run.max_hz, amplitude_v, run.path.parent, run.specimen, elongations))
         self.setCurrentWidget(self.viewer)
         self.viewer.back_button.setFocus()

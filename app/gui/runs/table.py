@@ -1,4 +1,4 @@
-"""Table of runs: model over run summaries (ten thousand without a delay), view and layout."""
+"""Table of runs: model over run summaries (ten thousand without a delay), and view."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,11 +15,11 @@ from PySide6.QtCore import (
     Signal,
 )
 from PySide6.QtGui import QColor, QKeyEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QSplitter, QTableView, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView
 
 from app.archive import RunState, RunSummary
 from app.common import format_duration
-from app.gui.widgets.layouts import column
+from app.gui.widgets.layouts import configure
 from app.gui.widgets.theme import Theme
 
 Index = QModelIndex | QPersistentModelIndex
@@ -148,26 +148,28 @@ class RunTableView(QTableView):
         super().__init__()
         self._runs = model
         self.setModel(model)
-        self.setSortingEnabled(True)
+        configure(
+            self,
+            "runs.table",
+            accessibleName="runs",
+            sortingEnabled=True,
+            selectionBehavior=QAbstractItemView.SelectionBehavior.SelectRows,
+            selectionMode=QAbstractItemView.SelectionMode.ExtendedSelection,
+            dragEnabled=True,
+            alternatingRowColors=True,
+            showGrid=False,
+            wordWrap=False,
+            tabKeyNavigation=False,
+            minimumWidth=500,
+        )
         self.sortByColumn(0, Qt.SortOrder.DescendingOrder)
-        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        self.setDragEnabled(True)
-        self.setAlternatingRowColors(True)
-        self.setShowGrid(False)
-        self.setWordWrap(False)
-        self.setTabKeyNavigation(False)
-        self.verticalHeader().hide()
-        self.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 8)
+        configure(self.verticalHeader(), visible=False, defaultSectionSize=self.fontMetrics().height() + 8)
         header = self.horizontalHeader()
-        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         wide = self.fontMetrics().averageCharWidth()
         for at, count in enumerate((20, 12, 19, 29, 8, 9, 34, 9)):
             self.setColumnWidth(at, count * wide)
-        header.setStretchLastSection(False)
         header.setSectionResizeMode(COLUMNS.index("found"), QHeaderView.ResizeMode.Stretch)
-        self.setAccessibleName("runs")
 
     @property
     def selected(self) -> list[RunSummary]:
@@ -189,21 +191,3 @@ class RunTableView(QTableView):
             self.open_requested.emit()
             return
         super().keyPressEvent(event)
-
-
-class RunListLayout(QWidget):
-    """Layout of filter bar, table and details."""
-
-    def __init__(self, top: QWidget, table: QWidget, side: QWidget) -> None:
-        super().__init__()
-        columns = QSplitter(Qt.Orientation.Horizontal)
-        columns.addWidget(table)
-        columns.addWidget(side)
-        columns.setStretchFactor(0, 3)
-        columns.setStretchFactor(1, 1)
-        columns.setSizes([860, 390])
-        columns.setObjectName("runs/columns")
-        columns.setChildrenCollapsible(False)
-        table.setMinimumWidth(500)
-        side.setMinimumWidth(340)
-        column(top, (columns, 1), parent=self, margins=(0, 0, 0, 0), spacing=6)

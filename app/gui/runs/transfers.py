@@ -1,6 +1,7 @@
 """Transfers of run files: export, copy and import in the background, with progress."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,32 +54,27 @@ class RunTransfers(QObject):
         """Copy run files into the folder; what has the same name is never replaced."""
         folder, progress = self._folder(), self._progress_row.progress
 
-        def done(taken: CopyResult) -> str:
+        def describe(taken: CopyResult) -> str:
             self.finished.emit()
-            there = f"already there: {', '.join(taken.already_present)}" if taken.already_present else ""
-            return "; ".join(
-                filter(None, [f"{pluralize(len(taken.copied), 'run')} taken in" if taken.copied else "", there])
-            )
+            copied = [f"{pluralize(len(taken.copied), 'run')} taken in"] if taken.copied else []
+            present = [f"already there: {', '.join(taken.already_present)}"] if taken.already_present else []
+            return "; ".join(copied + present)
 
-        self._start(
-            f"taking in {pluralize(len(paths), 'run')} …",
-            lambda: copy_runs_into(paths, folder, progress),
-            done,
-        )
+        work = partial(copy_runs_into, paths, folder, progress)
+        self._start(f"taking in {pluralize(len(paths), 'run')} …", work, describe)
 
     def import_tables(self, paths: Sequence[Path]) -> None:
         """Import tables as runs of the specimen of the Measure page, driven through this bench's amplifier."""
         folder, specimen, progress = self._folder(), self._specimen(), self._progress_row.progress
         names = paths[0].name if len(paths) == 1 else f"{len(paths)} tables"
 
-        def done(brought: tuple[int, list[str]]) -> str:
+        def describe(imported: tuple[int, list[str]]) -> str:
             self.finished.emit()
-            count, cautions = brought
+            count, cautions = imported
             return "\n".join([f"{names}: {pluralize(count, 'run')} of {specimen or 'unnamed'} imported", *cautions])
 
-        self._start(
-            f"importing {names} …", lambda: import_tables(paths, folder, specimen, self._amplifier, progress), done
-        )
+        work = partial(import_tables, paths, folder, specimen, self._amplifier, progress)
+        self._start(f"importing {names} …", work, describe)
 
     def shutdown(self) -> None:
         """Stop background threads."""
@@ -87,25 +83,24 @@ class RunTransfers(QObject):
 
     def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
         """Run a file operation in the background; `describe_result` words its result."""
-        going = self._progress_row
-        if going.running:
-            self.message.emit(f"{going.label.text()} Wait for its end, or stop it, first.", True)
+        progress_row = self._progress_row
+        if progress_row.running:
+            self.message.emit(f"{progress_row.label.text()} Wait for its end, or stop it, first.", True)
             return
 
-        def done(answer: Any) -> None:
-            stopped = "stopped" if going.progress.cancelled else ""
-            going.finish()
-            self.message.emit("; ".join(filter(None, [stopped, describe_result(answer)])), False)
+        def done(result: Any) -> None:
+            stopped = "stopped" if progress_row.progress.cancelled else ""
+            progress_row.finish()
+            self.message.emit("; ".join(filter(None, [stopped, describe_result(result)])), False)
 
         def failed(error: Exception) -> None:
-            going.finish()
+            progress_row.finish()
             if isinstance(error, OperationCancelled):
                 self.message.emit("stopped; nothing was written", False)
-            elif isinstance(error, UsageError):
-                self.message.emit(f"{error}\nMore can be said in a terminal: tactor-bench import --help", True)
-            else:
-                self.message.emit(str(error), True)
+                return
+            more = "\nMore can be said in a terminal: tactor-bench import --help"
+            self.message.emit(f"{error}{more if isinstance(error, UsageError) else ''}", True)
 
         self.message.emit("", False)
-        going.start(text)
+        progress_row.start(text)
         self._worker.submit(work, done, failed)

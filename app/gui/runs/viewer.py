@@ -1,14 +1,13 @@
 """Viewer of a finished run: response with model curve, traces, log and results."""
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QSplitter, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.archive import LoadedRun
 from app.common import format_duration, format_outcome
-from app.gui.plots.response_plot import ResponsePlot
 from app.gui.plots.result_plots import ResultPlots
 from app.gui.runs.trace_plot import TracePlot
-from app.gui.widgets.layouts import column, make_button, make_label, row
+from app.gui.widgets.layouts import SELECTABLE, column, make_button, make_label, make_splitter, row
 from app.gui.widgets.log_pane import LogPane
 from app.gui.widgets.theme import Theme
 from app.live.overlay import OverlayCurve
@@ -26,24 +25,15 @@ class RunViewer(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.run: LoadedRun | None = None
-        self.heading, self.facts_label = make_label(kind="heading", wrap=False), make_label(kind="note")
-        self.facts_label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.heading = make_label(kind="heading", wrap=False, name="run.heading")
+        self.facts_label = make_label(kind="note", name="run.facts", textInteractionFlags=SELECTABLE)
         self.plots, self.trace_plot, self.log = ResultPlots(theme), TracePlot(theme), LogPane(theme)
-        self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit)
-        self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit)
-        rows = QSplitter(Qt.Orientation.Vertical)
-        for widget, share in ((self.plots, 5), (self.trace_plot, 4), (self.log, 2)):
-            rows.addWidget(widget)
-            rows.setStretchFactor(rows.count() - 1, share)
-        rows.setChildrenCollapsible(False)
-        rows.setObjectName("runs/rows")
+        self.back_button = make_button("← Back  (Esc)", self.back_pressed.emit, name="run.back")
+        self.explore_button = make_button("Show in Explore  (E)", self.explore_pressed.emit, name="run.explore")
+        parts = ((self.plots, 5), (self.trace_plot, 4), (self.log, 2))
+        rows = make_splitter("runs/rows", *parts, orientation=Qt.Orientation.Vertical)
         head = row(self.back_button, (self.heading, 1), self.explore_button)
         column(head, self.facts_label, (rows, 1), parent=self, margins=(0, 2, 0, 0), spacing=4)
-
-    @property
-    def response(self) -> ResponsePlot:
-        """Amplitudes over frequency."""
-        return self.plots.response
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme."""

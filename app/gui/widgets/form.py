@@ -9,9 +9,10 @@ from annotated_types import Interval
 from pydantic import ValidationError
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QFontMetrics, QTextOption
-from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QPlainTextEdit, QWidget
 
 from app.common import UnitError, description_of, read_value, unit_of
+from app.gui.widgets.layouts import configure, grid, make_label
 from protocols.base import Protocol
 
 
@@ -79,26 +80,25 @@ def check_form(kind: type[Protocol], texts: Mapping[str, Any]) -> FormResult:
         protocol = kind(**values)  # unreadable fields have their defaults, so that the others are still checked
     except ValidationError as error:
         for fault in error.errors():
-            name, words = _field_error(kind, fault)
-            faults.setdefault(name, words)
+            faults.setdefault(*_field_error(kind, fault))
         return FormResult(None, faults)
     return FormResult(None if faults else protocol, faults)
 
 
 def _make_field(kind: type[Protocol], name: str) -> FormField:
     info = kind.model_fields[name]
-    unit = unit_of(kind, name) or ""
+    given = unit_of(kind, name) or ""
+    unit = "" if given == "1" else given
     annotation: Any = info.annotation
     many = get_origin(annotation) is tuple
     marks = list(info.metadata) + (list(getattr(get_args(annotation)[0], "__metadata__", ())) if many else [])
     interval = next((mark for mark in marks if isinstance(mark, Interval)), None)
-    label = _field_label(kind, name)
     return FormField(
         name=name,
-        label=label,
-        unit="" if unit == "1" else unit,
+        label=_field_label(kind, name),
+        unit=unit,
         description=description_of(kind, name),
-        limits=_format_limits(interval, "" if unit == "1" else unit),
+        limits=_format_limits(interval, unit),
         is_list=many,
         is_switch=annotation is bool,
         choices=tuple(str(c) for c in get_args(annotation)) if get_origin(annotation) is Literal else (),
@@ -115,25 +115,20 @@ def _format_limits(interval: Interval | None, unit: str) -> str:
         return ""
     low: Any = interval.ge if interval.ge is not None else interval.gt
     high: Any = interval.le if interval.le is not None else interval.lt
-    over = "over " if interval.ge is None else ""
-    under = "below " if interval.le is None else ""
-    if low is None and high is None:
-        return ""
-    if high is None:
-        words = f"{over or 'from '}{low:g}"
-    elif low is None:
-        words = f"{under or 'up to '}{high:g}"
-    else:
-        words = f"{over}{low:g} to {under}{high:g}"
-    return f"{words} {unit}".strip()
+    lower = "" if low is None else f"over {low:g}" if interval.ge is None else f"{low:g}"
+    upper = "" if high is None else f"below {high:g}" if interval.le is None else f"{high:g}"
+    if lower and not upper and interval.ge is not None:
+        lower = f"from {lower}"
+    if upper and not lower and interval.le is not None:
+        upper = f"up to {upper}"
+    return f"{' to '.join(filter(None, (lower, upper)))} {unit}".strip() if lower or upper else ""
 
 
 def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
     """Return the field of a validation error, and the message."""
-    place, words = error["loc"], error["msg"].removeprefix("Value error, ")
+    place, message = error["loc"], error["msg"].removeprefix("Value error, ")
     if not place:  # fields that contradict each other: the message begins with the one to change
-        name = next((name for name in kind.model_fields if words.startswith(name)), "")
-        return name, words
+        return next((name for name in kind.model_fields if message.startswith(name)), ""), message
     name = str(place[0])
     field = _make_field(kind, name)
     value = error["input"]
@@ -143,7 +138,7 @@ def _field_error(kind: type[Protocol], error: Any) -> tuple[str, str]:
         return name, f"{format_parameter(value)} is not a whole number"
     if error["type"] in ("finite_number", "float_type"):
         return name, f"{value} is no number"
-    return name, words[:1].lower() + words[1:]
+    return name, message[:1].lower() + message[1:]
 
 
 Editor = QLineEdit | QPlainTextEdit | QCheckBox | QComboBox
@@ -157,45 +152,32 @@ class FieldRow:
 
     def __init__(self, field: FormField, value: Any) -> None:
         self.field = field
-        self.label = QLabel(field.label)
-        self.unit = QLabel(field.unit)
-        self.note_label = QLabel()
-        self.note_label.setWordWrap(True)
-        self.note_label.setTextFormat(Qt.TextFormat.PlainText)
-        self.editor = _make_editor(field)
-        self.label.setBuddy(self.editor)
+        self.label, self.unit, self.note_label = QLabel(field.label), QLabel(field.unit), make_label()
         limits = f"\n{field.limits}" if field.limits else ""
-        self.editor.setToolTip(
-            f"{field.description}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip()
+        self.editor = configure(
+            _make_editor(field),
+            f"form.{field.name}",
+            toolTip=f"{field.description}{limits}\nA unit may be written, for example 0.5 {field.unit}".strip(),
+            accessibleName=f"{field.label} {field.unit}",
         )
-        self.editor.setAccessibleName(f"{field.label} {field.unit}")
+        self._property = self.editor.metaObject().userProperty()  # the value, whatever kind of editor it is
+        self.label.setBuddy(self.editor)
         self.set_value(value)
         self.show_error("")
 
     def set_value(self, value: Any) -> None:
         """Show a value."""
-        match self.editor:
-            case QCheckBox() as box:
-                box.setChecked(bool(value))
-            case QComboBox() as combo:
-                combo.setCurrentText(str(value))
-            case QPlainTextEdit() as many:
-                many.setPlainText(format_parameter(value))
-            case QLineEdit() as line:
-                line.setText(format_parameter(value))
+        self._property.write(self.editor, bool(value) if self.field.is_switch else format_parameter(value))
 
     @property
     def text(self) -> Any:
-        """The editor's value."""
-        match self.editor:
-            case QCheckBox() as box:
-                return box.isChecked()
-            case QComboBox() as combo:
-                return combo.currentText()
-            case QPlainTextEdit() as many:
-                return many.toPlainText()
-            case QLineEdit() as line:
-                return line.text()
+        """The editor's value: a text, or whether the box is checked."""
+        return self._property.read(self.editor)
+
+    @property
+    def edited(self) -> Any:
+        """The editor's signal of an edit."""
+        return getattr(self.editor, self._property.notifySignal().name().toStdString())
 
     def show_error(self, error: str) -> None:
         """Show an error, or the description if it is empty."""
@@ -214,23 +196,19 @@ class ProtocolForm(QWidget):
         super().__init__(parent)
         self.kind = type(protocol)
         self.rows = {field.name: FieldRow(field, getattr(protocol, field.name)) for field in form_fields(self.kind)}
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 6, 0)
-        grid.setHorizontalSpacing(8)
-        grid.setVerticalSpacing(0)
-        grid.setColumnStretch(1, 1)
-        at = 0
+        layout, at = grid(parent=self, margins=(0, 0, 6, 0), spacing=(8, 0), stretch={1: 1}), 0
         for row in self.rows.values():
             many = row.field.is_list
-            grid.addWidget(row.label, at, 0, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
-            grid.addWidget(row.editor, at, 1)
-            grid.addWidget(row.unit, at, 2, Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter)
-            grid.addWidget(row.note_label, at + 1, 0, 1, 3)
-            grid.setRowMinimumHeight(at + 2, 3)
-            grid.setRowStretch(at, 20 if many else 0)
+            alignment = Qt.AlignmentFlag.AlignTop if many else Qt.AlignmentFlag.AlignVCenter
+            layout.addWidget(row.label, at, 0, alignment)
+            layout.addWidget(row.editor, at, 1)
+            layout.addWidget(row.unit, at, 2, alignment)
+            layout.addWidget(row.note_label, at + 1, 0, 1, 3)
+            layout.setRowMinimumHeight(at + 2, 3)
+            layout.setRowStretch(at, 20 if many else 0)
             at += 3
-            _edit_signal(row.editor).connect(self._on_edited)
-        grid.setRowStretch(at, 1)
+            row.edited.connect(self._on_edited)
+        layout.setRowStretch(at, 1)
         self.result = FormResult(protocol, {})
 
     def set_protocol(self, protocol: Protocol) -> None:
@@ -278,14 +256,3 @@ def _make_editor(field: FormField) -> Editor:
         combo.addItems(field.choices)
         return combo
     return NumberListEdit() if field.is_list else QLineEdit()
-
-
-def _edit_signal(editor: Editor) -> Any:
-    """Return the editor's signal of an edit."""
-    match editor:
-        case QCheckBox():
-            return editor.toggled
-        case QComboBox():
-            return editor.currentTextChanged
-        case QPlainTextEdit() | QLineEdit():
-            return editor.textChanged

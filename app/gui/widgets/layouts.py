@@ -1,12 +1,26 @@
-"""Declarative box layouts, labels and buttons."""
+"""Declarative layouts, labels, buttons and other configured widgets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QBoxLayout, QHBoxLayout, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QSplitter,
+    QVBoxLayout,
+    QWidget,
+)
 
-L = TypeVar("L", bound=QBoxLayout)
+L = TypeVar("L", bound=QLayout)
+W = TypeVar("W", bound=QWidget)
 STRETCH = None
 """Item that takes the space left over."""
 
@@ -14,50 +28,124 @@ Part = QWidget | QLayout
 Item = Part | tuple[Part, int] | tuple[QWidget, int, Qt.AlignmentFlag] | int | None
 """A widget or layout, alone or with its stretch (and alignment); a number of pixels to leave free; or `STRETCH`."""
 
+Margins = tuple[int, int, int, int]
+"""Left, top, right and bottom in pixels."""
+
+SELECTABLE = Qt.TextInteractionFlag.TextSelectableByMouse
+
+
+def configure(widget: W, name: str = "", **properties: object) -> W:
+    """Set a widget's object name and Qt properties, and return it; `kind` is that of the style sheet."""
+    widget.setObjectName(name)
+    for key, value in properties.items():
+        known = widget.setProperty(key, value)
+        assert known or key == "kind", f"{type(widget).__name__} has no property {key}"
+    return widget
+
 
 def column(
-    *items: Item,
-    parent: QWidget | None = None,
-    margins: tuple[int, int, int, int] | None = None,
-    spacing: int | None = None,
+    *items: Item, parent: QWidget | None = None, margins: Margins | None = None, spacing: int | None = None
 ) -> QVBoxLayout:
-    """Return a vertical layout of items; `margins` are left, top, right and bottom in pixels."""
-    return _fill(QVBoxLayout(parent) if parent is not None else QVBoxLayout(), items, margins, spacing)
+    """Return a vertical layout of items."""
+    return _fill(_set_margins(QVBoxLayout(parent) if parent else QVBoxLayout(), margins), items, spacing)
 
 
 def row(
-    *items: Item,
-    parent: QWidget | None = None,
-    margins: tuple[int, int, int, int] | None = None,
-    spacing: int | None = None,
+    *items: Item, parent: QWidget | None = None, margins: Margins | None = None, spacing: int | None = None
 ) -> QHBoxLayout:
-    """Return a horizontal layout of items; `margins` are left, top, right and bottom in pixels."""
-    return _fill(QHBoxLayout(parent) if parent is not None else QHBoxLayout(), items, margins, spacing)
+    """Return a horizontal layout of items."""
+    return _fill(_set_margins(QHBoxLayout(parent) if parent else QHBoxLayout(), margins), items, spacing)
 
 
-def make_label(text: str = "", kind: str = "", wrap: bool = True) -> QLabel:
+def grid(
+    *cells: tuple[QWidget, int, int] | tuple[QWidget, int, int, int, int] | tuple[QWidget, int, int, Qt.AlignmentFlag],
+    parent: QWidget | None = None,
+    margins: Margins | None = None,
+    spacing: tuple[int, int] = (-1, -1),
+    stretch: Mapping[int, int] | None = None,
+) -> QGridLayout:
+    """Return a grid of widgets, each with its row, its column and, where needed, its spans or alignment.
+
+    Args:
+        cells: the widgets and their places.
+        parent: takes the layout.
+        margins: of the whole grid.
+        spacing: horizontal and vertical, in pixels.
+        stretch: of columns, by their index.
+    """
+    layout = _set_margins(QGridLayout(parent), margins)
+    layout.setHorizontalSpacing(spacing[0])
+    layout.setVerticalSpacing(spacing[1])
+    for at, share in (stretch or {}).items():
+        layout.setColumnStretch(at, share)
+    for widget, *place in cells:
+        layout.addWidget(widget, *place)
+    return layout
+
+
+def make_label(text: str = "", kind: str = "", wrap: bool = True, name: str = "", **properties: object) -> QLabel:
     """Return a label of plain text, styled as `kind` of the style sheet."""
-    made = QLabel(text)
-    made.setWordWrap(wrap)
-    made.setTextFormat(Qt.TextFormat.PlainText)
     if kind:
-        made.setProperty("kind", kind)
-    return made
+        properties["kind"] = kind
+    return configure(QLabel(text), name, wordWrap=wrap, textFormat=Qt.TextFormat.PlainText, **properties)
 
 
-def make_button(text: str, on_click: Callable[[], object], kind: str = "", tip: str = "") -> QPushButton:
+def make_button(
+    text: str, on_click: Callable[[], object], kind: str = "", tip: str = "", name: str = "", **properties: object
+) -> QPushButton:
     """Return a button that calls `on_click`, styled as `kind` of the style sheet."""
-    button = QPushButton(text)
     if kind:
-        button.setProperty("kind", kind)
-    button.setToolTip(tip)
+        properties["kind"] = kind
+    button = configure(QPushButton(text), name, toolTip=tip, **properties)
     button.clicked.connect(lambda _checked=False: on_click())
     return button
 
 
-def _fill(layout: L, items: tuple[Item, ...], margins: tuple[int, int, int, int] | None, spacing: int | None) -> L:
+def make_panel(*items: Item, margins: Margins, spacing: int, kind: str = "panel") -> QFrame:
+    """Return a frame around a column of items."""
+    frame = configure(QFrame(), kind=kind)
+    column(*items, parent=frame, margins=margins, spacing=spacing)
+    return frame
+
+
+def make_progress_bar(steps: int, height: int, name: str = "") -> QProgressBar:
+    """Return a progress bar from 0 to `steps` without a text, of a height in pixels."""
+    return configure(QProgressBar(), name, maximum=steps, textVisible=False, minimumHeight=height, maximumHeight=height)
+
+
+def make_scroll_area(**properties: object) -> QScrollArea:
+    """Return a transparent scroll area without a frame, whose content is as wide as the area."""
+    area = configure(QScrollArea(), "", widgetResizable=True, frameShape=QFrame.Shape.NoFrame, **properties)
+    area.viewport().setAutoFillBackground(False)
+    return area
+
+
+def make_splitter(
+    name: str,
+    *parts: tuple[QWidget, int],
+    orientation: Qt.Orientation = Qt.Orientation.Horizontal,
+    sizes: list[int] | None = None,
+) -> QSplitter:
+    """Return a splitter of widgets with their stretch; its position is saved by its name."""
+    splitter = configure(QSplitter(orientation), name, childrenCollapsible=False)
+    for at, (widget, stretch) in enumerate(parts):
+        splitter.addWidget(widget)
+        splitter.setStretchFactor(at, stretch)
+    if sizes is not None:
+        splitter.setSizes(sizes)
+    return splitter
+
+
+def _set_margins(layout: L, margins: Margins | None) -> L:
     if margins is not None:
         layout.setContentsMargins(*margins)
+    return layout
+
+
+B = TypeVar("B", bound=QBoxLayout)
+
+
+def _fill(layout: B, items: tuple[Item, ...], spacing: int | None) -> B:
     if spacing is not None:
         layout.setSpacing(spacing)
     for item in items:
@@ -66,12 +154,12 @@ def _fill(layout: L, items: tuple[Item, ...], margins: tuple[int, int, int, int]
                 layout.addStretch()
             case int():
                 layout.addSpacing(item)
-            case (QWidget() as widget, stretch, alignment):
-                layout.addWidget(widget, stretch, alignment)
-            case (QWidget() as widget, stretch):
-                layout.addWidget(widget, stretch)
             case (QLayout() as inner, stretch):
                 layout.addLayout(inner, stretch)
+            case (QWidget() as widget, stretch):
+                layout.addWidget(widget, stretch)
+            case (QWidget() as widget, stretch, alignment):
+                layout.addWidget(widget, stretch, alignment)
             case QWidget():
                 layout.addWidget(item)
             case QLayout():

@@ -5,6 +5,7 @@ from html import escape
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QPlainTextEdit, QWidget
 
+from app.gui.widgets.layouts import configure
 from app.gui.widgets.theme import Theme
 from app.session.messages import LogLine, Severity
 from app.session.state import WindowState
@@ -19,42 +20,43 @@ class LogPane(QPlainTextEdit):
         super().__init__(parent)
         self._theme, self._written_count = theme, 0
         self._messages: tuple[LogLine, ...] = ()
-        self.setReadOnly(True)
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.NoContextMenu)  # an open menu would keep the Stop key to itself
-        self.setMaximumBlockCount(1000)
-        self.setAccessibleName("log")
-        self.setPlaceholderText("What happens is written here.")
+        configure(
+            self,
+            "log",
+            readOnly=True,
+            contextMenuPolicy=Qt.ContextMenuPolicy.NoContextMenu,  # an open menu would keep the Stop key to itself
+            maximumBlockCount=1000,
+            accessibleName="log",
+            placeholderText="What happens is written here.",
+        )
 
     def set_theme(self, theme: Theme) -> None:
         """Apply a theme, also to the lines that are already written."""
         self._theme = theme
         self.clear()
-        for message in self._messages:
-            self._write(message)
+        self._write(self._messages)
 
     def set_state(self, view: WindowState) -> None:
         """Append the new messages."""
         new = view.message_count - self._written_count
-        if new <= 0:
-            return
-        self._written_count, self._messages = view.message_count, view.messages
-        for message in view.messages[-new:]:
-            self._write(message)
+        if new > 0:
+            self._written_count, self._messages = view.message_count, view.messages
+            self._write(view.messages[-new:])
 
     def show_messages(self, messages: tuple[LogLine, ...]) -> None:
         """Show these messages only."""
         self.clear()
         self._written_count, self._messages = len(messages), messages
-        for message in messages:
-            self._write(message)
+        self._write(messages)
 
-    def _write(self, message: LogLine) -> None:
+    def _write(self, messages: tuple[LogLine, ...]) -> None:
         bar = self.verticalScrollBar()
-        follow = bar.value() >= bar.maximum() - 2
-        level = message.severity
-        self.appendHtml(
-            f'<span style="color:{self._theme.secondary_text}">{message.time:%H:%M:%S}</span> '
-            f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(message.text)}</span>'
-        )
-        if follow:
-            bar.setValue(bar.maximum())
+        for message in messages:
+            follow = bar.value() >= bar.maximum() - 2
+            level = message.severity
+            self.appendHtml(
+                f'<span style="color:{self._theme.secondary_text}">{message.time:%H:%M:%S}</span> '
+                f'<span style="color:{self._theme.severity_color(level)}">{SEVERITY_MARKS[level]}&nbsp;{escape(message.text)}</span>'
+            )
+            if follow:
+                bar.setValue(bar.maximum())

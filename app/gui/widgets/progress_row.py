@@ -4,10 +4,10 @@ import threading
 from collections.abc import Callable
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QProgressBar, QWidget
+from PySide6.QtWidgets import QWidget
 
 from app.common import Progress
-from app.gui.widgets.layouts import make_button, make_label, row
+from app.gui.widgets.layouts import make_button, make_label, make_progress_bar, row
 
 SHOW_DELAY_MS = 300
 """An operation that ends sooner is not shown: it would only flash."""
@@ -49,13 +49,15 @@ class ProgressRow(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.label, self.bar = make_label(kind="note", wrap=False), QProgressBar()
+        self.label = make_label(kind="note", wrap=False, name="progress.label")
+        self.bar = make_progress_bar(PROGRESS_STEPS, 10, "progress.bar")
         self.cancel_button = make_button(
-            "Stop", self.request_cancel, "choice", "End it; what is whole stays, and nothing is left half done"
+            "Stop",
+            self.request_cancel,
+            "choice",
+            "End it; what is whole stays, and nothing is left half done",
+            "progress.cancel",
         )
-        self.bar.setRange(0, PROGRESS_STEPS)
-        self.bar.setTextVisible(False)
-        self.bar.setFixedHeight(10)
         self.running = False
         self.progress = RowProgress(self._fraction_changed.emit)
         self._show_timer = QTimer(self, singleShot=True, interval=SHOW_DELAY_MS)

@@ -4,6 +4,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QLabel, QWidget
 
 from app.gui.widgets.form import set_style_kind
+from app.gui.widgets.layouts import configure
 
 DISPLAY_MS = 8000
 """How long a message that is not an error stays visible."""
@@ -14,9 +15,7 @@ class StatusLine(QLabel):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.hide()
-        self.setWordWrap(True)
-        self.setTextFormat(Qt.TextFormat.PlainText)
+        configure(self, visible=False, wordWrap=True, textFormat=Qt.TextFormat.PlainText)
         self._hide_timer = QTimer(self, singleShot=True, interval=DISPLAY_MS)
         self._hide_timer.timeout.connect(lambda: self.show_message(""))
 

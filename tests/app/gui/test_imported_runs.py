@@ -61,8 +61,8 @@ def test_an_imported_run_is_listed_opened_and_laid_over(open_stage: OpenStage, f
         grab(stage.window, tmp_path / f"{specimen}.png")
         samples = view.trace_plot.curves[0].getData()[0]
         assert (samples is None or not len(samples)) == (specimen != "T6")  # nothing of the run before
-        assert [len(s.getData()[0]) for s in view.response.scatters] == POINTS[specimen]
-        assert (view.plots.currentWidget() is view.response) == (specimen != "T8")
+        assert [len(s.getData()[0]) for s in view.plots.response.scatters] == POINTS[specimen]
+        assert (view.plots.currentWidget() is view.plots.response) == (specimen != "T8")
         page.go_back()
     page.select_paths([e.path for e in page.folder_model.summaries if e.specimen in ("T7", "T9")])
     until(lambda: not page._worker.pending, "for the points")

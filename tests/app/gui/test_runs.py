@@ -139,7 +139,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for the run")
     view = page.viewer
-    x, y = view.response.scatters[0].getData()
+    x, y = view.plots.response.scatters[0].getData()
     np.testing.assert_allclose((x, y), ([100, 160], [800, 800]))
     with Run(next(folder.glob("*_T7_*"))) as run:
         drive, length = run.trace.drive_v(), run.trace.time_s()[-1]
@@ -153,7 +153,7 @@ def test_a_run_is_reopened_as_it_was(page: RunsPage, folder: Path) -> None:
     assert "Armed" in view.log.toPlainText()
     until(lambda: page._overlay.result() is not None, "for the curve")
     page.tick()
-    assert len(view.response.model_curves.free.lines[0].getData()[0]) > 100
+    assert len(view.plots.response.model_curves.free.lines[0].getData()[0]) > 100
 
 
 @pytest.mark.deep
