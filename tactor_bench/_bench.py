@@ -165,8 +165,8 @@ class BenchSession(Closeable):
             case BenchOpened(_, _, identities):
                 self.identities = dict(identities)
                 self._connected.set()
-            case BenchFailed(words):
-                self._failure = words
+            case BenchFailed(message):
+                self._failure = message
                 self._connected.set()
             case RunRejected():
                 self._rejected = True

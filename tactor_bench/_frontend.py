@@ -3,7 +3,6 @@
 import _thread
 import contextlib
 import queue
-import signal
 import sys
 import threading
 from abc import ABC, abstractmethod
@@ -13,6 +12,7 @@ from types import FrameType
 from typing import Any
 
 from app.cli.console import STILL_ON, ConsoleObserver, StderrConsole
+from app.cli.headless import handling_stop_signals
 from app.cli.prompts import KEY_HELP, ConsoleOperator, answer_instructions, can_poll_keyboard, match_answer
 from app.common import format_duration
 from app.session.messages import Severity, describe_event
@@ -31,8 +31,6 @@ from protocols.base import (
 
 POLL_S = 0.1
 """Waits are cut into pieces of this length: a wait without end would keep Python from handling a signal."""
-
-STOPPING = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
 
 class FrontEnd(ABC):
@@ -82,14 +80,12 @@ class FrontEnd(ABC):
         if threading.current_thread() is not threading.main_thread():  # Python hands signals to the main thread only
             yield
             return
-        before = {number: signal.signal(number, self._stop) for number in STOPPING}
-        self._signalled = True
-        try:
-            yield
-        finally:
-            self._signalled = False
-            for number, handler in before.items():
-                signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        with handling_stop_signals(self._stop):
+            self._signalled = True
+            try:
+                yield
+            finally:
+                self._signalled = False
 
     def _stop(self, number: int, _frame: FrameType | None) -> None:
         self.stopped_by = number
@@ -98,9 +94,11 @@ class FrontEnd(ABC):
 
     def _lines(self, event: SessionEvent) -> list[str]:
         """Return the lines to show for an event; without progress only what the operator must know."""
-        said = describe_event(event)
-        must = said is not None and (said[0] is Severity.ERROR or isinstance(event, PromptShown))
-        lines = [said[1]] if said is not None and (self._progress or must) else []
+        message = describe_event(event)
+        shown = message is not None and (
+            self._progress or message[0] is Severity.ERROR or isinstance(event, PromptShown)
+        )
+        lines = [message[1]] if message is not None and shown else []
         return [STILL_ON, *lines] if isinstance(event, RunEnded) and self._real else lines
 
 
@@ -213,7 +211,7 @@ class NotebookFrontEnd(FrontEnd):
         if isinstance(event, ProgressUpdated):
             left = f", {format_duration(event.left_s)} left" if event.done < event.entries else ""
             line = f"{event.done} of {event.entries} points{left}: {event.label}"
-        from IPython.display_ratio import display
+        from IPython.display import display
 
         bundle = {"text/plain": line}
         if self._bar is None:
@@ -226,7 +224,7 @@ class NotebookFrontEnd(FrontEnd):
         label = f"{prompt.text} ({answer_instructions(prompt)}; interrupting the kernel stops the run) "
         while self._waiting == ask_id and self.stopped_by is None:
             try:
-                said = self._input(label)
+                typed = self._input(label)
             except KeyboardInterrupt:
                 continue
             except (EOFError, RuntimeError) as error:  # IPython raises an error of its own where input is impossible
@@ -236,7 +234,7 @@ class NotebookFrontEnd(FrontEnd):
                 if self._session is not None:
                     self._session.stop()
                 return
-            meant = match_answer(prompt, said.strip())
+            meant = match_answer(prompt, typed.strip())
             if meant is not None and self._waiting == ask_id:
                 self._waiting = None
                 self._answers[ask_id] = meant

@@ -78,7 +78,7 @@ def identify(
 
     Args:
         runs: run files of one specimen: paths, opened runs, or entries of `runs(...)`.
-        method: `joint` fits all runs at once, weighted by their errors; `identify_by_paper_chain` goes step by step as the paper did.
+        method: `joint` fits all runs at once, weighted by their errors; `chain` goes step by step as the paper did.
         free: names of the free parameters, for example `["k2", "mu", "m_add", "c0"]`; default: what the runs determine.
         fixed: values to hold, by name, SI.
         robust: a Cauchy loss, which lets go of outliers, instead of squares.

@@ -91,31 +91,31 @@ class ConsoleObserver:
                 self._print(f"rest is measured; {on}")
             case PromptShown(_, prompt):
                 self._print((f"> {prompt.text}", "bold yellow"))
-            case PromptAnswered(_, words):
-                self._print(f"  {words}")
+            case PromptAnswered(_, text):
+                self._print(f"  {text}")
             case LogMessage(text):
                 self._print(text)
-            case InjectedFaultChanged(fault, words, broken):
-                self._print((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {words} ({fault})")
+            case InjectedFaultChanged(fault, text, broken):
+                self._print((f"{'broken on purpose' if broken else 'mended'}", "bold yellow"), f": {text} ({fault})")
             case PointMeasured(_, point):
                 self._print(format_point(point))
-            case CurveReady(curve) if words := format_curve(curve):
-                self._print(words)
+            case CurveReady(curve) if text := format_curve(curve):
+                self._print(text)
             case ProgressUpdated() if self._task is not None:
                 left = f"{format_duration(event.left_s)} left" if event.done < event.entries else ""
                 self._progress.update(self._task, completed=event.done, description=event.label, left=left)
-            case RunPaused(words):
-                self._print(("paused", "bold yellow"), f": {words}")
+            case RunPaused(text):
+                self._print(("paused", "bold yellow"), f": {text}")
             case RunResumed():
                 self._print("goes on")
             case ShutdownStarted() if self._task is not None:
                 self._progress.update(self._task, description="going to rest", left="")
-            case RestMeasured(confirmed, _, words):
-                self._print(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), words)
+            case RestMeasured(confirmed, _, text):
+                self._print(("at rest: ", "green") if confirmed else ("NOT AT REST: ", "bold red"), text)
             case RunEnded():
                 self._print_outcome(event)
-            case BenchFailed(words) | RunRejected(words):
-                self._print(("error", "bold red"), f": {words}")
+            case BenchFailed(text) | RunRejected(text):
+                self._print(("error", "bold red"), f": {text}")
 
     def _print_outcome(self, event: RunEnded) -> None:
         for estimate in event.estimates:

@@ -29,6 +29,11 @@ class HeadlessSession:
     session: Session
     interrupted: threading.Event = field(default_factory=threading.Event)
 
+    def stop(self, _number: int, _frame: FrameType | None) -> None:
+        """Stop the run (signal handler); a second signal changes nothing, because rest comes first."""
+        self.interrupted.set()
+        self.session.stop()
+
     def wait(self) -> None:
         """Wait until the run has ended, or the bench failed."""
         # In slices, because an endless wait would keep Python from handling the signal.
@@ -137,7 +142,7 @@ def headless_session(
         opener = plan.wrap(lambda: connect(bench.config, bench.speed, UNATTENDED_BLOCK_S))
         front = HeadlessSession(Session(opener, [observer, operator, plan, *observers], operator))
         plan.on_switched = front.session.inject_event
-        with _stop_on_signal(front), operator.listening(front.session):
+        with handling_stop_signals(front.stop), operator.listening(front.session):
             front.session.start()
             try:
                 yield front
@@ -146,17 +151,12 @@ def headless_session(
 
 
 @contextmanager
-def _stop_on_signal(headless: HeadlessSession) -> Iterator[None]:
-    """Stop the run at Ctrl-C or SIGTERM; a second signal changes nothing, because rest comes first."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        headless.interrupted.set()
-        headless.session.stop()
-
-    numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
-    before = {number: signal.signal(number, stop) for number in numbers}
+def handling_stop_signals(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Handle Ctrl-C, SIGTERM and the end of the terminal; afterwards the previous handlers are back."""
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, previous in before.items():
+            signal.signal(number, signal.SIG_DFL if previous is None else previous)

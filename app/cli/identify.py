@@ -104,16 +104,16 @@ class AcceptCommand:
             open_run=corrected.open if corrected else Run,
             track=lambda paths: track(paths, "reducing anew" if corrected else "reading runs"),
         )
-        answer = identification_command_result(found)
+        result = identification_command_result(found)
         if found.joint_fit is not None:
-            answer = _add_proposals(answer, found, found.joint_fit, self)
+            result = _add_proposals(result, found, found.joint_fit, self)
         notes.append(
             f"fitted with {found.shapes} shape functions"
             + (SIMULATED_SHAPES_NOTE if found.observations.simulated else "")
         )
         if self.accept:
             notes.append(_accept(found, self, corrected))
-        return render(replace(answer, notes=(*answer.notes, *notes)), self.json)
+        return render(replace(result, notes=(*result.notes, *notes)), self.json)
 
 
 @dataclass(frozen=True)
@@ -259,15 +259,15 @@ def _correction_lines(version: Calibration) -> list[str]:
     if not version.reduced:
         return []
     sensor, amplifier = version.reduced["sensor"], version.reduced["amplifier"]
-    words = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
+    parts = [f"raw samples reduced anew with {version.reduced['bench']} (SHA-256 {version.reduced['sha256'][:16]}...)"]
     if sensor:
         when = sensor["calibrated"] or "date not recorded"
-        words.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
+        parts.append(f"{sensor['name']} {sensor['serial']}, {sensor['gain_m_per_v']:.6g} m/V, calibrated {when}")
     if amplifier:
-        words.append(
+        parts.append(
             f"{amplifier['name']} {amplifier['serial']}, {amplifier['slope_below']:g} and {amplifier['slope_above']:g} V/V"
         )
-    return ["; ".join(words)]
+    return ["; ".join(parts)]
 
 
 def _difference_result(old: Calibration, new: Calibration) -> CommandResult:

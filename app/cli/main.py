@@ -135,7 +135,6 @@ def entry() -> NoReturn:
         code = ExitCode.FAILED if code == ExitCode.DONE else code
     runfile = sys.modules.get("protocols.runfile.writer")
     if runfile is not None and runfile.has_unclosable_file():
-        sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

@@ -192,10 +192,12 @@ class ConvergenceTopic(Topic):
         specimen = read_specimen(self)
         n: list[Any] = [int(v) if v == int(v) else v for v in read_values(self.shapes, SHAPE_COUNT)]
         f = read_values(self.frequencies, FREQUENCY_SPEC)
-        got = [study(specimen.tactor, specimen.skin, f, [k]) for k in track(n, "shape functions")]
+        errors = [study(specimen.tactor, specimen.skin, f, [k]) for k in track(n, "shape functions")]
         worst, worst_amplitude, first = (
             np.concatenate(column)
-            for column in zip(*((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in got), strict=True)
+            for column in zip(
+                *((c.max_error, c.max_amplitude_error, c.first_frequency_hz) for c in errors), strict=True
+            )
         )
         table = Table(
             "convergence",

@@ -86,24 +86,24 @@ class FrequencyResponseTopic(Topic):
     def compute(self) -> CommandResult:
         specimen = read_specimen(self)
         t, skin, n = specimen.tactor, specimen.skin, self.n
-        usual = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
-        f = np.array(read_values(usual if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
+        default = CURVE_HZ if self.files.csv or self.files.picture else DWELL_HZ
+        f = np.array(read_values(default if self.frequencies is None else self.frequencies, PERIODIC_FREQUENCY_SPEC))
         amplitude, offset = self.drive.read()
         position = ParameterSpec("at", "m", Interval(ge=0, le=t.L), "distance from the clamp", None)
         at = None if self.at is None else read_number(self.at, position)
-        got = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
-        twice = 2 * np.abs(got.fundamental)
+        response = amplifier_response(t, f, amplitude, offset, skin=skin, waveform=self.waveform, n=n, x=at)
+        twice = 2 * np.abs(response.fundamental)
         H = receptance(t, f, skin, n, at)
         columns = [
             Column("frequency", "Hz", f, format_spec=".6g"),
-            Column("peak_to_peak", "m", got.peak_to_peak, "max - min", "µm", ".1f"),
+            Column("peak_to_peak", "m", response.peak_to_peak, "max - min", "µm", ".1f"),
             Column("twice_fundamental", "m", twice, "2 x fundamental", "µm", ".1f"),
-            Column("phase", "rad", np.angle(got.fundamental), "phase", "°", ".1f"),
+            Column("phase", "rad", np.angle(response.fundamental), "phase", "°", ".1f"),
             Column("receptance_re", "m/V", H.real, displayed=False),
             Column("receptance_im", "m/V", H.imag, displayed=False),
-            Column("margin", "", perception_margin(f, got.peak_to_peak), "x 50 µm", format_spec=".2f"),
+            Column("margin", "", perception_margin(f, response.peak_to_peak), "x 50 µm", format_spec=".2f"),
         ]
-        lines = [FigureCurve("max - min", f, got.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
+        lines = [FigureCurve("max - min", f, response.peak_to_peak), FigureCurve("2 x fundamental", f, twice)]
         if self.exact:
             exact = exact_response(t, f, skin, at)
             V = fourier_series(self.waveform, amplitude, offset, AmplifierMap(), 1)
@@ -113,7 +113,7 @@ class FrequencyResponseTopic(Topic):
         title = f"Response to a {self.waveform} of {2 * amplitude:g} V peak to peak around {offset:g} V, {where}"
         table = Table("response", title, tuple(columns))
         figure = PaperFigure("response", "frequency", "Hz", "amplitude of the centre", "m", tuple(lines), title + ".")
-        note, bands = _describe_felt_bands(f, got.peak_to_peak)
+        note, bands = _describe_felt_bands(f, response.peak_to_peak)
         return CommandResult(
             "model frequency-response",
             specimen_record(specimen),
@@ -185,9 +185,9 @@ def _describe_felt_bands(f: Array, amplitude: Array) -> tuple[str, tuple[tuple[f
     peak = f"Highest max - min: {1e6 * amplitude.max():.1f} µm at {f[amplitude.argmax()]:g} Hz. "
     if not bands:
         return peak + "Nowhere 50 µm or more: it would not be felt on the abdomen.", bands
-    words = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in bands)
+    listed = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in bands)
     return (
-        f"{peak}50 µm or more, felt on the abdomen: {words}, of the {rising[0]:g} to {rising[-1]:g} Hz looked at.",
+        f"{peak}50 µm or more, felt on the abdomen: {listed}, of the {rising[0]:g} to {rising[-1]:g} Hz looked at.",
         bands,
     )
 
@@ -233,9 +233,9 @@ class MembraneTopic(Topic):
         if self.pre_stretch is not None:
             delta = np.array(read_values(self.pre_stretch, PRE_STRETCH))
         else:
-            usual = ELONGATION_CURVE if self.files.csv or self.files.picture else ELONGATIONS
-            wanted = usual if self.elongation is None else self.elongation
-            delta = np.array(read_values(wanted, ELONGATION)) / m.L_m
+            default = ELONGATION_CURVE if self.files.csv or self.files.picture else ELONGATIONS
+            elongations = default if self.elongation is None else self.elongation
+            delta = np.array(read_values(elongations, ELONGATION)) / m.L_m
         q = (
             weight_per_length(m, read_number(self.density, DENSITY))
             if self.load is None
@@ -268,12 +268,12 @@ class MembraneTopic(Topic):
                 name,
                 "elongation of the membrane",
                 "m",
-                words,
+                label,
                 lines[names[0]].unit or "",
                 curves,
-                words.capitalize() + ".",
+                label.capitalize() + ".",
             )
-            for name, words, names in (
+            for name, label, names in (
                 ("sag", "sag of the centre", ("sag", "linear_sag")),
                 ("k_s", "skin stiffness k_s", ("k_s",)),
                 ("c_s", "skin damping c_s", ("c_s",)),

@@ -38,7 +38,7 @@ class CommandResult:
 
 
 def render(result: CommandResult, as_json: bool, files: FileOptions = NO_FILES) -> int:
-    """Write the files that were asked for and print the result as tables or as JSON.
+    """Write the requested files and print the result as tables or as JSON.
 
     Raises:
         UsageError: a file cannot be written.

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from app.archive import (
     PARTS,
@@ -53,7 +53,7 @@ class RunsCommand:
         folder = self.folder
         if not folder.is_dir():
             raise UsageError(f"there is no folder {folder}; name the one your runs are in: tactor-bench runs FOLDER")
-        wanted = _run_filter(self)
+        run_filter = _run_filter(self)
         catalogue = Catalogue(folder)
         try:
             if self.rebuild:
@@ -67,7 +67,7 @@ class RunsCommand:
             ) from None
         for sentence in scanned.skipped:
             sys.stderr.write(f"{sentence}\n")
-        found = wanted.apply(entries)
+        found = run_filter.apply(entries)
         if self.json:
             print_line(json.dumps([_run_record(folder, entry) for entry in found]))
         else:
@@ -92,8 +92,7 @@ class ExportCommand:
 
     def execute(self) -> int:
         parts: Sequence[Part] = tuple(p for p in PARTS if p in self.parts) if self.parts else PARTS
-        unknown = [p for p in self.parts if p not in PARTS]
-        if unknown:
+        if unknown := [p for p in self.parts if p not in PARTS]:
             raise UsageError(f"a run has no part '{unknown[0]}'; its parts are: {', '.join(PARTS)}")
         failed = False
         for run_path in self.runs:
@@ -107,9 +106,9 @@ class ExportCommand:
             except (RunReadError, ExportError) as error:
                 failed = True
                 sys.stderr.write(f"{error}\n")
-                continue
-            for file in written:
-                print_line(str(file))
+            else:
+                for file in written:
+                    print_line(str(file))
         return ExitCode.FAILED if failed else ExitCode.DONE
 
 
@@ -130,22 +129,15 @@ def _print_runs(summaries: Sequence[RunSummary], total: int, show_all: bool) -> 
     from rich.table import Table
 
     table = Table(box=None, padding=(0, 2), header_style="bold")
-    heads = ("begun", "specimen", "protocol", "status", "points", "length", "size", "tags", "file")
-    for head in heads:
-        numbers = head in ("points", "length", "size")
-        table.add_column(head, justify="right" if numbers else "left", overflow="fold", no_wrap=head == "begun")
+    for heading in ("begun", "specimen", "protocol", "status", "points", "length", "size", "tags", "file"):
+        justify: Literal["left", "right"] = "right" if heading in ("points", "length", "size") else "left"
+        table.add_column(heading, justify=justify, overflow="fold", no_wrap=heading == "begun")
     shown = summaries if show_all else summaries[:DEFAULT_ROWS]
     for e in shown:
-        begun = e.started_at
+        begun = f"{e.started_at:%Y-%m-%d %H:%M}" if e.started_at else ""
         status = f"{e.state}, SIMULATED" if e.simulated else e.state
-        facts = (
-            (str(e.points), format_duration(e.seconds), format_bytes(e.size))
-            if e.readable
-            else ("", "", format_bytes(e.size))
-        )
-        table.add_row(
-            f"{begun:%Y-%m-%d %H:%M}" if begun else "", e.specimen, e.protocol, status, *facts, e.tags, e.path
-        )
+        extent = (str(e.points), format_duration(e.seconds)) if e.readable else ("", "")
+        table.add_row(begun, e.specimen, e.protocol, status, *extent, format_bytes(e.size), e.tags, e.path)
     out = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     if shown:
         out.print(table)

@@ -343,12 +343,12 @@ def _sensitivity(request: Study, options: StudyCommand) -> CommandResult:
         raise UsageError(f"--seed {options.seed}: give a number from 0 on")
     ranges = {name: (min(values), max(values)) for name, values in request.vary.items()}
     with study_executor(options.cluster) as pool, _set_progress(max(options.samples, 0) * (len(ranges) + 2)) as advance:
-        got = sobol_indices_of(request, ranges, options.samples, options.seed, CountingExecutor(pool, advance))
-    columns = [Column("output", "", got.outputs)]
-    for order, indices in (("first", got.first_order), ("total", got.total_order)):
+        sobol = sobol_indices_of(request, ranges, options.samples, options.seed, CountingExecutor(pool, advance))
+    columns = [Column("output", "", sobol.outputs)]
+    for order, indices in (("first", sobol.first_order), ("total", sobol.total_order)):
         columns += [
             Column(f"{order}_{v}", "", i, f"{order}, {v}", format_spec=".3f")
-            for v, i in zip(got.variables, indices.T, strict=True)
+            for v, i in zip(sobol.variables, indices.T, strict=True)
         ]
     title = f"Sobol indices over {', '.join(f'{n} {a:g} to {b:g}' for n, (a, b) in ranges.items())} (SI)"
     note = "first: share of the variance the parameter explains alone; total: share that would vanish if it were known."
