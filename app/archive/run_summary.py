@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from app.archive.notes import Notes
-from app.common import format_quantity
+from app.common import format_estimate
 from model import EstimatedQuantity
 from protocols.base import RunStatus
 from protocols.registry import PROTOCOLS
@@ -186,9 +186,7 @@ def read_run_summary(file: Path, path: str) -> RunSummary | None:
                     parameters_json=json.dumps(run.parameters),
                     estimates_json=json.dumps([asdict(estimate) for estimate in estimates]),
                     failed_checks=", ".join(_failed_checks(run)),
-                    found="; ".join(
-                        f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in estimates
-                    ),
+                    found="; ".join(map(format_estimate, estimates)),
                 )
             )
     except NotARunError as error:

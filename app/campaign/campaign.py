@@ -30,7 +30,6 @@ from app.campaign.status import (
     HAS_VALID_RUN,
     CampaignRuns,
     ItemState,
-    NextAction,
     basis_of,
     evaluate_items,
 )
@@ -124,9 +123,7 @@ class Campaign:
     def next_item(self, hands_free: bool = False) -> ItemState | None:
         """Return the first item that can be measured now; `hands_free` skips items that need the operator."""
         for line in self.item_states():
-            if line.next_action in (NextAction.RUN, NextAction.REPEAT, NextAction.RESUME) and not (
-                hands_free and self.needs_operator(line.item)
-            ):
+            if line.is_ready and not (hands_free and self.needs_operator(line.item)):
                 return line
         return None
 
@@ -166,13 +163,9 @@ class Campaign:
 
     def accepted_estimates(self, item: CampaignItem) -> dict[str, EstimatedQuantity]:
         """Return the accepted estimates of all dependencies of an item by name; later items take precedence."""
-        lines = {line.item.name: line for line in self.item_states()}
-        wanted = self._plan.dependencies(item)
-        found: dict[str, EstimatedQuantity] = {}
-        for name, line in lines.items():
-            if name in wanted:
-                found.update({estimate.name: estimate for estimate in line.estimates})
-        return found
+        dependencies = self._plan.dependencies(item)
+        lines = [line for line in self.item_states() if line.item.name in dependencies]
+        return {estimate.name: estimate for line in lines for estimate in line.estimates}
 
     def valid_runs(self) -> list[Path]:
         """Return the valid runs in the order of their items."""
@@ -180,18 +173,15 @@ class Campaign:
 
     # -- changes -------------------------------------------------------------------------------------------------------
 
-    def run_started(self, name: str, run: Path) -> None:
-        """Record the start of an item's run in this program, and what it is based on."""
+    def run_started(self, run: Path, name: str = "") -> None:
+        """Record a run that this program is writing and that must not be opened; of an item also what it is based on."""
         with self._lock:
-            item, self._active_run = self._plan.item(name), (name, run)
-            lines = {line.item.name: line for line in self.item_states()}
-            self._based_on[run.name] = {n: basis_of(lines[n]) for n in item.needs if lines[n].run is not None}
-            self._save()
-
-    def ignore_active_run(self, run: Path) -> None:
-        """Record that this program is writing a run outside the campaign, which must not be opened."""
-        with self._lock:
-            self._active_run = ("", run)
+            self._active_run = (name, run)
+            if name:
+                lines = {line.item.name: line for line in self.item_states()}
+                needs = self._plan.item(name).needs
+                self._based_on[run.name] = {n: basis_of(lines[n]) for n in needs if lines[n].run is not None}
+                self._save()
 
     def run_ended(self) -> None:
         """Record the end of the run that this program has started."""

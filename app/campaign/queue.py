@@ -61,10 +61,8 @@ class CampaignRunner:
 
     def __call__(self, event: SessionEvent) -> None:
         match event:
-            case RunStarted() if self._active_item:
-                self.campaign.run_started(self._active_item, Path(event.path))
             case RunStarted():
-                self.campaign.ignore_active_run(Path(event.path))
+                self.campaign.run_started(Path(event.path), self._active_item)
             case RunEnded() | RunRejected():
                 self._active_item = ""
                 self.campaign.run_ended()
@@ -140,13 +138,10 @@ def rehearse_campaign(
         BenchError: an item cannot be measured on this bench; the message names it.
         CampaignError: an item's protocol is unknown, or refuses its settings.
     """
-    left = (
-        [line for line in campaign.item_states() if line.next_action is not NextAction.NONE]
-        if states is None
-        else states
-    )
     rehearsals: list[tuple[CampaignItem, Rehearsal]] = []
-    for line in left:
+    for line in campaign.item_states() if states is None else states:
+        if line.next_action is NextAction.NONE:
+            continue
         protocol = campaign.protocol_for(line.item)
         try:
             one = rehearse(protocol, bench.amplifier, sensor=bench.sensor, tactor=tactor, meters=bench.meters)

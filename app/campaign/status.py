@@ -102,6 +102,11 @@ class ItemState:
     """Estimates of the valid run, on which later items are based."""
 
     @property
+    def is_ready(self) -> bool:
+        """Whether the item can be measured now."""
+        return self.next_action not in (NextAction.NONE, NextAction.WAIT)
+
+    @property
     def accepted(self) -> bool:
         """Whether the operator has accepted the estimates of the valid run."""
         return self.run is not None and self.run.name in self.item.accepted

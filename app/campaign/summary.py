@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from app.campaign.campaign import Campaign
 from app.campaign.plan import CampaignError
 from app.campaign.queue import rehearse_campaign
-from app.campaign.status import ItemState, ItemStatus, NextAction
+from app.campaign.status import ItemState, ItemStatus
 from app.identification.identify import IdentificationResult, identify
 from app.identification.observations import ObservationError, amplifier_of
 from drivers import BenchError
@@ -104,7 +104,6 @@ class CampaignEstimates:
     """Parameters of the specimen from all valid runs of a campaign."""
 
     estimates: tuple[EstimatedQuantity, ...]
-    tactor: Tactor
     problem: str = ""
     """Why there are no estimates, or not more."""
 
@@ -120,8 +119,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
     refusal = ""
     if bench is not None:
         try:
-            left = [line for line in lines if line.next_action is not NextAction.NONE]
-            rehearsals = {item.name: one for item, one in rehearse_campaign(campaign, bench, states=left).items}
+            rehearsals = {item.name: one for item, one in rehearse_campaign(campaign, bench, states=lines).items}
         except (BenchError, CampaignError) as error:
             refusal = str(error)
     rows = tuple(
@@ -133,7 +131,7 @@ def summarize_campaign(campaign: Campaign, bench: Bench | None) -> CampaignSumma
         )
         for line in lines
     )
-    ready = [row for row in rows if row.state.next_action in (NextAction.RUN, NextAction.REPEAT, NextAction.RESUME)]
+    ready = [row for row in rows if row.state.is_ready]
     return CampaignSummary(
         path=campaign.path,
         specimen=campaign.specimen,
@@ -151,8 +149,8 @@ def estimate_campaign(campaign: Campaign, amplifier: AmplifierMap) -> CampaignEs
     """Fit the valid runs by the paper's chain."""
     found = identify_campaign_runs(campaign, amplifier)
     if isinstance(found, str):
-        return CampaignEstimates((), Tactor(), found)
-    return CampaignEstimates(tuple(found.estimates), found.tactor, " ".join(found.notes[-1:]))
+        return CampaignEstimates((), found)
+    return CampaignEstimates(tuple(found.estimates), " ".join(found.notes[-1:]))
 
 
 def identify_campaign_runs(campaign: Campaign, amplifier: AmplifierMap | None = None) -> IdentificationResult | str:

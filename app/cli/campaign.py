@@ -22,8 +22,9 @@ from app.campaign import (
 from app.cli.headless import headless_session, select_bench
 from app.cli.options import BenchOptions, CommandGroup, CommandSyntax, faults_option, option, switch
 from app.cli.output import print_json, print_line
-from app.common import ExitCode, format_bytes, format_duration, format_uncertain, usage_errors
+from app.common import ExitCode, format_bytes, format_duration, usage_errors
 from drivers import BenchError
+from protocols.base import format_with_uncertainty
 from protocols.runfile.reader import RunReadError
 
 
@@ -163,7 +164,7 @@ def _print_campaign(campaign_: Campaign, as_json: bool) -> int:
     if estimates:
         print_line("identified so far, by the paper's chain ('tactor-bench identify' for more):")
     for estimate in estimates:
-        value = format_uncertain(estimate.value, estimate.standard_error, estimate.unit)
+        value = format_with_uncertainty(estimate.value, estimate.standard_error, estimate.unit)
         print_line(f"    {estimate.name}: {value}")
     return ExitCode.DONE
 
@@ -188,7 +189,7 @@ def _item_text(state: ItemState) -> str:
     lines = [f"{mark} {state.item.name:10} {state.status:10} {state.title:16} {accepted}{state.reason}"]
     if state.run is not None:
         lines.append(f"    {state.run.name}")
-    lines += [f"    {e.name}: {format_uncertain(e.value, e.standard_error, e.unit)}" for e in state.estimates]
+    lines += [f"    {e.name}: {format_with_uncertainty(e.value, e.standard_error, e.unit)}" for e in state.estimates]
     return "\n".join(lines)
 
 

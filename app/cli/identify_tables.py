@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from app.cli.output import CommandResult
-from app.common import Column, Table, format_uncertain, track
+from app.common import Column, Table, track
 from app.identification.identify import IdentificationResult
 from model import ParameterError
 from model.identification import (
@@ -26,7 +26,7 @@ from model.identification import (
     profile_interval,
     rank_candidates,
 )
-from protocols.base import to_jsonable
+from protocols.base import format_with_uncertainty, to_jsonable
 
 MAX_FINDINGS = 10
 """Findings that are displayed."""
@@ -213,7 +213,9 @@ def estimate_table(title: str, estimates: Sequence[Any]) -> Table:
         title,
         (
             Column("name", "", [e.name for e in estimates], "parameter"),
-            Column("estimate", "", [format_uncertain(e.value, e.standard_error, "1") for e in estimates], "value"),
+            Column(
+                "estimate", "", [format_with_uncertainty(e.value, e.standard_error, "1") for e in estimates], "value"
+            ),
             Column("unit", "", [e.unit for e in estimates]),
             Column("relative", "%", relative_errors, "error", "%", format_spec=".2g"),
             Column("value", "", [e.value for e in estimates], displayed=False),

@@ -6,10 +6,10 @@ from .errors import usage_errors as usage_errors
 from .formatting import format_bytes as format_bytes
 from .formatting import format_curve as format_curve
 from .formatting import format_duration as format_duration
+from .formatting import format_estimate as format_estimate
 from .formatting import format_outcome as format_outcome
 from .formatting import format_point as format_point
 from .formatting import format_quantity as format_quantity
-from .formatting import format_uncertain as format_uncertain
 from .formatting import pluralize as pluralize
 from .inputs import path_argument as path_argument
 from .inputs import seed_argument as seed_argument

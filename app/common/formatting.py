@@ -3,7 +3,7 @@
 from typing import Any
 
 from app.common.units import display_unit
-from protocols.base import Quality, ResultCurve, format_with_uncertainty
+from protocols.base import EstimatedQuantity, Quality, ResultCurve, format_with_uncertainty
 
 
 def format_duration(seconds: float) -> str:
@@ -38,13 +38,12 @@ def format_bytes(count: float) -> str:
 def format_quantity(value: float, standard_error: float, unit: str) -> str:
     """Format a value and its standard error in the display unit: 1.4e-4 m/V becomes `142.77 ± 0.10 µm/V`."""
     factor, unit = display_unit(unit)
-    return format_uncertain(factor * value, factor * standard_error, unit or "1")
+    return format_with_uncertainty(factor * value, factor * standard_error, unit or "1")
 
 
-def format_uncertain(value: float, standard_error: float, unit: str) -> str:
-    """Format a value to two digits of its standard error: `158.3460 ± 0.0075 Hz`; the unit `1` is omitted."""
-    text = format_with_uncertainty(value, standard_error)
-    return text if unit == "1" else f"{text} {unit}"
+def format_estimate(estimate: EstimatedQuantity) -> str:
+    """Format name, value and standard error: `k2 31.20 ± 0.40 N/m`."""
+    return f"{estimate.name} {format_quantity(estimate.value, estimate.standard_error, estimate.unit)}"
 
 
 def format_curve(curve: ResultCurve) -> str:
@@ -54,9 +53,7 @@ def format_curve(curve: ResultCurve) -> str:
     """
     errors = curve.columns.get(f"{curve.y}_errors")
     x, y = curve.columns[curve.x], curve.columns[curve.y]
-    if errors is None or not y.values.size:
-        return ""
-    if (x.values[1:] <= x.values[:-1]).any():
+    if errors is None or not y.values.size or (x.values[1:] <= x.values[:-1]).any():
         return ""
     top = int(abs(y.values).argmax())
     height = format_quantity(float(y.values[top]), float(errors.values[top]), y.unit)
@@ -69,8 +66,8 @@ def format_curve(curve: ResultCurve) -> str:
 def format_point(point: Any) -> str:
     """Format a point as one line: its own summary if it has one, otherwise the columns of a sine dwell."""
     flags = Quality(point.quality) & ~Quality.SIMULATED
-    if words := getattr(point, "summary", ""):
-        return words + (f"  {flags.description}" if flags else "")
+    if summary := getattr(point, "summary", ""):
+        return summary + (f"  {flags.description}" if flags else "")
     return (
         f"{point.frequency:8.3f} Hz  max-min {1e6 * point.peak_to_peak:6.1f} µm  "
         f"2 x fund. {format_with_uncertainty(2e6 * point.fundamental, 2e6 * point.fundamental_errors):>16} µm  "

@@ -49,16 +49,16 @@ class Progress:
         """Return the progress of one file after the other, weighted by their bytes; a missing file has none."""
         return self.split([path.stat().st_size if path.is_file() else 0 for path in paths])
 
-    def iterate(self, items: Sequence[T]) -> Iterator[T]:
+    def iterate(self, items: Sequence[T], items_per_update: int = ITEMS_PER_UPDATE) -> Iterator[T]:
         """Yield the items and update as they are taken.
 
         Raises:
             OperationCancelled: the operation was cancelled between two items.
         """
-        for start in range(0, len(items), ITEMS_PER_UPDATE):
+        for start in range(0, len(items), items_per_update):
             self.update(start / len(items))
             self.raise_if_cancelled()
-            yield from items[start : start + ITEMS_PER_UPDATE]
+            yield from items[start : start + items_per_update]
         self.update(1.0)
 
 
@@ -106,6 +106,4 @@ def terminal_progress(description: str, quiet: bool = False) -> Iterator[Progres
 def track(items: Sequence[T], description: str) -> Iterator[T]:
     """Yield the items and show a bar on a terminal."""
     with terminal_progress(description) as progress:
-        for index, item in enumerate(items):
-            progress.update(index / len(items))
-            yield item
+        yield from progress.iterate(items, items_per_update=1)

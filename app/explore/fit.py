@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.common import format_uncertain
 from app.explore.sliders import SLIDERS
 from app.explore.state import ExploreSetting
 from model import AmplifierMap, Membrane
+from protocols.base import format_with_uncertainty
 
 if TYPE_CHECKING:
     from app.archive import MeasuredResponse
@@ -87,4 +87,4 @@ def _format_parameter(letter: str, value: float, error: float) -> str:
     slider = SLIDERS[letter]
     if not np.isfinite(error):
         return f"{slider.label}: not told by these runs"
-    return f"{slider.label} {format_uncertain(slider.factor * value, slider.factor * error, slider.unit)}"
+    return f"{slider.label} {format_with_uncertainty(slider.factor * value, slider.factor * error, slider.unit)}"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.common import display_unit, format_quantity
+from app.common import display_unit, format_estimate
 from app.plotting.panels import draw_measured, new_figure
 from model import Tactor
 from model.response import THRESHOLD_M, amplifier_response, frequency_response
@@ -89,7 +89,7 @@ def _draw_response(axes: Any, run: Run, tactor: Tactor) -> None:
         0.99 * curve_f[-1], 1e6 * THRESHOLD_M, "50 µm: felt on the abdomen", color="tab:green", ha="right", va="bottom"
     )
     axes.set(xlabel="frequency (Hz)", ylabel="displacement of the centre (µm)", xlim=(0, curve_f[-1]), ylim=(0, None))
-    found = [f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    found = [*map(format_estimate, run.estimates())]
     axes.legend(title="\n".join(found) or None, fontsize=9, title_fontsize=9, loc="best")
 
 
@@ -147,7 +147,7 @@ def _draw_curves(axes: Any, run: Run, tactor: Tactor) -> None:
             driven = amplifier_response(loaded, f, amplitude_v, amplifier.rest_v, amplifier)
             axes.plot(f, factor * np.abs(driven.fundamental) / amplitude_v, "--", color=colour, lw=0.9)
         axes.set(xlabel=f"{curve.x} ({x.unit})", ylabel=f"{curve.y} ({unit})")
-    found = [f"{e.name} {format_quantity(e.value, e.standard_error, e.unit)}" for e in run.estimates()]
+    found = [*map(format_estimate, run.estimates())]
     if any(curve.columns[curve.y].unit == "m/V" for curve in curves):
         found.append("dashed: model")
     axes.legend(title="\n".join(found) or None, fontsize=8, title_fontsize=9)

@@ -6,12 +6,11 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Any
 
-from app.common import format_curve, format_duration, format_quantity, format_uncertain, pluralize
+from app.common import format_curve, format_duration, format_estimate, pluralize
 from app.session.session import BenchFailed, BenchOpened, RunRejected, SessionEvent
 from protocols.base import (
     BenchArmed,
     CurveReady,
-    EstimatedQuantity,
     InjectedFaultChanged,
     LogMessage,
     PointMeasured,
@@ -27,6 +26,7 @@ from protocols.base import (
     SettlingFinished,
     ShutdownStarted,
     StreamStarted,
+    format_with_uncertainty,
 )
 from protocols.registry import PROTOCOLS
 
@@ -105,14 +105,9 @@ def describe_point(point: Any) -> str:
 
 
 def _describe_dwell_point(point: Any) -> str:
-    peaks = format_uncertain(1e6 * point.peak_to_peak, 1e6 * point.peak_to_peak_errors, "µm")
-    twice = format_uncertain(2e6 * point.fundamental, 2e6 * point.fundamental_errors, "µm")
+    peaks = format_with_uncertainty(1e6 * point.peak_to_peak, 1e6 * point.peak_to_peak_errors, "µm")
+    twice = format_with_uncertainty(2e6 * point.fundamental, 2e6 * point.fundamental_errors, "µm")
     return f"{point.frequency:.4g} Hz: max − min {peaks}, 2 × fundamental {twice}"
-
-
-def format_estimate(estimate: EstimatedQuantity) -> str:
-    """`resonance frequency 158.3500 ± 0.0072 Hz`."""
-    return f"{estimate.name} {format_quantity(estimate.value, estimate.standard_error, estimate.unit)}"
 
 
 def protocol_title(protocol: str) -> str:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome, format_uncertain
-from protocols.base import CurveColumn, ResultCurve
+from app.common.formatting import format_bytes, format_curve, format_duration, format_outcome
+from protocols.base import CurveColumn, ResultCurve, format_with_uncertainty
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_sizes(count: float, words: str) -> None:
     ],
 )
 def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, words: str) -> None:
-    assert format_uncertain(value, error, unit) == words
+    assert format_with_uncertainty(value, error, unit) == words
 
 
 def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_samples_is_not() -> None:

@@ -103,7 +103,7 @@ class CampaignController(QObject):
 
             campaign = Campaign.open_file(path)
             if writing is not None:
-                campaign.ignore_active_run(writing)
+                campaign.run_started(writing)
             return _open_result(campaign)
 
         self._file_worker.submit(read, self._on_opened, self._on_error)

@@ -7,11 +7,12 @@ from PySide6.QtCore import QPointF, QSize
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QLabel, QWidget
 
-from app.common import format_uncertain, pluralize
+from app.common import pluralize
 from app.explore.sliders import SLIDERS
 from app.gui.widgets.layouts import configure, grid
 from app.gui.widgets.theme import Theme
 from app.live.estimates import EstimateUpdate
+from protocols.base import format_with_uncertainty
 
 MAX_ROWS = 3
 TOO_FEW = "Not enough yet to tell the parameters apart; points at other frequencies will."
@@ -98,7 +99,9 @@ class EstimatesPanel(QWidget):
         for e, (name, value, history) in zip(estimates, self.rows, strict=False):
             slider = SLIDERS[e.name.partition("(")[0]]
             name.setText(slider.label + e.name.removeprefix(slider.name))
-            value.setText(format_uncertain(slider.factor * e.value, slider.factor * e.standard_error, slider.unit))
+            value.setText(
+                format_with_uncertainty(slider.factor * e.value, slider.factor * e.standard_error, slider.unit)
+            )
             history.show_errors((update.error_history or {}).get(e.name, ()), self._theme.model)
         rests = f"Everything else as in {update.active_model.description}; the sensor's gain is taken as exact."
         self.note.setText(

@@ -10,11 +10,11 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QBrush, QColor, QFont, QFontMetricsF, QPainterPath, QPen
 from PySide6.QtWidgets import QGraphicsPathItem, QGraphicsSimpleTextItem, QLabel, QLayout, QWidget
 
+from app.common import format_estimate
 from app.gui.plots.copy import PlotCopyButtons
 from app.gui.plots.series import PlotSeries, series_as_text, series_of
 from app.gui.widgets.layouts import column, make_label
 from app.gui.widgets.theme import Theme
-from app.session.messages import format_estimate
 from model import THRESHOLD_M, Array
 from protocols.base import RunEnded
 
