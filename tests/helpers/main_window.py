@@ -9,6 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QEvent, QSettings, Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QWidget
 
 from app.config.bench_file import BenchConfig
 from app.gui.main_window import MainWindow
@@ -37,6 +38,13 @@ def press(window: MainWindow, key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.Ke
         window.activateWindow()
         until(window.isActiveWindow, "for the window to be active")
     QTest.keyClick(window, key, modifier)
+
+
+def find(root: QWidget, name: str) -> Any:
+    """Return the widget with an object name below another one."""
+    found = root.findChild(QWidget, name)
+    assert found is not None, f"there is no widget {name}"
+    return found
 
 
 def grab(window: MainWindow, path: Path) -> None:

@@ -89,7 +89,8 @@ class CampaignHeader(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.name_label = make_label(kind="heading", wrap=False, name="campaign.name")
-        self.progress_label, self.message_label = make_label(wrap=False, name="campaign.progress"), StatusLine()
+        self.progress_label = make_label(wrap=False, name="campaign.progress")
+        self.message_label = configure(StatusLine(), "campaign.message")
         self.bar = make_progress_bar(1000, 10, "campaign.progress-bar")
         buttons = (
             make_button(

@@ -36,7 +36,7 @@ class CampaignStart(QWidget):
         self.specimen_edit.returnPressed.connect(self._request_create)
         self.specimen_edit.textChanged.connect(self._validate)
         self.begin_button = make_button("Begin   (Enter)", self._request_create, "go", name="campaign.begin")
-        self.message_label = StatusLine()
+        self.message_label = configure(StatusLine(), "campaign.start-message")
         self.existing_label = make_label("Or go on with one that is there", "running", wrap=False)
         self.campaign_list = configure(QListWidget(), "campaign.list", accessibleName="campaigns that are there")
         self.campaign_list.setMaximumHeight(10 * self.campaign_list.fontMetrics().height())

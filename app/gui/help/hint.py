@@ -21,7 +21,7 @@ class FirstRunHint(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._run_finished = False
-        self.label = make_label(kind="hint")
+        self.label = make_label(kind="hint", name="hint.text")
         dismiss = make_button("Got it", self.hide, "choice", name="hint.dismiss")
         row((self.label, 1), dismiss, parent=self, margins=(6, 0, 6, 0))
         self.hide()

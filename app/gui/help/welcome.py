@@ -5,7 +5,18 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from app.gui.widgets.actions import shortcut_label
-from app.gui.widgets.layouts import SELECTABLE, STRETCH, Item, column, grid, make_button, make_label, make_panel, row
+from app.gui.widgets.layouts import (
+    SELECTABLE,
+    STRETCH,
+    Item,
+    column,
+    configure,
+    grid,
+    make_button,
+    make_label,
+    make_panel,
+    row,
+)
 from app.gui.widgets.status_line import StatusLine
 
 DEMO_TEXT = (
@@ -39,7 +50,8 @@ class WelcomePage(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self.about_label, self.message_label = make_label(kind="large"), StatusLine()
+        self.about_label = make_label(kind="large", name="welcome.about")
+        self.message_label = configure(StatusLine(), "welcome.message")
         self.demo_button = make_button(
             "Try it on the simulated bench   (Enter)",
             self.demo_requested.emit,

@@ -41,7 +41,8 @@ class RunDetailsPane(QWidget):
     def __init__(self, theme: Theme, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._saved_notes, self._run_path = ("", ""), ""
-        self.heading, self.message_label = make_label(kind="caption", name="runs.heading"), make_label()
+        self.heading = make_label(kind="caption", name="runs.heading")
+        self.message_label = make_label(name="runs.message", visible=False)
         self.facts_label = make_label(name="runs.facts", textInteractionFlags=SELECTABLE)
         self.progress_row = ProgressRow()
         self.plot = configure(ComparePlot(theme), "runs.plot", minimumHeight=160)
@@ -90,7 +91,6 @@ class RunDetailsPane(QWidget):
             margins=(8, 0, 0, 0),
             spacing=6,
         )
-        self.message_label.hide()
         self.plot.hide()  # until something is chosen
 
     def set_theme(self, theme: Theme) -> None:

@@ -21,7 +21,7 @@ from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from protocols.runfile.reader import Run
 from sim_hardware.testing.safe_volts import assert_safe_voltage
-from tests.helpers.main_window import Bench, OpenStage, Stage, press, until, whole_window
+from tests.helpers.main_window import Bench, OpenStage, Stage, find, press, until, whole_window
 from tests.helpers.session_events import LIVE, OPENED, STOPPED
 
 CTRL, ALT, SHIFT = (
@@ -169,12 +169,12 @@ def test_order_and_what_is_left_out_are_changed_by_keys_and_taken_back(
     stage.press(Qt.Key.Key_Up, ALT)
     settle(shown)
     assert list(on_disk(tmp_path)) == ["wiring", "dwell", "last", "again"]
-    assert "dwell needs wiring before it" in shown.board.header.message_label.text()
+    assert "dwell needs wiring before it" in find(shown, "campaign.message").text()
     stage.press(Qt.Key.Key_S)
     settle(shown)
     assert on_disk(tmp_path)["dwell"]["skipped"]
     assert states(shown)[1] == "skipped"
-    assert not shown.board.header.message_label.isVisible()
+    assert not find(shown, "campaign.message").isVisible()
     stage.press(Qt.Key.Key_Z, CTRL)
     stage.press(Qt.Key.Key_Z, CTRL)
     settle(shown)
@@ -206,7 +206,7 @@ def test_the_session_is_given_what_must_be_set_up_and_keys_rest_while_it_runs(
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
-    assert "there is no bench" in shown.board.header.message_label.text()
+    assert "there is no bench" in find(shown, "campaign.message").text()
     stage.happen(OPENED)
     for name in ("wiring", "dwell"):
         shown.controller.modify(lambda campaign, name=name: campaign.skip(name))
@@ -255,4 +255,4 @@ def test_a_simulated_run_is_never_made_for_a_real_specimen(page: tuple[Stage, Ca
     stage.press(Qt.Key.Key_F5)
     settle(shown)
     assert stage.session.runs == []
-    assert "the campaign of R1 is of a real bench" in shown.board.header.message_label.text()
+    assert "the campaign of R1 is of a real bench" in find(shown, "campaign.message").text()

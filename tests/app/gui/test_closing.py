@@ -16,7 +16,7 @@ from app.gui.main_window import MainWindow
 from app.session.connect import connect
 from app.session.state import BenchState
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import Stage, until
+from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import LIVE, LOST, OPENED, STOPPED
 
 
@@ -38,16 +38,16 @@ def test_mid_run_it_asks_goes_to_rest_and_stays_alive_until_the_session_has_ende
     running(stage)
     stage.window.close()
     assert stage.window.isVisible()
-    assert stage.window.notices.closing.isVisible()
+    assert find(stage.window, "notices.closing").isVisible()
     assert not stage.session.closed
-    assert stage.window.status_bar.state_sign.text == "LIVE"
+    assert find(stage.window, "status.state").text == "LIVE"
     begin = time.monotonic()
     until(lambda: time.monotonic() - begin > INPUT_GUARD_S)
     stage.press(Qt.Key.Key_Return)
     assert stage.session.closed
-    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
+    assert find(stage.window, "status.state").text == "GOING TO REST"
     stage.happen(*STOPPED)
-    assert stage.window.status_bar.state_sign.text == "AT REST", "the window is alive while it closes"
+    assert find(stage.window, "status.state").text == "AT REST", "the window is alive while it closes"
     assert stage.window.isVisible()
     stage.session.lets_go = True
     until(lambda: not stage.window.isVisible())
@@ -57,9 +57,9 @@ def test_the_run_goes_on_if_the_window_is_kept(stage: Stage) -> None:
     running(stage)
     stage.window.close()
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
-    assert not stage.window.notices.closing.isVisible()
+    assert not find(stage.window, "notices.closing").isVisible()
     assert stage.session.stops == 0
-    assert stage.window.status_bar.state_sign.text == "LIVE"
+    assert find(stage.window, "status.state").text == "LIVE"
 
 
 def test_stop_works_while_the_question_stands(stage: Stage) -> None:
@@ -78,7 +78,7 @@ def test_a_window_that_closes_over_a_lost_rest_stays_until_that_was_read(stage: 
     stage.session.lets_go = True
     stage.window.tick()
     assert stage.window.isVisible()
-    assert stage.window.notices.unsafe.isVisible()
+    assert find(stage.window, "notices.unsafe").isVisible()
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     until(lambda: not stage.window.isVisible())
     assert stage.window.state.exit_code == 3

@@ -8,7 +8,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
 
 from app.gui.plots.copy import PlotCopyButtons
-from tests.helpers.main_window import OpenStage, Stage, until
+from tests.helpers.main_window import OpenStage, Stage, find, until
 from tests.helpers.session_events import LIVE, OPENED, point
 
 CONTROL = Qt.KeyboardModifier.ControlModifier
@@ -60,14 +60,14 @@ def test_a_picture_of_the_plot_without_the_buttons(stage: Stage) -> None:
 
 def test_a_plot_that_has_the_keyboard_shows_it_and_what_can_be_done(stage: Stage) -> None:
     window, plot = stage.window, stage.window.measure_page.response
-    window.measure_page.run_panel.specimen_edit.setFocus()
+    find(window, "measure.specimen").setFocus()
     before = plot.canvas.grab().toImage()
     plot.canvas.setFocus()
     assert plot.copy_buttons[0].isVisible()
     edge = plot.canvas.grab().toImage().pixelColor(0, plot.canvas.height() // 2).name()
     assert edge == window.theme.accent
     assert before.pixelColor(0, plot.canvas.height() // 2).name() == window.theme.panel
-    window.measure_page.run_panel.specimen_edit.setFocus()
+    find(window, "measure.specimen").setFocus()
     assert not plot.copy_buttons[0].isVisible()
 
 

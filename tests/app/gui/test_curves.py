@@ -8,7 +8,7 @@ from drivers.drive import PeriodicSweep
 from model.parameters import Tactor
 from model.response.harmonic_response import amplifier_response
 from protocols.base import BenchArmed, CurveColumn, CurveReady, DriveStarted, ResultCurve, RunStarted
-from tests.helpers.main_window import Stage, until
+from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import OPENED
 
 FREQUENCIES = np.linspace(25.0, 525.0, 501)
@@ -27,7 +27,7 @@ def response(scale: float, entry: int = 0, label: str = "") -> ResultCurve:
 
 def begin(stage: Stage, protocol: str) -> None:
     panel = stage.window.measure_page.run_panel
-    panel.protocol_box.setCurrentIndex(panel.protocol_box.findData(protocol))
+    find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData(protocol))
     stage.happen(OPENED)
     stage.window.start_run()
     drive = PeriodicSweep(25.0, 525.0, 1.0, 9, 1.0, 2.5)

@@ -16,7 +16,7 @@ from app.session.connect import connect
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.runfile.reader import Run
 from sim_hardware.plant.faults import FAULT_DESCRIPTIONS
-from tests.helpers.main_window import OpenStage, Stage, end, press, until
+from tests.helpers.main_window import OpenStage, Stage, end, find, press, until
 from tests.helpers.session_events import OPENED
 
 SHIFT = Qt.KeyboardModifier.ShiftModifier
@@ -53,7 +53,7 @@ def test_a_fault_ticked_by_keys_breaks_the_run_and_both_are_told(window: MainWin
     assert box.hasFocus()
     QTest.keyClick(box, Qt.Key.Key_Space)
     until(lambda: not window.state.busy, "for the run")
-    assert window.status_bar.state_sign.text == "UNSAFE"
+    assert find(window, "status.state").text == "UNSAFE"
     until(lambda: faults.active_faults, "for the bench's word")
     assert window.adapter.faults.active_faults() == ("generator-power-off",)
     assert faults.band.isVisible()
@@ -134,10 +134,10 @@ def test_a_real_bench_offers_no_faults(
 
 def test_the_list_goes_with_escape_and_gives_the_keyboard_back(stage: Stage) -> None:
     stage.happen(OPENED)
-    stage.window.measure_page.run_panel.specimen_edit.setFocus()
+    find(stage.window, "measure.specimen").setFocus()
     stage.press(Qt.Key.Key_F9)
     assert stage.window.faults is not None
     assert stage.window.faults.list.isVisible()
     stage.press(Qt.Key.Key_Escape)
     assert not stage.window.faults.list.isVisible()
-    assert stage.window.measure_page.run_panel.specimen_edit.hasFocus()
+    assert find(stage.window, "measure.specimen").hasFocus()

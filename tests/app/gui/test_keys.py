@@ -14,7 +14,7 @@ from app.gui.widgets.actions import ACTIONS, GLOBAL_GROUP, ActionInfo, shortcuts
 from app.gui.widgets.file_dialog import Mode, choose_files
 from protocols.base import Prompt, PromptShown, RunEnded, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import ListeningSession, OpenStage, Stage, until
+from tests.helpers.main_window import ListeningSession, OpenStage, Stage, find, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
 
 CTRL = Qt.KeyboardModifier.ControlModifier
@@ -87,7 +87,7 @@ def test_no_key_means_two_things_at_once(stage: Stage) -> None:
 
 
 def test_a_page_s_key_takes_the_keyboard_there_also_where_the_page_is_seen(stage: Stage) -> None:
-    stage.window.measure_page.run_panel.specimen_edit.setFocus()
+    find(stage.window, "measure.specimen").setFocus()
     stage.press(Qt.Key.Key_1, CTRL)
     assert stage.window.measure_page.hasFocus()
 
@@ -118,22 +118,22 @@ def test_escape_stops_first_and_closes_nothing_while_a_run_goes_on(stage: Stage)
 
 def test_a_newcomer_is_led_to_a_finished_run_by_one_key(stage: Stage, tmp_path: Path) -> None:
     window = stage.window
-    window.measure_page.run_panel.protocol_box.setCurrentIndex(1)
+    find(window, "measure.protocol").setCurrentIndex(1)
     window.tabs.setCurrentIndex(CAMPAIGN)
     window.central.show_welcome()
-    assert str(tmp_path) in window.central.welcome.about_label.text()
-    assert window.central.welcome.demo_button.hasFocus()
-    QTest.keyClick(window.central.welcome.demo_button, Qt.Key.Key_Return)
+    assert str(tmp_path) in find(window, "welcome.about").text()
+    assert find(window, "welcome.demo").hasFocus()
+    QTest.keyClick(find(window, "welcome.demo"), Qt.Key.Key_Return)
     assert not window.central.is_covered
     assert window.tabs.currentIndex() == MEASURE
-    assert "connecting" in window.central.hint.label.text()
+    assert "connecting" in find(window, "hint.text").text()
     stage.happen(OPENED)
     window.tick()
     assert stage.session.runs == [(SineDwell(), tmp_path, "T7")]
     stage.happen(*LIVE)
-    assert "Esc stops" in window.central.hint.label.text()
+    assert "Esc stops" in find(window, "hint.text").text()
     stage.happen(AT_REST, RunEnded(RunStatus.COMPLETED, "all points measured", "run.h5"))
-    assert "Ctrl+4" in window.central.hint.label.text()
+    assert "Ctrl+4" in find(window, "hint.text").text()
     assert window.central.hint.isVisible()
 
 
@@ -144,8 +144,8 @@ def test_a_bench_file_that_cannot_be_read_is_told_beside_the_button(open_stage: 
     stage = open_stage(change_bench=refuse)
     stage.window.central.show_welcome()
     stage.window.change_bench("mine.toml")
-    assert stage.window.central.welcome.message_label.text() == "mine.toml: line 3: give a card"
-    assert stage.window.central.welcome.message_label.isVisible()
+    assert find(stage.window, "welcome.message").text() == "mine.toml: line 3: give a card"
+    assert find(stage.window, "welcome.message").isVisible()
     assert not stage.session.closed
 
 
@@ -210,7 +210,7 @@ def test_who_tries_it_over_a_real_bench_is_led_over_the_simulated_one(
         (window,) = [w for w in app.topLevelWidgets() if isinstance(w, MainWindow)]
         led.append((window.windowTitle(), window.central.hint.isVisible()))
         if len(led) == 1:
-            window.central.welcome.demo_button.click()
+            find(window, "welcome.demo").click()
         else:
             window.close_session()
         until(lambda: not window.isVisible(), "for the window to close")

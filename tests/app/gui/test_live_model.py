@@ -24,7 +24,7 @@ from protocols.base import PointMeasured, Quality, RunEnded, RunStatus
 from protocols.measurements.membrane_series import MembranePoint, MembraneSeries
 from protocols.measurements.sine_dwell import SineDwell, SinePoint
 from tests.helpers.calibrations import calibration
-from tests.helpers.main_window import Stage, until
+from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED
 from tests.protocols.test_rehearsal import guard
 
@@ -123,7 +123,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     stage.happen(*LIVE)
     panel = stage.window.measure_page.run_panel
     assert not panel.estimates_panel.isVisible()
-    assert not panel.rehearsal_label.isVisible()
+    assert not find(panel, "measure.rehearsal").isVisible()
     for at, point in enumerate(measured()):
         stage.happen(PointMeasured(at, point, at))
     until(lambda: panel.estimates_panel.caption.text() == "What 8 usable points tell", "for the fit")
@@ -135,7 +135,7 @@ def test_estimates_and_their_errors_follow_the_points(stage: Stage) -> None:
     assert shrinking.errors[-1] < 0.5 * shrinking.errors[0]
     assert "the paper's values" in panel.estimates_panel.note.text()
     stage.happen(RunEnded(RunStatus.COMPLETED, "done", "run.h5"))
-    assert panel.rehearsal_label.isVisible()
+    assert find(panel, "measure.rehearsal").isVisible()
     assert not panel.estimates_panel.isVisible()
 
 
@@ -156,9 +156,12 @@ def test_a_stroke_beyond_the_sensors_range_is_foreseen_beside_the_rehearsal(stag
     stage.session.bench = SimpleNamespace(amplifier=guard(), sensor=near, meters={})
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
-    until(lambda: "leave the sensor's range" in panel.warnings_label.text(), "for the caution")
-    assert panel.warnings_label.isVisible()
-    assert "Foreseen with the paper's values" in panel.warnings_label.text()
+    until(lambda: "leave the sensor's range" in find(panel, "measure.warnings").text(), "for the caution")
+    assert find(panel, "measure.warnings").isVisible()
+    assert "Foreseen with the paper's values" in find(panel, "measure.warnings").text()
     assert panel.can_start, "a caution is no refusal"
     panel.form.rows["peak_to_peak_v"].set_value("0.5 V")
-    until(lambda: panel.warnings_label.text() and "sensor" not in panel.warnings_label.text(), "for another rehearsal")
+    until(
+        lambda: find(panel, "measure.warnings").text() and "sensor" not in find(panel, "measure.warnings").text(),
+        "for another rehearsal",
+    )

@@ -32,7 +32,7 @@ from protocols.base import (
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.measurements.wiring_check import WiringCheck
 from tests.app.gui.test_other_protocols import POINT
-from tests.helpers.main_window import Stage, until
+from tests.helpers.main_window import Stage, find, until
 from tests.helpers.session_events import AT_REST, LIVE, OPENED, STARTED, point
 
 CTRL = Qt.KeyboardModifier.ControlModifier
@@ -54,14 +54,14 @@ def test_another_protocol_brings_its_form_and_keeps_what_the_last_one_said(stage
     stage.happen(OPENED)
     panel = stage.window.measure_page.run_panel
     panel.form.rows["peak_to_peak_v"].set_value("4 V")
-    panel.protocol_box.setCurrentIndex(panel.protocol_box.findData("wiring-check"))
+    find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("wiring-check"))
     assert panel.kind is WiringCheck
     assert "level_v" in panel.form.rows
     assert stage.window.measure_page.plots.currentWidget() is stage.window.measure_page.points
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == [(WiringCheck(), tmp_path, "T7")]
     stage.happen(*LIVE[:0], RunEnded(RunStatus.STOPPED, "x", "run.h5"))
-    panel.protocol_box.setCurrentIndex(panel.protocol_box.findData("sine-dwell"))
+    find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("sine-dwell"))
     assert panel.protocol == SineDwell(peak_to_peak_v=4.0)
     assert stage.window.measure_page.plots.currentWidget() is stage.window.measure_page.response
 
@@ -71,15 +71,15 @@ def test_presets_are_kept_taken_and_forgotten(stage: Stage, monkeypatch: pytest.
     panel = stage.window.measure_page.run_panel
     panel.form.rows["record_s"].set_value("2")
     monkeypatch.setattr("app.gui.measure.presets.QInputDialog.getText", lambda *_: ("slow", True))
-    actions(panel.preset_button)["Keep these as …"].trigger()
+    actions(find(panel, "measure.presets"))["Keep these as …"].trigger()
     panel.form.rows["record_s"].set_value("9")
-    actions(panel.preset_button)["slow"].trigger()
+    actions(find(panel, "measure.presets"))["slow"].trigger()
     assert panel.protocol == SineDwell(record_s=2.0)
-    actions(panel.preset_button)["The paper's"].trigger()
+    actions(find(panel, "measure.presets"))["The paper's"].trigger()
     assert panel.protocol == SineDwell()
     assert list(json.loads(presets_path().read_text("utf-8"))["sine-dwell"]) == ["slow"]
-    actions(panel.preset_button)["Forget"].menu().actions()[0].trigger()
-    assert "slow" not in actions(panel.preset_button)
+    actions(find(panel, "measure.presets"))["Forget"].menu().actions()[0].trigger()
+    assert "slow" not in actions(find(panel, "measure.presets"))
 
 
 def actions(button: Any) -> dict[str, Any]:
@@ -105,24 +105,30 @@ def test_pause_is_one_key_and_says_that_high_voltage_is_still_on(stage: Stage) -
     bar = stage.window.status_bar
     stage.press(Qt.Key.Key_F8)
     assert stage.session.pauses == 1
-    assert bar.pause_button.text() == "PAUSING"
+    assert find(bar, "status.pause").text() == "PAUSING"
     stage.press(Qt.Key.Key_F8)
     assert stage.session.pauses == 1, "once asked is enough"
     stage.happen(RunPaused("the card sees 2.500 V"))
-    assert bar.state_sign.text == "PAUSED"
-    assert (bar.voltage_sign.text, bar.voltage_sign.note) == ("0 V", "rest measured, high voltage still on")
-    QTest.mouseClick(bar.pause_button, Qt.MouseButton.LeftButton)
+    assert find(bar, "status.state").text == "PAUSED"
+    assert (find(bar, "status.voltage").text, find(bar, "status.voltage").note) == (
+        "0 V",
+        "rest measured, high voltage still on",
+    )
+    QTest.mouseClick(find(bar, "status.pause"), Qt.MouseButton.LeftButton)
     assert stage.session.resumes == 1
     stage.happen(RunResumed(), EntryStarted(3, "160 Hz", (160.0,)), DriveStarted(Sine(160.0, 2.5, 2.5, 1000)))
-    assert bar.state_sign.text == "LIVE"
-    assert bar.pause_button.text().startswith("PAUSE")
+    assert find(bar, "status.state").text == "LIVE"
+    assert find(bar, "status.pause").text().startswith("PAUSE")
 
 
 def test_a_pause_of_a_run_without_high_voltage_does_not_say_that_it_is_on(stage: Stage) -> None:
     stage.happen(OPENED, STARTED, BenchArmed(False))
     stage.happen(RunPaused("the card sees 2.500 V", False))
     bar = stage.window.status_bar
-    assert (bar.state_sign.text, bar.voltage_sign.note) == ("HV OFF", "paused; rest measured, high voltage off")
+    assert (find(bar, "status.state").text, find(bar, "status.voltage").note) == (
+        "HV OFF",
+        "paused; rest measured, high voltage off",
+    )
     assert "Paused, high voltage off: the card sees 2.500 V" in stage.window.measure_page.log.toPlainText()
 
 
@@ -130,19 +136,22 @@ def test_while_hands_are_on_the_specimen_the_sign_says_that_high_voltage_is_off(
     live(stage)
     bar = stage.window.status_bar
     stage.happen(PromptShown(11, DISABLE_HIGH_VOLTAGE))
-    assert bar.state_sign.text == "LIVE", "asked is not done"
+    assert find(bar, "status.state").text == "LIVE", "asked is not done"
     stage.happen(PromptAnswered(11, "done"))
-    assert bar.state_sign.text == "HV OFF"
-    assert (bar.voltage_sign.text, bar.voltage_sign.note) == ("0 V", "rest measured, high voltage off")
+    assert find(bar, "status.state").text == "HV OFF"
+    assert (find(bar, "status.voltage").text, find(bar, "status.voltage").note) == (
+        "0 V",
+        "rest measured, high voltage off",
+    )
     stage.happen(PromptShown(12, WEIGHT), PromptAnswered(12, "done"))
-    assert bar.state_sign.text == "HV OFF"
+    assert find(bar, "status.state").text == "HV OFF"
     stage.happen(PromptShown(13, ENABLE_HIGH_VOLTAGE))
-    assert bar.state_sign.text == "LIVE", "whoever is asked switches before answering"
+    assert find(bar, "status.state").text == "LIVE", "whoever is asked switches before answering"
 
 
 def test_a_run_without_high_voltage_never_says_live(stage: Stage) -> None:
     stage.happen(OPENED, RunStarted("sine-dwell", "x.h5", 9.0, 3, True), BenchArmed(high_voltage=False))
-    assert stage.window.status_bar.state_sign.text == "HV OFF"
+    assert find(stage.window, "status.state").text == "HV OFF"
 
 
 @pytest.mark.parametrize(
@@ -176,12 +185,12 @@ def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
     assert plot.selection.button.isEnabled()
     plot.selection.button.click()
     assert stage.session.again == [(Path("run.h5"), (1,), tmp_path)]
-    assert stage.window.status_bar.task_sign.text == "Sine dwell · reading run.h5"
+    assert find(stage.window, "status.task").text == "Sine dwell · reading run.h5"
     assert len(plot.scatters[0].points()) == 3, "until the new run has begun the old one is seen"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1, "nothing else begins meanwhile"
     stage.happen(RunRejected("run.h5 is damaged inside; take another copy of it"))
-    assert "another copy" in stage.window.notices.problem.message_label.text()
+    assert "another copy" in find(stage.window, "notices.problem.message").text()
     assert len(plot.scatters[0].points()) == 3
     plot.selection.toggle((0, 1, 2), [plot.scatters[0].points()[2]])
     plot.selection.button.click()
@@ -236,7 +245,7 @@ def test_what_the_form_said_comes_back(stage: Stage) -> None:
     until(lambda: not measure.history._settle_timer.isActive())
     panel.set_protocol(SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30))
     until(lambda: not measure.history._settle_timer.isActive())
-    panel.protocol_box.setCurrentIndex(panel.protocol_box.findData("wiring-check"))
+    find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("wiring-check"))
     until(lambda: not measure.history._settle_timer.isActive())
     for said in (
         SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30),

@@ -20,7 +20,7 @@ from app.live.overlay import Overlay
 from app.session.state import BenchState
 from protocols.measurements.sweep import Sweep
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import OpenPage, OpenStage, Stage, until
+from tests.helpers.main_window import OpenPage, OpenStage, Stage, find, until
 from tests.helpers.run_files import crashed_run, finished_run, newer_run
 from tests.helpers.session_events import LIVE, OPENED
 from tests.helpers.simulated_bench import laboratory, run
@@ -95,7 +95,7 @@ def test_every_run_is_listed_for_what_it_is(page: RunsPage, folder: Path) -> Non
     assert (status["T3"], status["T5"], status["half"]) == ("crashed", "newer version", "damaged")
     choose(page, "half")
     page.open_selected()
-    assert "half" in page.details.message_label.text()
+    assert "half" in find(page, "runs.message").text()
     assert page.currentIndex() == 0
 
 
@@ -103,10 +103,10 @@ def test_found_by_keys_alone(open_stage: OpenStage, folder: Path) -> None:
     page = in_window(open_stage(folder=folder))
     page.table.setFocus()
     QTest.keyClick(page.table, Qt.Key.Key_Slash)
-    assert page.filter_bar.search_edit.hasFocus()
-    QTest.keyClicks(page.filter_bar.search_edit, "t8 resonance")
+    assert find(page, "runs.search").hasFocus()
+    QTest.keyClicks(find(page, "runs.search"), "t8 resonance")
     assert names(page) == ["T8"]
-    QTest.keyClick(page.filter_bar.search_edit, Qt.Key.Key_Down)
+    QTest.keyClick(find(page, "runs.search"), Qt.Key.Key_Down)
     assert page.table.hasFocus()
     QTest.keyClick(page.table, Qt.Key.Key_Return)
     until(lambda: page.currentWidget() is page.viewer, "for the run")
@@ -194,25 +194,25 @@ def test_several_are_compared(page: RunsPage) -> None:
 def test_tags_and_a_note_are_kept_beside_the_run(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
     QTest.keyClick(page.table, Qt.Key.Key_F2)
-    QTest.keyClicks(page.details.tags_edit, "good, glued")
-    QTest.keyClick(page.details.tags_edit, Qt.Key.Key_Return)
+    QTest.keyClicks(find(page, "runs.tags"), "good, glued")
+    QTest.keyClick(find(page, "runs.tags"), Qt.Key.Key_Return)
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: notes_path(run).exists(), "for the notes")
     assert read_notes(notes_path(run)) == Notes(("good", "glued"))
     until(lambda: any(e.tags == "good, glued" for e in page.folder_model.summaries), "for the list")
-    page.filter_bar.search_edit.setText("glued")
+    find(page, "runs.search").setText("glued")
     assert names(page) == ["T7"]
 
 
 @pytest.mark.deep
 def test_a_note_that_is_being_typed_survives_a_list_that_comes_meanwhile(page: RunsPage, folder: Path) -> None:
     choose(page, "T7")
-    page.details.tags_edit.setFocus()
-    QTest.keyClicks(page.details.tags_edit, "good")
-    QTest.keyClick(page.details.tags_edit, Qt.Key.Key_Tab)
-    QTest.keyClicks(page.details.note_edit, "glued ")
+    find(page, "runs.tags").setFocus()
+    QTest.keyClicks(find(page, "runs.tags"), "good")
+    QTest.keyClick(find(page, "runs.tags"), Qt.Key.Key_Tab)
+    QTest.keyClicks(find(page, "runs.note"), "glued ")
     until(lambda: any(e.tags == "good" for e in page.folder_model.summaries), "for the list")
-    QTest.keyClicks(page.details.note_edit, "twice")
+    QTest.keyClicks(find(page, "runs.note"), "twice")
     page.table.setFocus()
     run = next(folder.glob("*_T7_*.h5"))
     until(lambda: read_notes(notes_path(run)) == Notes(("good",), "glued twice"), "for the notes")
@@ -229,7 +229,7 @@ def test_a_run_without_a_response_is_told_in_words_and_a_long_reason_is_shortene
 def test_what_is_chosen_is_exported(page: RunsPage, tmp_path: Path) -> None:
     choose(page, "T7", "T8")
     page.export_selected(tmp_path / "sheets", "csv")
-    until(lambda: "10 files written" in page.details.message_label.text(), "for the files")
+    until(lambda: "10 files written" in find(page, "runs.message").text(), "for the files")
     assert len(list((tmp_path / "sheets").glob("*_SIMULATED_points.csv"))) == 2
 
 
@@ -238,8 +238,8 @@ def test_an_export_is_whole_though_the_reading_of_the_folder_was_stopped(page: R
     page.filter_bar.stop_pressed.emit()
     choose(page, "T7", "T8")
     page.export_selected(tmp_path / "sheets", "csv")
-    until(lambda: "files written" in page.details.message_label.text(), "for the files")
-    assert page.details.message_label.text().startswith("10 files")
+    until(lambda: "files written" in find(page, "runs.message").text(), "for the files")
+    assert find(page, "runs.message").text().startswith("10 files")
 
 
 def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, folder: Path, tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_a_file_dropped_is_copied_and_never_replaces_another(page: RunsPage, fol
     kept = (folder / new.name).read_bytes()
     new.write_bytes(b"another")
     drop(new)
-    until(lambda: "already there" in page.details.message_label.text(), "for the sentence")
+    until(lambda: "already there" in find(page, "runs.message").text(), "for the sentence")
     assert (folder / new.name).read_bytes() == kept
 
 
@@ -284,20 +284,20 @@ def test_taking_in_shows_how_far_it_is_and_leaves_nothing_half_done_when_it_is_s
     assert going.label.text() == "taking in 2 runs …"
     until(lambda: going.bar.value() > 600, "for the share")
     page.export_selected(tmp_path / "sheets", "csv")
-    assert "Wait for its end" in page.details.message_label.text()
+    assert "Wait for its end" in find(page, "runs.message").text()
     choose(page, "T7")
     page.open_selected()
     until(lambda: page.currentWidget() is page.viewer, "for a run that is opened meanwhile")
     page.go_back()
     QTest.mouseClick(going.cancel_button, Qt.MouseButton.LeftButton)
     go_on.set()
-    until(lambda: "stopped" in page.details.message_label.text(), "for its end")
-    assert page.details.message_label.text() == "stopped; 1 run taken in"
+    until(lambda: "stopped" in find(page, "runs.message").text(), "for its end")
+    assert find(page, "runs.message").text() == "stopped; 1 run taken in"
     assert going.isHidden()
     assert (folder / whole.name).read_bytes() == whole.read_bytes()
     assert not list(folder.glob(f"*{half.name}*")), "nothing half done"
     page.transfers.copy_in([half, tmp_path / "gone.h5"])
-    until(lambda: "there is no file" in page.details.message_label.text(), "for the sentence")
+    until(lambda: "there is no file" in find(page, "runs.message").text(), "for the sentence")
     assert going.isHidden()
 
 
@@ -314,23 +314,23 @@ def test_tables_dropped_become_runs_of_the_specimen_and_what_is_odd_is_said(
     assert entering.isAccepted()
     before = set(folder.glob("*.h5"))
     page.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, none))
-    until(lambda: "imported" in page.details.message_label.text(), "for the import")
+    until(lambda: "imported" in find(page, "runs.message").text(), "for the import")
     (made,) = set(folder.glob("*.h5")) - before
     with Run(made) as run:
         assert (run.specimen, run.state, run.simulated) == ("T7", "imported", False)
         np.testing.assert_allclose(run.points()["peak_to_peak"], (760.1e-6, 1154.2e-6))
-    assert page.details.message_label.text().startswith("fig4.csv: 1 run of T7 imported\n")
-    assert "nothing tells how certain the values are" in page.details.message_label.text()
+    assert find(page, "runs.message").text().startswith("fig4.csv: 1 run of T7 imported\n")
+    assert "nothing tells how certain the values are" in find(page, "runs.message").text()
     until(lambda: len(page.model.summaries) == len(before) + 1, "for the list")
     table.write_text("time [s],drive [V],displacement [um]\n0,2.5,0\n0.1,2.6,1\n0.2,2.4,0\n")
     page.transfers.import_tables([table])
-    until(lambda: "--as raw or --as voltage-steps" in page.details.message_label.text(), "for the sentence")
-    assert "tactor-bench import --help" in page.details.message_label.text()
+    until(lambda: "--as raw or --as voltage-steps" in find(page, "runs.message").text(), "for the sentence")
+    assert "tactor-bench import --help" in find(page, "runs.message").text()
     table.write_text("frequency [Hz],pp [um],drive_pp [V]\n100,760.1,5\n150,1154.2,5\n")
     progress = page.details.progress_row.progress
     monkeypatch.setattr(progress, "update", lambda *_: progress.cancel())  # as the button does
     page.transfers.import_tables([table])
-    until(lambda: page.details.message_label.text() == "stopped; nothing was written", "for the end")
+    until(lambda: find(page, "runs.message").text() == "stopped; nothing was written", "for the end")
     assert len(list(folder.glob("*.h5"))) == len(before) + 1
 
 
@@ -359,8 +359,8 @@ def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Pat
     made = [one._replace(path=f"{i:05d}.h5", specimen=f"T{i % 50}", words=f"t{i % 50} ") for i in range(10_000)]
     page.folder_model._on_listed(made)
     assert page.model.rowCount() == 10_000
-    assert "10 000 runs" in page.filter_bar.count_label.text()
-    page.filter_bar.search_edit.setText("t33")
+    assert "10 000 runs" in find(page, "runs.count").text()
+    find(page, "runs.search").setText("t33")
     assert set(names(page)) == {"T33"}
     assert len(names(page)) == 200
 
@@ -368,7 +368,7 @@ def test_ten_thousand_are_listed_filtered_and_sorted(page: RunsPage, folder: Pat
 def test_an_empty_folder_says_what_to_do(show: Callable[..., RunsPage], tmp_path: Path) -> None:
     page = show(tmp_path / "none", 0)
     assert "dropped here" in page.details.empty_label.text()
-    assert page.filter_bar.count_label.text() == "0 runs"
+    assert find(page, "runs.count").text() == "0 runs"
     assert not page.details.open_button.isEnabled()
 
 

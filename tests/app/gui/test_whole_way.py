@@ -15,7 +15,7 @@ from protocols.base import Quality, RunStatus
 from protocols.measurements.sine_dwell import SineDwell
 from protocols.resume import ResumableRun, load_resumable
 from protocols.runfile.reader import Run
-from tests.helpers.main_window import Bench, press, until, whole_window
+from tests.helpers.main_window import Bench, find, press, until, whole_window
 
 DWELL = SineDwell(frequencies_hz=(50.0, 75.0, 150.0), record_s=0.2)
 
@@ -39,7 +39,7 @@ def window(
 
 
 def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Path) -> None:
-    rehearsal = window.measure_page.run_panel.rehearsal_label.text()
+    rehearsal = find(window, "measure.rehearsal").text()
     assert "3 points" in rehearsal
     assert "−500 … +1500 V" in rehearsal
     press(window, Qt.Key.Key_F5)
@@ -47,7 +47,7 @@ def test_a_key_becomes_volts_points_and_a_file(window: MainWindow, tmp_path: Pat
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.COMPLETED
-    assert window.status_bar.state_sign.text == "AT REST"
+    assert find(window, "status.state").text == "AT REST"
     (path,) = tmp_path.glob("*_T7_sine-dwell.h5")
     with Run(path) as run:
         measured = 1e6 * run.points()["peak_to_peak"]
@@ -80,7 +80,7 @@ def test_the_run_that_is_gone_on_with_is_read_beside_the_window(
     until(asked.is_set, "for the session to read")
     press(window, Qt.Key.Key_F5)
     window.controller.repeat_entries((2,), tmp_path)
-    assert window.status_bar.task_sign.text.endswith(f"reading {first.name}")
+    assert find(window, "status.task").text.endswith(f"reading {first.name}")
     assert len(window.measure_page.response.scatters[0].points()) == 3
     may_read.set()
     until(lambda: not window.state.busy, "for the second run")
@@ -100,8 +100,8 @@ def test_stop_pressed_at_a_point_brings_the_bench_to_rest(window: MainWindow, be
     until(lambda: not window.state.busy, "for the run")
     assert window.state.outcome is not None
     assert window.state.outcome.status is RunStatus.STOPPED
-    assert window.status_bar.state_sign.text == "AT REST"
-    assert window.status_bar.voltage_sign.text == "0 V"
+    assert find(window, "status.state").text == "AT REST"
+    assert find(window, "status.voltage").text == "0 V"
 
 
 @pytest.mark.breaks_the_drive
@@ -110,7 +110,7 @@ def test_a_generator_that_dies_mid_run_is_told_as_unsafe_with_what_to_do(window:
     press(window, Qt.Key.Key_F5)
     assert window.state.busy
     until(lambda: not window.state.busy, "for the run")
-    assert window.status_bar.state_sign.text == "UNSAFE"
-    assert window.notices.unsafe.message_label.text() == MANUAL_SHUTDOWN_INSTRUCTIONS
-    assert "What was measured" in window.notices.unsafe.detail_label.text()
+    assert find(window, "status.state").text == "UNSAFE"
+    assert find(window, "notices.unsafe.message").text() == MANUAL_SHUTDOWN_INSTRUCTIONS
+    assert "What was measured" in find(window, "notices.unsafe.detail").text()
     assert window.state.exit_code == 3

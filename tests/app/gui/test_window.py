@@ -29,7 +29,7 @@ from protocols.base import (
 )
 from protocols.measurements.free_decay import FreeDecay
 from protocols.measurements.sine_dwell import SineDwell
-from tests.helpers.main_window import OpenStage, Stage, grab, until
+from tests.helpers.main_window import OpenStage, Stage, find, grab, until
 from tests.helpers.session_events import AT_REST, LIVE, LOST, OPENED, STARTED, STOPPED, point, sine_block
 from tests.protocols.test_rehearsal import guard
 
@@ -49,13 +49,13 @@ def wait_past_the_guard() -> None:
 
 def test_the_bar_names_the_bench_its_instruments_and_that_it_is_simulated(stage: Stage) -> None:
     bar = stage.window.status_bar
-    assert bar.state_sign.text == "CONNECTING"
-    assert not stage.window.measure_page.run_panel.run_button.isEnabled()
+    assert find(bar, "status.state").text == "CONNECTING"
+    assert not find(stage.window, "measure.run").isEnabled()
     stage.happen(OPENED)
-    assert bar.state_sign.text == "NOT ARMED"
+    assert find(bar, "status.state").text == "NOT ARMED"
     assert next(lamp.instrument.identity for lamp in bar.lamps) == "Keysight 33511B #1"
-    assert bar.simulated_label.isVisible()
-    assert stage.window.measure_page.run_panel.run_button.isEnabled()
+    assert find(bar, "status.simulated").isVisible()
+    assert find(stage.window, "measure.run").isEnabled()
 
 
 def test_simulated_stands_on_every_plot(stage: Stage) -> None:
@@ -87,12 +87,12 @@ def test_a_fault_in_the_form_is_told_beside_the_field_and_keeps_run_away(stage: 
     editor.selectAll()
     QTest.keyClicks(editor, "6 V")
     assert "6 V is outside the range" in panel.form.rows["peak_to_peak_v"].note_label.text()
-    assert not panel.run_button.isEnabled()
+    assert not find(panel, "measure.run").isEnabled()
     stage.press(Qt.Key.Key_F5)
     assert stage.session.runs == []
-    panel.preset_button.menu().aboutToShow.emit()
-    panel.preset_button.menu().actions()[0].trigger()
-    assert panel.run_button.isEnabled()
+    find(panel, "measure.presets").menu().aboutToShow.emit()
+    find(panel, "measure.presets").menu().actions()[0].trigger()
+    assert find(panel, "measure.run").isEnabled()
 
 
 def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
@@ -100,11 +100,11 @@ def test_live_tells_volts_task_and_time_left(stage: Stage) -> None:
     stage.window.start_run()
     stage.happen(*LIVE, ProgressUpdated(7, 18, 15.0, "160 Hz"))
     bar = stage.window.status_bar
-    assert bar.state_sign.text == "LIVE"
-    assert bar.voltage_sign.text == "−500 … +1500 V"
-    assert "160 Hz" in bar.task_sign.text
-    assert "7 of 18 points" in bar.task_sign.note
-    assert "15 s left" in bar.task_sign.note
+    assert find(bar, "status.state").text == "LIVE"
+    assert find(bar, "status.voltage").text == "−500 … +1500 V"
+    assert "160 Hz" in find(bar, "status.task").text
+    assert "7 of 18 points" in find(bar, "status.task").note
+    assert "15 s left" in find(bar, "status.task").note
 
 
 @pytest.mark.parametrize("key", [Qt.Key.Key_Escape, Qt.Key.Key_F12])
@@ -114,7 +114,7 @@ def test_stop_is_one_key_and_is_shown_at_once(stage: Stage, key: Qt.Key) -> None
     stage.happen(*LIVE)
     stage.press(key)
     assert stage.session.stops == 1
-    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
+    assert find(stage.window, "status.state").text == "GOING TO REST"
 
 
 def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -> None:
@@ -130,10 +130,10 @@ def test_stop_is_answered_before_the_samples_that_wait_are_drawn(stage: Stage) -
     assert drawn > 0
     for i in range(40):
         stage.window.adapter.observe(blocks[i % 4])
-    QTest.mouseClick(stage.window.status_bar.stop_button, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(find(stage.window, "status.stop"), Qt.MouseButton.LeftButton)
     stage.window.status_bar.repaint()
     assert stage.session.stops == 1
-    assert stage.window.status_bar.state_sign.text == "GOING TO REST"
+    assert find(stage.window, "status.state").text == "GOING TO REST"
     assert stage.window.measure_page.time_plot.frames == drawn
     stage.window.tick()
     assert stage.window.measure_page.time_plot.frames == drawn + 1  # they were waiting
@@ -191,9 +191,9 @@ def test_the_model_curve_comes_without_being_waited_for(stage: Stage) -> None:
 
 def test_a_prompt_is_answered_by_enter_once_it_could_be_read(stage: Stage) -> None:
     prompted(stage)
-    assert stage.window.notices.prompt.isVisible()
-    assert stage.window.notices.prompt.message_label.text() == ENABLE_HIGH_VOLTAGE.text
-    assert stage.window.status_bar.state_sign.text == "LIVE"
+    assert find(stage.window, "notices.prompt").isVisible()
+    assert find(stage.window, "notices.prompt.message").text() == ENABLE_HIGH_VOLTAGE.text
+    assert find(stage.window, "status.state").text == "LIVE"
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(2) is None, "an Enter meant for something else"
     wait_past_the_guard()
@@ -207,7 +207,7 @@ def test_a_prompt_that_follows_at_once_is_answered_by_enter_too(stage: Stage) ->
     prompted(stage)
     stage.window.adapter.mailbox.show(3, DISABLE_HIGH_VOLTAGE)
     stage.happen(PromptAnswered(2, "done"), PromptShown(3, DISABLE_HIGH_VOLTAGE))
-    assert stage.window.notices.prompt.message_label.text() == DISABLE_HIGH_VOLTAGE.text
+    assert find(stage.window, "notices.prompt.message").text() == DISABLE_HIGH_VOLTAGE.text
     wait_past_the_guard()
     stage.press(Qt.Key.Key_Return)
     assert stage.window.adapter.mailbox.answer(3) == "done"
@@ -219,26 +219,26 @@ def test_a_prompt_can_be_answered_by_stop(stage: Stage) -> None:
     assert stop.text().startswith("Stop")
     QTest.mouseClick(stop, Qt.MouseButton.LeftButton)
     assert stage.session.stops == 1
-    assert not stage.window.notices.prompt.isVisible()
+    assert not find(stage.window, "notices.prompt").isVisible()
 
 
 def test_a_prompt_for_the_simulated_operator_is_not_put_to_the_person(stage: Stage) -> None:
     stage.happen(OPENED, STARTED, PromptShown(2, ENABLE_HIGH_VOLTAGE))
-    assert not stage.window.notices.prompt.isVisible()
+    assert not find(stage.window, "notices.prompt").isVisible()
 
 
 def test_unsafe_stays_until_it_is_acknowledged_and_no_run_begins_before(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, *LOST)
-    assert stage.window.status_bar.state_sign.text == "UNSAFE"
-    assert "high voltage OFF by hand" in stage.window.notices.unsafe.message_label.text()
-    assert stage.window.notices.unsafe.isVisible()
+    assert find(stage.window, "status.state").text == "UNSAFE"
+    assert "high voltage OFF by hand" in find(stage.window, "notices.unsafe.message").text()
+    assert find(stage.window, "notices.unsafe").isVisible()
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 1
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
-    assert not stage.window.notices.unsafe.isVisible()
-    assert stage.window.status_bar.state_sign.text == "UNSAFE", "acknowledging measures nothing"
+    assert not find(stage.window, "notices.unsafe").isVisible()
+    assert find(stage.window, "status.state").text == "UNSAFE", "acknowledging measures nothing"
     stage.press(Qt.Key.Key_F5)
     assert len(stage.session.runs) == 2
 
@@ -247,7 +247,7 @@ def test_why_a_run_failed_is_told_and_can_be_dismissed(stage: Stage) -> None:
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(*LIVE, AT_REST, RunEnded(RunStatus.FAILED, "the generator was silent for 2 s", "run.h5"))
-    assert "silent for 2 s" in stage.window.notices.problem.message_label.text()
+    assert "silent for 2 s" in find(stage.window, "notices.problem.message").text()
     stage.press(Qt.Key.Key_K, Qt.KeyboardModifier.ControlModifier)
     assert not stage.window.notices.isVisible()
 
@@ -256,16 +256,16 @@ def test_a_refused_run_file_is_told_and_the_window_is_ready_again(stage: Stage) 
     stage.happen(OPENED)
     stage.window.start_run()
     stage.happen(RunRejected("the folder cannot be written; choose another"))
-    assert "cannot be written" in stage.window.notices.problem.message_label.text()
-    assert stage.window.measure_page.run_panel.run_button.isEnabled()
+    assert "cannot be written" in find(stage.window, "notices.problem.message").text()
+    assert find(stage.window, "measure.run").isEnabled()
 
 
 def test_a_bench_that_was_not_there_can_be_opened_again(stage: Stage) -> None:
     stage.happen(BenchFailed("no generator answers; switch it on"))
-    assert stage.window.status_bar.state_sign.text == "NO BENCH"
-    assert "switch it on" in stage.window.notices.problem.message_label.text()
+    assert find(stage.window, "status.state").text == "NO BENCH"
+    assert "switch it on" in find(stage.window, "notices.problem.message").text()
     stage.press(Qt.Key.Key_F6)
-    assert stage.window.status_bar.state_sign.text == "CONNECTING"
+    assert find(stage.window, "status.state").text == "CONNECTING"
     stage.happen(OPENED)
     assert stage.window.state.bench_state is BenchState.IDLE
 
@@ -293,7 +293,7 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     first = open_stage()
     first.window.resize(1100, 640)
     first.window.measure_page.live_pane.setSizes([150, 150, 120])
-    first.window.measure_page.run_panel.specimen_edit.setText("T12 left")
+    find(first.window, "measure.specimen").setText("T12 left")
     first.window.measure_page.time_plot.select_span(2)
     rows = first.window.measure_page.live_pane.sizes()
     first.window.close()
@@ -301,12 +301,9 @@ def test_it_comes_back_as_it_was_left(open_stage: OpenStage, settings: QSettings
     second = open_stage(folder=None, specimen=None)
     assert second.window.size().height() == 640
     assert second.window.measure_page.live_pane.sizes() == rows
-    assert second.window.measure_page.run_panel.specimen_edit.text() == "T12 left"
+    assert find(second.window, "measure.specimen").text() == "T12 left"
     assert second.window.measure_page.time_plot.selected_span == 2
-    assert (
-        second.window.measure_page.run_panel.folder_edit.text()
-        == first.window.measure_page.run_panel.folder_edit.text()
-    )
+    assert find(second.window, "measure.folder").text() == find(first.window, "measure.folder").text()
 
 
 @pytest.mark.deep
@@ -393,5 +390,5 @@ def test_a_window_that_was_large_becomes_small_again(stage: Stage) -> None:
         QCoreApplication.processEvents()
         assert stage.window.size() == size
         bar = stage.window.status_bar
-        assert bar.stop_button.width() >= bar.stop_button.sizeHint().width()
-        assert bar.lamps[0].y() > bar.state_sign.geometry().bottom()
+        assert find(bar, "status.stop").width() >= find(bar, "status.stop").sizeHint().width()
+        assert bar.lamps[0].y() > find(bar, "status.state").geometry().bottom()
