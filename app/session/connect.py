@@ -119,14 +119,15 @@ def _open_meter(table: MeterTable, clock: Clock, stack: ExitStack, read_displace
 
 
 def _start_simulated_sensor(table: MeterTable, stack: ExitStack, read_displacement: ReadDisplacement) -> str:
-    from sim_hardware.sensors.laser_sensors import SensorPtyServer, SimulatedKeyenceLkg, SimulatedOptoNcdt
+    from sim_hardware.sensors.laser_sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
+    from sim_hardware.wires.pty import PtyServer
 
     model = (
         SimulatedKeyenceLkg(read_displacement)
         if table.driver == "keyence-lkg"
         else SimulatedOptoNcdt(read_displacement, table.range_m)
     )
-    return stack.enter_context(SensorPtyServer(model)).port
+    return stack.enter_context(PtyServer(model)).port
 
 
 BLOCK_S = 0.05

@@ -250,8 +250,7 @@ EVENTS: dict[str, type[Event]] = {event.kind: event for event in get_args(Event)
 
 def event_record(event: Any) -> dict[str, Any]:
     """Return the fields of an event (any frozen dataclass) as JSON types, for the file and for `--json`."""
-    return {field.name: _field_to_jsonable(getattr(event, field.name)) for field in fields(event)}
-
-
-def _field_to_jsonable(value: Any) -> Any:
-    return to_jsonable(as_record(value) if isinstance(value, Drive) else value)
+    values = {field.name: getattr(event, field.name) for field in fields(event)}
+    return {
+        name: to_jsonable(as_record(value) if isinstance(value, Drive) else value) for name, value in values.items()
+    }

@@ -84,12 +84,8 @@ class FreeDecay(Protocol):
 
     def plan(self, rest_v: float) -> tuple[PlanEntry, ...]:
         drive = Steps((rest_v, rest_v + self.step_v, rest_v), self.dwell_s, self.rise_s)
-        pairs = range(1, math.ceil(self.edges / 2) + 1)
         return tuple(
-            PlanEntry(f"edge {2 * pair - 1 + half}", (drive,), drive.duration_s + 0.3, (2 * pair - 1 + half,))
-            for pair in pairs
-            for half in (0, 1)
-            if 2 * pair - 1 + half <= self.edges
+            PlanEntry(f"edge {edge}", (drive,), drive.duration_s + 0.3, (edge,)) for edge in range(1, self.edges + 1)
         )
 
     def measure(self, entry: PlanEntry, rest_v: float) -> Generator[Step, Any, None]:

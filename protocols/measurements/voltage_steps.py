@@ -174,7 +174,7 @@ class VoltageSteps(Protocol):
         return tuple(
             PlanEntry(
                 f"{level_v:g} V, repeat {repeat} {way}",
-                (self._rest_hold(rest_v), Hold(level_v, self.hold_s)),
+                (Hold(rest_v, self.rest_s + self._lead_s + 1.0), Hold(level_v, self.hold_s)),
                 self.rest_s + self._lead_s + self.hold_s + 2 * abs(level_v - rest_v) / RAMP_V_PER_S + 0.1,
                 (level_v, float(repeat), way),
             )
@@ -242,9 +242,6 @@ class VoltageSteps(Protocol):
             return RANDOM, tuple(shuffled.tolist())
         falls = self.order == DOWN or (self.order == "up-down" and repeat % 2 == 0)
         return (DOWN if falls else UP), tuple(sorted(self.levels_v, reverse=falls))
-
-    def _rest_hold(self, rest_v: float) -> Hold:
-        return Hold(rest_v, self.rest_s + self._lead_s + 1.0)
 
     @property
     def _lead_s(self) -> float:

@@ -1,6 +1,7 @@
 """Registry of simulated function generators: the model named in the simulation parameters."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from sim_hardware.generators.generator import SimulatedGenerator
@@ -26,14 +27,11 @@ def make_generator(
     family = next(name for name in GENERATOR_MAKERS if parameters.model.upper().startswith(name))
     maker = GENERATOR_MAKERS[family]
     identity = f"{maker},{parameters.model},{parameters.serial},{parameters.firmware}"
-    match maker.split()[0]:
-        case "Keysight":
-            return SimulatedKeysight33500(generator, now, identity)
-        case "Agilent":
-            return SimulatedKeysight33200(generator, now, identity)
-        case "Rigol":
-            return SimulatedRigolDg(generator, now, identity)
-        case "TEKTRONIX":
-            return SimulatedTektronixAfg(generator, now, identity, high_z=parameters.high_z_by_hand)
-        case _:
-            return SimulatedSiglentSdg(generator, now, identity)
+    models: dict[str, Callable[[SimulatedGenerator, Callable[[], float], str], GeneratorModel]] = {
+        "Keysight": SimulatedKeysight33500,
+        "Agilent": SimulatedKeysight33200,
+        "Rigol": SimulatedRigolDg,
+        "TEKTRONIX": partial(SimulatedTektronixAfg, high_z=parameters.high_z_by_hand),
+        "Siglent": SimulatedSiglentSdg,
+    }
+    return models[maker.split()[0]](generator, now, identity)

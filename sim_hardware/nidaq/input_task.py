@@ -14,10 +14,8 @@ ALL_AVAILABLE = -1
 
 def default_buffer_size(rate_hz: float) -> int:
     """Return NI's default buffer of a continuous task in scans (NI-DAQmx help, buffer size)."""
-    for limit, size in ((100.0, 1000), (10e3, 10_000), (1e6, 100_000)):
-        if rate_hz <= limit:
-            return size
-    return 1_000_000
+    sizes = ((100.0, 1000), (10e3, 10_000), (1e6, 100_000))
+    return next((size for limit, size in sizes if rate_hz <= limit), 1_000_000)
 
 
 class NiInputTask(NiTask):
@@ -29,10 +27,6 @@ class NiInputTask(NiTask):
         self._buffer: int | None = None
         self.read_position = 0
         self._lock = threading.Lock()
-
-    @property
-    def running(self) -> bool:
-        return self.acquisition is not None
 
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         most = self.device.card.parameters.range_v
@@ -125,13 +119,13 @@ class NiInputTask(NiTask):
         return raw, status
 
     def is_done(self) -> bool:
-        return not self.running or (self.mode == FINITE and self.acquired() >= self.samples_per_channel)
+        return self.acquisition is None or (self.mode == FINITE and self.acquired() >= self.samples_per_channel)
 
     def wait_until_done(self, timeout_s: float) -> bool:
         return (
             self._wait_for_scans(self.samples_per_channel - self.read_position, timeout_s)
             if self.mode == FINITE
-            else not self.running
+            else self.acquisition is None
         )
 
     def _wait_for_scans(self, count: int, timeout_s: float) -> bool:

@@ -34,10 +34,6 @@ class NiOutputTask(NiTask):
         self._written = 0
         self._start_time_s: float | None = None
 
-    @property
-    def running(self) -> bool:
-        return self._start_time_s is not None
-
     def add_voltage_channels(self, text: str, name: str, low_v: float, high_v: float) -> None:
         device, _, line = text.partition("/")
         found = re.fullmatch(r"ao(\d+)", line.strip(), re.IGNORECASE)

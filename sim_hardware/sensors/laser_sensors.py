@@ -4,24 +4,9 @@
 pseudo-terminal: the driver opens a real port by its name. Not on Windows.
 """
 
-import os
-import select
 from collections.abc import Callable
-from typing import Protocol
-
-from sim_hardware.wires.pty import POLL_S, PtyServer
 
 ReadDisplacement = Callable[[], float | None]
-
-
-class SerialInstrument(Protocol):
-    """What a serial wire needs of an instrument."""
-
-    def receive(self, data: bytes) -> bytes:
-        """Return the immediate reply."""
-
-    def unsolicited_output(self) -> bytes:
-        """Return what it sends by itself; called every POLL_S."""
 
 
 class SimulatedKeyenceLkg:
@@ -88,25 +73,3 @@ class SimulatedOptoNcdt:
         place = None if seen is None else seen / self._range_m + 0.5
         count = 262075 if place is None or not 0 <= place <= 1 else round((place * 100 + 1) * 65520 / 102)
         return bytes((count & 63, 64 | count >> 6 & 63, 128 | count >> 12 & 63))
-
-
-class SensorPtyServer(PtyServer):
-    """Serves one instrument until closed.
-
-    Attributes:
-        unresponsive: set it to make the instrument neither act nor reply.
-    """
-
-    def __init__(self, model: SerialInstrument) -> None:
-        self.unresponsive = False
-        self._model = model
-        super().__init__("simulated serial sensor")
-
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            readable, _, _ = select.select([self._master], [], [], POLL_S)
-            data = os.read(self._master, 4096) if readable else b""
-            if not self.unresponsive and (
-                out := (self._model.receive(data) if data else b"") + self._model.unsolicited_output()
-            ):
-                self._send(out)

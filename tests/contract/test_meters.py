@@ -15,17 +15,18 @@ from drivers.sensors.optoncdt import OptoNcdt
 from drivers.transport.serial_port import SerialPort
 from sim_hardware.bench import SimulatedBench
 from sim_hardware.clock import VirtualClock
-from sim_hardware.sensors.laser_sensors import SensorPtyServer, SimulatedKeyenceLkg, SimulatedOptoNcdt
+from sim_hardware.sensors.laser_sensors import SimulatedKeyenceLkg, SimulatedOptoNcdt
+from sim_hardware.wires.pty import PtyServer
 from tests.helpers.simulated_bench import simulated
 
-Made = tuple[Meter, SimulatedBench, SensorPtyServer]
+Made = tuple[Meter, SimulatedBench, PtyServer]
 TIMEOUT_S = 0.4
 
 
 @contextmanager
 def keyence_lkg_on_a_pty() -> Iterator[Made]:
     bench = SimulatedBench(simulated().simulation_parameters, VirtualClock(0.1))
-    with SensorPtyServer(SimulatedKeyenceLkg(bench.laser_reading_m)) as wire:
+    with PtyServer(SimulatedKeyenceLkg(bench.laser_reading_m)) as wire:
         meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), bench.clock)
         yield meter, bench, wire
         meter.close()
@@ -34,7 +35,7 @@ def keyence_lkg_on_a_pty() -> Iterator[Made]:
 @contextmanager
 def optoncdt_on_a_pty() -> Iterator[Made]:
     bench = SimulatedBench(simulated().simulation_parameters, VirtualClock(0.1))
-    with SensorPtyServer(SimulatedOptoNcdt(bench.laser_reading_m)) as wire:
+    with PtyServer(SimulatedOptoNcdt(bench.laser_reading_m)) as wire:
         meter = OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), bench.clock, range_m=10e-3)
         yield Middle(meter), bench, wire
         meter.close()
@@ -128,14 +129,14 @@ def test_a_port_that_is_not_there_is_a_sentence() -> None:
 
 
 def test_an_lkg_that_is_an_optoncdt_is_a_sentence() -> None:
-    with SensorPtyServer(SimulatedOptoNcdt(lambda: 0.0)) as wire:
+    with PtyServer(SimulatedOptoNcdt(lambda: 0.0)) as wire:
         line = SerialPort(wire.port, 9600, TIMEOUT_S)
         with pytest.raises(BenchError, match=f"{wire.port} was silent"):
             KeyenceLkg(line, VirtualClock())
 
 
 def test_an_optoncdt_that_is_an_lkg_is_a_sentence() -> None:
-    with SensorPtyServer(SimulatedKeyenceLkg(lambda: 0.0)) as wire:
+    with PtyServer(SimulatedKeyenceLkg(lambda: 0.0)) as wire:
         line = SerialPort(wire.port, 9600, TIMEOUT_S)
         with pytest.raises(BenchError, match=f"{wire.port} was silent"):
             OptoNcdt(line, VirtualClock(), range_m=10e-3)
@@ -143,7 +144,7 @@ def test_an_optoncdt_that_is_an_lkg_is_a_sentence() -> None:
 
 def test_an_lkg_in_its_setting_screen_says_so() -> None:
     controller = SimulatedKeyenceLkg(lambda: 0.0)
-    with SensorPtyServer(controller) as wire:
+    with PtyServer(controller) as wire:
         meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), VirtualClock())
         controller.in_setting_mode = True
         with pytest.raises(InstrumentError, match="bring it from its setting screen back to measuring"):
@@ -152,7 +153,7 @@ def test_an_lkg_in_its_setting_screen_says_so() -> None:
 
 
 def test_an_output_that_does_not_measure_is_not_valid() -> None:
-    with SensorPtyServer(SimulatedKeyenceLkg(lambda: 1e-3)) as wire:
+    with PtyServer(SimulatedKeyenceLkg(lambda: 1e-3)) as wire:
         meter = KeyenceLkg(SerialPort(wire.port, 9600, TIMEOUT_S), VirtualClock(), output=2)
         assert not meter.read().valid
         meter.close()
@@ -161,7 +162,7 @@ def test_an_output_that_does_not_measure_is_not_valid() -> None:
 def test_another_measuring_range_than_the_bench_file_says_is_refused() -> None:
     """Taken for a 25 mm sensor, one of 10 mm would tell two and a half times the stroke."""
     with (
-        SensorPtyServer(SimulatedOptoNcdt(lambda: 0.0, range_m=10e-3)) as wire,
+        PtyServer(SimulatedOptoNcdt(lambda: 0.0, range_m=10e-3)) as wire,
         pytest.raises(InstrumentError, match=r"has a measuring range of 10.00 mm, the bench file says 25 mm"),
     ):
         OptoNcdt(SerialPort(wire.port, 921600, TIMEOUT_S), VirtualClock(), range_m=25e-3)

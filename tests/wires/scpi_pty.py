@@ -1,5 +1,6 @@
 """SCPI instrument on a serial line: lines over a pseudo-terminal, with link faults. Not on Windows."""
 
+import contextlib
 import heapq
 import itertools
 import os
@@ -20,29 +21,36 @@ class ScpiPty(PtyServer):
     """
 
     def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
-        self._instrument, self._speed, self._command_s = instrument, speed, command_s
+        self._port, self._speed, self._command_s = instrument, speed, command_s
         self._due: list[tuple[float, int, bytes]] = []
         self._order = itertools.count()
-        super().__init__("simulated serial instrument")
+        self._begun = b""
+        super().__init__(self)
 
     @property
     def resource(self) -> str:
         """VISA resource string."""
         return f"ASRL{self.port}::INSTR"
 
+    def receive(self, data: bytes) -> bytes:
+        lines, self._begun = split_received(self._begun + data)
+        for line in lines:
+            reply = self._port.handle(line)
+            if reply is not None:
+                due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
+                heapq.heappush(self._due, (due_s, next(self._order), reply.data))
+        return b""
+
+    def unsolicited_output(self) -> bytes:
+        out = b""
+        while self._due and self._due[0][0] <= time.monotonic():
+            out += heapq.heappop(self._due)[2]
+        return out
+
     def _run(self) -> None:
-        begun = b""
         while not self._closing.is_set():
             wait_s = max(self._due[0][0] - time.monotonic(), 0.0) if self._due else POLL_S
             if select.select([self._master], [], [], min(wait_s, POLL_S))[0]:
-                lines, begun = split_received(begun + os.read(self._master, 4096))
-                for line in lines:
-                    self._handle(line)
-            while self._due and self._due[0][0] <= time.monotonic():
-                self._send(heapq.heappop(self._due)[2])
-
-    def _handle(self, line: str) -> None:
-        reply = self._instrument.handle(line)
-        if reply is not None:
-            due_s = time.monotonic() + reply.wait_s(self._command_s, self._speed)
-            heapq.heappush(self._due, (due_s, next(self._order), reply.data))
+                self.receive(os.read(self._master, 4096))
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._master, self.unsolicited_output())
