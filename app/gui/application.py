@@ -118,11 +118,11 @@ def _run_until_closed(window: MainWindow, units: threading.Thread) -> int:
 def _close_on_signal(window: MainWindow) -> Iterator[None]:
     """Go to rest and close on Ctrl-C, SIGTERM and SIGHUP. The window's timer lets Python handle them."""
 
-    def leave(_number: int, _frame: FrameType | None) -> None:
+    def close(_number: int, _frame: FrameType | None) -> None:
         window.close_session(force=True)
 
     numbers = [signal.SIGINT, signal.SIGTERM] + ([signal.SIGHUP] if os.name == "posix" else [])
-    before = {number: signal.signal(number, leave) for number in numbers}
+    before = {number: signal.signal(number, close) for number in numbers}
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Is there a screen, and can Qt use it? Asked before Qt is imported: Qt's own answer is to abort the program."""
+"""Check for a display and for Qt's system libraries, before Qt is imported: Qt would abort the program."""
 
 import ctypes
 import importlib.util
@@ -37,7 +37,7 @@ X11_LIBRARIES = {
 def has_screen() -> bool:
     """Whether a window could be seen: always on Windows and macOS, with a display server elsewhere."""
     if os.environ.get("QT_QPA_PLATFORM") in ("offscreen", "minimal"):
-        return True  # asked for, as tests do
+        return True  # requested, as by tests
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
@@ -46,8 +46,8 @@ def missing_libraries() -> list[str]:
     if not sys.platform.startswith("linux"):
         return []
     on_x11 = os.environ.get("DISPLAY") and os.environ.get("QT_QPA_PLATFORM", "xcb") == "xcb"
-    wanted = QT_LIBRARIES | (X11_LIBRARIES if on_x11 else {})
-    return [package for library, package in wanted.items() if not _can_load(library)]
+    required = QT_LIBRARIES | (X11_LIBRARIES if on_x11 else {})
+    return [package for library, package in required.items() if not _can_load(library)]
 
 
 def window_unavailable_reason() -> str:

@@ -53,7 +53,7 @@ TITLES = ("Measure", "Campaign", "Explore", "Runs")
 class MainTabs(QTabWidget):
     """Creates the four pages, connects them, and saves and restores their state.
 
-    The Measure page is made at once, another when it is first selected or asked for. Pages do not know each other.
+    The Measure page is made at once, another when it is first selected or requested. Pages do not know each other.
     """
 
     run_requested = Signal(object)

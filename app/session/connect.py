@@ -186,11 +186,11 @@ def connect(config: BenchConfig, speed: float | None = None, block_s: float = BL
             from sim_hardware.service.process import BenchProcess
 
             process = stack.enter_context(BenchProcess(config.simulation_parameters, speed))
-            laboratory = _open_instruments(
+            connection = _open_instruments(
                 config, stack, HeartbeatClock(speed), process.resource, process.server, process.laser_reading_m
             )
             yield BenchConnection(
-                laboratory.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
+                connection.bench, SimulatedOperator(process, config.simulation_parameters.hands.patience_s), process
             )
 
 

@@ -62,10 +62,10 @@ class FaultPlan:
 
         @contextmanager
         def connected() -> Iterator[ConnectedBench]:
-            with connect() as laboratory:
-                self._connection = laboratory
+            with connect() as connection:
+                self._connection = connection
                 try:
-                    yield laboratory
+                    yield connection
                 finally:
                     self._connection = None
 

@@ -55,8 +55,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case BenchOpened(name, simulated, identities):
             have = ", ".join(f"{role} {identity}" for role, identity in identities.items())
             return Severity.SUCCESS, f"{name} is open{' (SIMULATED)' if simulated else ''}: {have}"
-        case BenchFailed(words) | RunRejected(words):
-            return Severity.ERROR, words
+        case BenchFailed(reason) | RunRejected(reason):
+            return Severity.ERROR, reason
         case RunStarted():
             points = pluralize(event.entries, "point")
             begun = f"{protocol_title(event.protocol)}: {points}, about {format_duration(event.expected_s)}"
@@ -67,8 +67,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
             if not high_voltage:
                 return Severity.SUCCESS, "Rest is measured; high voltage is off and stays off"
             return Severity.WARNING, "Armed: rest is measured; high voltage is on, says the operator"
-        case RunPaused(words, high_voltage):
-            return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {words}"
+        case RunPaused(reason, high_voltage):
+            return Severity.WARNING, f"Paused, high voltage {'still on' if high_voltage else 'off'}: {reason}"
         case RunResumed():
             return Severity.INFO, "The run goes on with the entry that was interrupted"
         case SettlingFinished(settled=False, after_s=after_s):
@@ -76,20 +76,20 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
         case PointMeasured(_, point):
             usable = Quality(point.quality).usable
             return (Severity.INFO if usable else Severity.WARNING), describe_point(point)
-        case CurveReady(curve) if words := format_curve(curve):
-            return Severity.INFO, words
+        case CurveReady(curve) if text := format_curve(curve):
+            return Severity.INFO, text
         case LogMessage(text):
             return Severity.INFO, text
-        case InjectedFaultChanged(fault, words, broken):
-            return Severity.WARNING, f"{'Broken on purpose' if broken else 'Mended'}: {words} ({fault})"
+        case InjectedFaultChanged(fault, description, active):
+            return Severity.WARNING, f"{'Broken on purpose' if active else 'Mended'}: {description} ({fault})"
         case PromptShown(_, prompt):
             return Severity.WARNING, f"Asked: {prompt.text}"
-        case PromptAnswered(_, words):
-            return Severity.INFO, f"Answered: {words}"
+        case PromptAnswered(_, choice):
+            return Severity.INFO, f"Answered: {choice}"
         case ShutdownStarted():
             return Severity.INFO, "Going to rest"
-        case RestMeasured(confirmed, _, words):
-            return (Severity.SUCCESS, f"At rest: {words}") if confirmed else (Severity.ERROR, f"NOT AT REST: {words}")
+        case RestMeasured(confirmed, _, text):
+            return (Severity.SUCCESS, f"At rest: {text}") if confirmed else (Severity.ERROR, f"NOT AT REST: {text}")
         case RunEnded():
             return _describe_outcome(event)
     return None
@@ -98,10 +98,8 @@ def describe_event(event: SessionEvent) -> tuple[Severity, str] | None:
 def describe_point(point: Any) -> str:
     """Format a point with its value, uncertainty and quality flags."""
     quality = Quality(point.quality)
-    flags, said = quality & ~Quality.SIMULATED, getattr(point, "summary", "")
-    if not said:
-        said = _describe_dwell_point(point)
-    return f"{said}; {'' if quality.usable else 'not usable: '}{flags.description}" if flags else said
+    flags, text = quality & ~Quality.SIMULATED, getattr(point, "summary", "") or _describe_dwell_point(point)
+    return f"{text}; {'' if quality.usable else 'not usable: '}{flags.description}" if flags else text
 
 
 def _describe_dwell_point(point: Any) -> str:

@@ -71,11 +71,11 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
             there = tuple(InstrumentStatus(role, identity, Lamp.READY) for role, identity in identities.items())
             view = replace(view, bench_name=name, simulated=simulated, instruments=there, connected=True, problem="")
             return replace(view, bench_state=_state_between_runs(view))
-        case BenchFailed(words):
+        case BenchFailed(reason):
             gone = _with_lamps(view, Lamp.MISSING)
             state = BenchState.UNSAFE if view.rest_lost else BenchState.NO_BENCH
             view = replace(view, bench_state=state, connected=False, instruments=gone)
-            return replace(view, busy=False, problem=words, prompt=None)
+            return replace(view, busy=False, problem=reason, prompt=None)
         case OperatorAction.RECONNECT:
             state = BenchState.UNSAFE if view.rest_lost else BenchState.CONNECTING
             return replace(view, bench_state=state, instruments=_with_lamps(view, Lamp.WAITING), problem="")
@@ -85,13 +85,13 @@ def _transition(view: WindowState, event: WindowEvent, streamed_s: float) -> Win
                 view, busy=True, progress=progress, problem="", prompt=None, pause_requested=False, paused=False
             )
             return view if reads else _without_results(view)
-        case RunRejected(words):
-            before = view.outcome or RunEnded(RunStatus.FAILED, words, "")
+        case RunRejected(reason):
+            before = view.outcome or RunEnded(RunStatus.FAILED, reason, "")
             outcome = replace(
-                before, status=RunStatus.FAILED, reason=words
+                before, status=RunStatus.FAILED, reason=reason
             )  # entries of the run that was read can be repeated
             return replace(
-                view, busy=False, progress=None, problem=words, bench_state=_state_between_runs(view), outcome=outcome
+                view, busy=False, progress=None, problem=reason, bench_state=_state_between_runs(view), outcome=outcome
             )
         case RunStarted():
             progress = RunProgress(
@@ -163,7 +163,7 @@ def _without_results(view: WindowState) -> WindowState:
 
 
 def _with_live_state(view: WindowState) -> WindowState:
-    # A run that was asked to stop may still report earlier events.
+    # A run that is to stop may still report earlier events.
     if view.bench_state is BenchState.GOING_TO_REST:
         return view
     return replace(view, bench_state=BenchState.LIVE if view.high_voltage else BenchState.HV_OFF)

@@ -79,7 +79,7 @@ class RunFolderModel(QObject):
         """List the catalogued runs, then scan for changes."""
         if self._scanning:
             return
-        folder, leave = self._folder(), self._excluded
+        folder, excluded = self._folder(), self._excluded
         if self._catalogue is None or self._catalogue.folder != folder:
             self._catalogue = Catalogue(folder, self._index)
             self.summaries = []
@@ -87,7 +87,7 @@ class RunFolderModel(QObject):
         catalogue, self._rescan_due, self._scanning, self._progress.cancelled = self._catalogue, False, True, False
         self._worker.submit(catalogue.entries, self._on_listed, self._on_error)
         self._worker.submit(
-            lambda: catalogue.scan(self._progress, leave),
+            lambda: catalogue.scan(self._progress, excluded),
             self._on_scanned,
             self._on_error,
         )

@@ -82,7 +82,7 @@ class RunTransfers(QObject):
         self._worker.close()
 
     def _start(self, text: str, work: Callable[[], Any], describe_result: Callable[[Any], str]) -> None:
-        """Run a file operation in the background; `describe_result` words its result."""
+        """Run a file operation in the background; `describe_result` returns the message about its result."""
         progress_row = self._progress_row
         if progress_row.running:
             self.message.emit(f"{progress_row.label.text()} Wait for its end, or stop it, first.", True)
