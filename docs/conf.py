@@ -1,4 +1,4 @@
-"""How the handbook is built from these pages: `python3 start.py docs`. Nothing is fetched, neither then nor when it is read."""
+"""Sphinx configuration of the handbook (`python3 start.py docs`); neither building nor reading it needs a network."""
 
 from html import escape
 
@@ -9,7 +9,7 @@ from sphinx.writers.html5 import HTML5Translator
 
 project = html_title = "Tactor Bench"
 root_doc = "index"
-exclude_patterns = ["README.md"]  # the index has it
+exclude_patterns = ["README.md"]  # included by the index
 extensions = ["myst_parser"]
 suppress_warnings = ["toc.not_included"]  # the decisions are reached from their list
 myst_enable_extensions = ["dollarmath"]
@@ -20,7 +20,7 @@ html_math_renderer = "svg"
 
 
 def setup(app: Sphinx) -> None:
-    """Equations as drawings. Sphinx's own ways fetch a script or need TeX, and MathML needs fonts that few readers have."""
+    """Render equations as SVG: Sphinx's own methods fetch a script or need TeX, and MathML needs fonts that few readers have."""
     app.add_html_math_renderer("svg", (inline, None), (block, None))
 
 
@@ -35,7 +35,7 @@ def block(page: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def drawn(latex: str, size: float, *, inline: bool) -> str:
-    """An equation as SVG in the colour of the text around it, on its base line, its LaTeX for those who cannot see it."""
+    """Return an equation as SVG in the text colour, aligned with the baseline, with its LaTeX source as label."""
     equation = ziamath.Latex(latex, size=size, inline=inline, color="currentColor")
     place = f"vertical-align: {equation.getyofst():.2f}px" if inline else "display: block; margin: auto"
     label = f'<svg role="img" aria-label="{escape(latex, quote=True)}" style="{place}"'

@@ -1,8 +1,8 @@
-"""Take the pictures of the documentation from the running program: every page of the window, and a report.
+"""Pictures of the documentation, taken from the running program: every page of the window, and a report.
 
     python docs/take_pictures.py [window] [report]
 
-Works without a screen. The pictures in docs/pictures are made by this script and by nothing else.
+Works without a display. All pictures in docs/pictures are made by this script.
 """
 
 import os
@@ -32,7 +32,7 @@ def main() -> int:
 
 
 def report() -> None:
-    """The page to sign, of a dwell and steps on the virtual clock, with the example's limits."""
+    """Take the first page of a report on a dwell and voltage steps, with the example limits."""
     with tempfile.TemporaryDirectory() as folder:
         runs, limits = Path(folder), Path(folder) / "limits.toml"
         for protocol in ("sine-dwell", "voltage-steps"):
@@ -44,7 +44,7 @@ def report() -> None:
 
 
 def window() -> None:
-    """Every page."""
+    """Take the pictures of every page of the window."""
     take(PICTURES)
 
 

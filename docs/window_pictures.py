@@ -1,4 +1,4 @@
-"""Pictures of the window on the simulated bench's virtual clock: every page, and what a run goes through.
+"""Pictures of the main window: every page and every state of a run, on the simulated bench's virtual clock.
 
 Each in light and dark, at 1280 x 720 and (-large) at 2560 x 1440.
 """
@@ -33,46 +33,46 @@ SIZES = {"": (1280, 720), "-large": (2560, 1440)}
 MANY = 10_000
 COLOURS, RARE = 256, 64
 SETTLE_S = 0.4
-"""How long a page is given to come to rest after it was resized or recoloured."""
+"""Time for a page to be repainted after a change of size or theme."""
 
 PATIENCE_S = 120.0
 
 
-class Held(SessionAdapter):
-    """Holds the bench thread, and with it the virtual clock, at the drive after so many points, until it may go on."""
+class PausableSession(SessionAdapter):
+    """Blocks the bench thread, and with it the virtual clock, at the first drive after a number of points until released."""
 
-    def __init__(self, asks: bool) -> None:
+    def __init__(self, prompts: bool) -> None:
         self.points, self.hold_at = 0, -1
-        self.held, self.go_on = threading.Event(), threading.Event()
+        self.held, self.released = threading.Event(), threading.Event()
         config = load_bench("sim")
 
         @contextmanager
         def bench() -> Iterator[BenchConnection]:
             with connect(config, None) as laboratory:
-                yield dataclasses.replace(laboratory, operator=None) if asks else laboratory
+                yield dataclasses.replace(laboratory, operator=None) if prompts else laboratory
 
         super().__init__(bench)
 
     def hold(self, points: int) -> None:
-        """From the next run on."""
+        """Hold the next run after `points` points."""
         self.points, self.hold_at = 0, points
         self.held.clear()
-        self.go_on.clear()
+        self.released.clear()
 
     def observe(self, event: SessionEvent) -> None:
         super().observe(event)
         self.points += isinstance(event, PointMeasured)
         if isinstance(event, DriveStarted) and self.points == self.hold_at and not self.held.is_set():
             self.held.set()
-            self.go_on.wait()
+            self.released.wait()
 
 
 class Studio:
-    """A window on the simulated bench, whose prompts a person must answer where `asks`."""
+    """A window on the simulated bench; with `prompts` its prompts wait for an answer."""
 
-    def __init__(self, pictures: Path, protocol: Protocol, settings: QSettings, asks: bool = False) -> None:
+    def __init__(self, pictures: Path, protocol: Protocol, settings: QSettings, prompts: bool = False) -> None:
         self._pictures = pictures
-        self.link = Held(asks)
+        self.link = PausableSession(prompts)
         self.window = MainWindow(self.link, load_bench("sim"), protocol, Path("runs"), "T7", settings)
         self.window.resize(*SIZES[""])
         self.window.show()
@@ -84,7 +84,7 @@ class Studio:
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             if time.monotonic() > deadline:
-                raise TimeoutError(f"the program did not get there: {self.window.state.messages[-3:]}")
+                raise TimeoutError(f"the window did not reach the expected state: {self.window.state.messages[-3:]}")
             QApplication.processEvents()
             time.sleep(0.002)
 
@@ -97,19 +97,19 @@ class Studio:
         self.settle(1.5)
 
     def run(self, points: int) -> None:
-        """A run, as far as so many points."""
+        """Start a run and hold it after `points` points."""
         self.link.hold(points)
         self.window.measure_page.run_panel.run_button.click()
         self.until(self.link.held.is_set)
         self.settle(1.0)
 
     def finish(self) -> None:
-        """The rest of it."""
-        self.link.go_on.set()
+        """Release the run and wait for its end."""
+        self.link.released.set()
         self.until(lambda: self.window.state.outcome is not None)
 
     def take(self, name: str) -> None:
-        """All four of a state."""
+        """Take the four pictures of a state: two sizes, two themes."""
         for suffix, size in SIZES.items():
             self.window.resize(*size)
             for theme, shade in ((LIGHT, ""), (DARK, "-dark")):
@@ -128,7 +128,7 @@ class Studio:
         picture = self.window.grab()
         got = (picture.width(), picture.height())
         if got != size:
-            raise ValueError(f"{path.name}: the window wants {got}, which a screen of {size} does not have")
+            raise ValueError(f"{path.name}: the window needs {got}, more than a screen of {size}")
         buffer = QBuffer()
         buffer.open(QBuffer.OpenModeFlag.WriteOnly)
         picture.save(buffer, "PNG")
@@ -138,7 +138,7 @@ class Studio:
 
 
 def _palette(image: Image.Image) -> Image.Image:
-    """The commonest colours, and some of those that are rare: a line of amber among red ones. The file is a third as large."""
+    """Return the most frequent colours and some rare ones, such as a single amber line; the file is a third as large."""
     counted = sorted(image.getcolors(1 << 24), reverse=True)
     rare = image.quantize(RARE, method=Image.Quantize.MAXCOVERAGE).getpalette() or []
     palette = Image.new("P", (1, 1))
@@ -147,22 +147,22 @@ def _palette(image: Image.Image) -> Image.Image:
 
 
 def take(pictures: Path) -> None:
-    """Take them all into a folder."""
+    """Take all pictures into a folder."""
     qt_application()
     before = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="tactor-bench-") as folder:
-        os.chdir(folder)  # what is measured, remembered and indexed goes where the rest of this does
+        os.chdir(folder)  # runs, settings and the catalogue are written into the temporary folder
         os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_CACHE_HOME"] = folder
         settings = QSettings("settings.ini", QSettings.Format.IniFormat)
         run = measuring(Studio(pictures, make_protocol("sine-dwell", []), settings))
-        asked(Studio(pictures, make_protocol("static-loading", []), settings, asks=True))
-        many(run)
+        prompt(Studio(pictures, make_protocol("static-loading", []), settings, prompts=True))
+        fill_archive(run)
         archive(Studio(pictures, make_protocol("sine-dwell", []), settings), run)
         os.chdir(before)
 
 
 def measuring(studio: Studio) -> Path:
-    """Before the first run, in the middle of it, after it, and what a fault and a stop look like; the finished run's file."""
+    """Take the pictures before, during and after a run, after a stop and after a fault; return the file of the finished run."""
     window = studio.window
     window.central.show_welcome()
     studio.settle()
@@ -192,8 +192,8 @@ def measuring(studio: Studio) -> Path:
     return finished
 
 
-def asked(studio: Studio) -> None:
-    """A person is asked to put a weight on."""
+def prompt(studio: Studio) -> None:
+    """Take the picture of a prompt to place a weight."""
     window = studio.window
     window.measure_page.run_panel.run_button.click()
     studio.until(lambda: window.state.prompt is not None)
@@ -207,8 +207,8 @@ def asked(studio: Studio) -> None:
     studio.close()
 
 
-def many(run: Path) -> None:
-    """Ten thousand runs in the folder: one file under as many names."""
+def fill_archive(run: Path) -> None:
+    """Add ten thousand runs to the folder: links to one file under different names."""
     catalogue = Catalogue(Path("runs"))
     catalogue.scan()
     one = next(entry for entry in catalogue.entries() if entry.name == run.name)
@@ -223,7 +223,7 @@ def many(run: Path) -> None:
 
 
 def archive(studio: Studio, run: Path) -> None:
-    """The list of ten thousand runs, one of them opened, and a campaign under way."""
+    """Take the pictures of the list of ten thousand runs, of an opened run and of a campaign."""
     window = studio.window
     studio.look_at(RUNS)
     studio.until(lambda: window.tabs.runs.model.rowCount() >= MANY and window.tabs.runs.folder_model.is_idle)
@@ -234,12 +234,12 @@ def archive(studio: Studio, run: Path) -> None:
     studio.until(lambda: window.tabs.runs.currentWidget() is window.tabs.runs.viewer)
     studio.settle(2.0)
     studio.take("run")
-    carry_through(studio)
+    campaign(studio)
     studio.close()
 
 
-def carry_through(studio: Studio) -> None:
-    """Two measurements of a campaign: one that is accepted, one that waits for it."""
+def campaign(studio: Studio) -> None:
+    """Run two measurements of a campaign, accept the first, take the picture with the second to be accepted."""
     studio.look_at(CAMPAIGN)
     page = studio.window.tabs.campaign
     page.create_campaign("T8")
