@@ -1,4 +1,4 @@
-"""Records what the program writes and prints on the simulated bench, and compares two such recordings.
+"""Comparison of recordings: what the program writes and prints on the simulated bench for fixed seeds.
 
     python tests/compare_runs.py record BEFORE --checkout ../before
     python tests/compare_runs.py record AFTER
@@ -224,8 +224,8 @@ def record(folder: Path, program: Sequence[str], environment: Mapping[str, str],
         )
         for new in set(folder.glob("runs/*.h5")) - known:
             new.rename(folder / "runs" / f"{step.keep}.h5")
-        said = f"exit code {ended.returncode}\n{ended.stderr}"
-        for name, text in ((step.name, ended.stdout), (f"{step.name}.err", said)):
+        messages = f"exit code {ended.returncode}\n{ended.stderr}"
+        for name, text in ((step.name, ended.stdout), (f"{step.name}.err", messages)):
             (folder / "answers" / name).write_text(text.replace(str(folder), "<folder>"), encoding="utf-8")
         note = "" if ended.returncode == step.code else f"  EXIT CODE {ended.returncode}, not {step.code}"
         print(f"{time.monotonic() - began:6.1f} s  {step.name}{note}", flush=True)
@@ -296,7 +296,7 @@ class Comparison:
     # -- JSON, CSV, text -----------------------------------------------------------------------------------------------
 
     def json(self, path: str, before: Any, after: Any) -> None:
-        """Compare two values that JSON gave; `path` says where they stand."""
+        """Compare two JSON values; `path` is their place."""
         if isinstance(before, dict) and isinstance(after, dict):
             old = {_clockless(RENAMED.get(key, key)): value for key, value in before.items()}
             new = {_clockless(key): value for key, value in after.items()}
@@ -448,7 +448,7 @@ def _program(options: argparse.Namespace) -> tuple[list[str], dict[str, str]]:
 
 
 def main() -> int:
-    """Record or compare, as the command line says."""
+    """Record or compare, depending on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     commands = parser.add_subparsers(required=True, dest="command")
     recording = commands.add_parser("record", help="run every protocol and command, and keep what they write")

@@ -1,4 +1,4 @@
-"""What every test may count on: no screen, no user's settings, and nobody leaves a thread behind."""
+"""Fixtures of all tests: no display, no user settings, no thread left behind."""
 
 import os
 import threading

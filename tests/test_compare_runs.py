@@ -1,4 +1,4 @@
-"""The comparison of recordings finds what differs, and leaves out what its tables name (tests/compare_runs.py)."""
+"""Comparison of recordings: finds differences, ignores what its tables name (tests/compare_runs.py)."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Import contracts of pyproject.toml: the product keeps them, and each of them notices a wrong import."""
+"""Import contracts of pyproject.toml: kept by the product, and each detects a forbidden import."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""A lab's protocol and drivers that were written for version 0.1.0 work in this one (tests/data/lab/README.md)."""
+"""Protocol and drivers written for version 0.1.0 work in this version (tests/data/lab/README.md)."""
 
 import importlib
 import json

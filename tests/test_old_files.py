@@ -1,4 +1,4 @@
-"""Files of earlier versions open in this one: runs, campaign, calibrations, presets, study, bench and limits files.
+"""Files of earlier versions open in this version: runs, campaign, calibrations, presets, study, bench and limits files.
 
 The files are real ones (tests/data/format-2/README.md). Qt settings are read in tests/app/gui/test_old_settings.py.
 """

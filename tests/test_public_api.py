@@ -1,4 +1,4 @@
-"""The packages' interfaces: each public name is what its module has, and importing a package loads none of its modules."""
+"""Public interfaces of the packages: names match their modules, and importing a package loads none of them."""
 
 import ast
 import importlib

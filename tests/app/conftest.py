@@ -1,4 +1,4 @@
-"""What the tests of several commands need."""
+"""Fixtures shared by the command tests."""
 
 import json
 from typing import Any

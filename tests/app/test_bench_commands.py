@@ -1,4 +1,4 @@
-"""check, devices, bench new, faults, run --fault: what a technician sees, and the exit code a script sees."""
+"""Commands check, devices, bench new, faults, run --fault: printed output and exit codes."""
 
 import json
 from collections.abc import Iterator
@@ -32,8 +32,8 @@ QUICK = ("--speed", "max", "--set", "record_s=0.5", "--set", "wait_s=0.1")
 def test_the_check_passes_on_a_sound_bench_and_shows_every_figure(tmp_path: Path, capsys: Any) -> None:
     assert main(["check", *QUICK, "--out", str(tmp_path)]) == ExitCode.DONE
     out = capsys.readouterr().out
-    for words in ("gain above rest", "latency beyond", "noise floor", "drive read back", "polarity", "rest confirmed"):
-        assert words in out
+    for text in ("gain above rest", "latency beyond", "noise floor", "drive read back", "polarity", "rest confirmed"):
+        assert text in out
     assert "FAIL" not in out
     assert out.count("pass") == 13
 
@@ -49,10 +49,10 @@ def test_what_does_not_pass_is_named_with_what_to_look_at(
     fault: str, failing: str, remedy: str, tmp_path: Path, capsys: Any
 ) -> None:
     assert main(["check", *QUICK, "--json", "--fault", f"{fault}@1", "--out", str(tmp_path)]) == ExitCode.FAILED
-    told = json.loads(capsys.readouterr().out)
-    assert told["status"] == "completed"
-    assert not told["passed"]
-    line = next(check for check in told["checks"] if check["name"] == failing)
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "completed"
+    assert not result["passed"]
+    line = next(check for check in result["checks"] if check["name"] == failing)
     assert not line["passed"]
     assert remedy in line["remedy"]
 
@@ -60,9 +60,9 @@ def test_what_does_not_pass_is_named_with_what_to_look_at(
 @pytest.mark.breaks_the_drive
 def test_a_check_that_ends_unsafe_says_so_by_its_exit_code(tmp_path: Path, capsys: Any) -> None:
     assert main(["check", *QUICK, "--fault", "drive-cable-off@2", "--out", str(tmp_path)]) == ExitCode.UNSAFE
-    said = capsys.readouterr()
-    assert "switch the high voltage OFF at the amplifier itself" in " ".join(said.err.split())
-    assert "The check was not carried to its end" in said.out
+    captured = capsys.readouterr()
+    assert "switch the high voltage OFF at the amplifier itself" in " ".join(captured.err.split())
+    assert "The check was not carried to its end" in captured.out
 
 
 def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, capsys: Any) -> None:
@@ -73,9 +73,9 @@ def test_a_fault_from_the_command_line_breaks_at_its_second(tmp_path: Path, caps
         path, ((fault, words, from_s, until_s),) = file.path, injected_faults(file)
         assert (fault, words, until_s) == ("card-overrun", FAULT_DESCRIPTIONS["card-overrun"], None)
         assert from_s == pytest.approx(3.0, abs=0.15)
-    said = " ".join(capsys.readouterr().err.split())
-    assert "lost samples" in said
-    assert f"broken on purpose: {FAULT_DESCRIPTIONS['card-overrun']}" in said
+    output = " ".join(capsys.readouterr().err.split())
+    assert "lost samples" in output
+    assert f"broken on purpose: {FAULT_DESCRIPTIONS['card-overrun']}" in output
     assert main(["show", str(path)]) == ExitCode.DONE
     assert f"BROKEN ON PURPOSE, {from_s:.2f} s to its end: {FAULT_DESCRIPTIONS['card-overrun']} (card-overrun)" in (
         capsys.readouterr().out
@@ -150,9 +150,9 @@ def test_devices_finds_what_is_there(addresses: list[str], capsys: Any) -> None:
 
 def test_what_is_missing_is_a_sentence_and_no_failure(addresses: list[str], capsys: Any) -> None:
     assert main(["devices", "--host", "127.0.0.1:9"]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "cannot be reached" in said
-    assert "the NI-DAQmx driver is not installed on this computer" in said
+    output = capsys.readouterr().err
+    assert "cannot be reached" in output
+    assert "the NI-DAQmx driver is not installed on this computer" in output
 
 
 def test_the_search_of_visa_itself_tells_what_it_could_not_look_for() -> None:

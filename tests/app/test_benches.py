@@ -1,4 +1,4 @@
-"""Every kind of bench: its example loads, and simulated it goes live, measures and comes back to rest."""
+"""Every kind of bench: its example loads, and its simulation arms, measures and returns to rest."""
 
 from pathlib import Path
 
@@ -136,7 +136,7 @@ def test_a_held_level_on_a_dc_supply_and_a_sine_that_it_refuses() -> None:
 
 
 class Hands:
-    """The operator's hands at the amplifier's switch."""
+    """Operate the amplifier's switch."""
 
     def __init__(self, bench) -> None:
         self.disable, self.enable = bench.disable_hv, bench.enable_hv

@@ -1,4 +1,4 @@
-"""A campaign knows from the run files what is done, stale, missing and failed; it survives whatever ends the program."""
+"""Campaign: item states computed from the run files, robust against any termination of the program."""
 
 import json
 import shutil
@@ -72,9 +72,9 @@ def test_from_nothing_to_the_end(measured) -> None:
     lines = campaign.item_states()
     assert [line.status for line in lines] == [ItemStatus.DONE] * 3
     assert campaign.next_item() is None
-    asked = [event.prompt.action for event in events if isinstance(event, PromptShown)]
-    at = asked.index("remove-membrane")
-    assert asked[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
+    prompts = [event.prompt.action for event in events if isinstance(event, PromptShown)]
+    at = prompts.index("remove-membrane")
+    assert prompts[at - 1 : at + 2] == ["disable-high-voltage", "remove-membrane", "enable-high-voltage"]
     carried = campaign.accepted_estimates(campaign.items[2])
     assert carried["deflection per volt above rest"].value == pytest.approx(1.427e-4, rel=0.01)
     assert "latency" in carried  # of the wiring check, two items below
@@ -95,7 +95,7 @@ def test_an_accepted_estimate_is_carried_into_the_next_protocol_and_the_model(me
     found = {e.name: e.value for e in campaign.item_state("wiring").estimates}
     assert campaign.protocol_for(dwell).decay_s == found["latency"]
     # The dwell of two points has no peak between others, which must not take mu away.
-    # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels tell it to a percent.
+    # mu = -1.33e-5 N m/V is the truth of the simulated tactor; two levels determine it to a percent.
     assert identified_tactor(campaign).mu == pytest.approx(-1.33e-5, rel=0.01)
     assert {e.name for e in identify_campaign_runs(campaign).estimates} == {"mu"}
     campaign.reject("steps")
@@ -111,7 +111,7 @@ def test_what_is_repeated_makes_what_rests_on_it_stale(measured) -> None:
     lines = campaign.item_states()
     assert [line.status for line in lines] == [ItemStatus.DONE, ItemStatus.STALE, ItemStatus.STALE]
     assert lines[1].reason == "wiring was measured again"
-    assert campaign.next_item(hands_free=True) is None  # the steps want hands, and the dwell waits for them
+    assert campaign.next_item(hands_free=True) is None  # the steps need manual actions, and the dwell depends on them
 
 
 def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(measured) -> None:
@@ -127,11 +127,11 @@ def test_a_rejected_run_does_not_count_and_a_skipped_item_is_not_waited_for(meas
 
 def test_a_run_that_somebody_made_by_hand_counts(tmp_path: Path) -> None:
     Campaign.create(tmp_path, "T1", True, (CampaignItem("dwell", "sine-dwell", {"frequencies_hz": (120.0,)}),))
-    asked = ["--speed", "max", "--out", str(tmp_path), "--specimen"]
-    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T2"]) == 0
-    assert main(["run", "sine-dwell", "--set", "frequencies_hz=130", *asked, "T1"]) == 0
+    options = ["--speed", "max", "--out", str(tmp_path), "--specimen"]
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *options, "T2"]) == 0
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=130", *options, "T1"]) == 0
     assert Campaign.open(tmp_path, "T1").item_state("dwell").status is ItemStatus.MISSING
-    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *asked, "T1"]) == 0
+    assert main(["run", "sine-dwell", "--set", "frequencies_hz=120", *options, "T1"]) == 0
     assert Campaign.open(tmp_path, "T1").item_state("dwell").status is ItemStatus.DONE
 
 
@@ -149,8 +149,8 @@ def test_an_item_may_move_but_not_before_what_it_needs(tmp_path: Path) -> None:
 def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps = replace(QUICK[1], settings={**QUICK[1].settings, "repeats": 8}, needs=())
     Campaign.create(tmp_path, "T1", True, (steps, replace(QUICK[2], needs=("steps",))))
-    asked = ["--specimen", "T1", "--out", str(tmp_path)]
-    command = [sys.executable, "-m", "app.cli.main", "campaign", "run", "--all", "--json", "--speed", "max", *asked]
+    options = ["--specimen", "T1", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "app.cli.main", "campaign", "run", "--all", "--json", "--speed", "max", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as program:
         points = 0
         for line in program.stdout:
@@ -160,7 +160,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
                 break
     line = Campaign.open(tmp_path, "T1").item_state("steps")
     assert (line.status, line.next_action) == (ItemStatus.UNFINISHED, NextAction.RESUME)
-    assert main(["campaign", "resume", "--all", "--speed", "max", *asked]) == 0
+    assert main(["campaign", "resume", "--all", "--speed", "max", *options]) == 0
     lines = Campaign.open(tmp_path, "T1").item_states()
     assert [each.status for each in lines] == [ItemStatus.DONE, ItemStatus.DONE]
     with Run(lines[0].run) as run:
@@ -172,25 +172,27 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(tmp_path: Path, capsys: py
 
 @pytest.mark.deep
 def test_a_campaign_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["--specimen", "T1", "--out", str(tmp_path)]
-    assert main(["campaign", "status", *asked]) == 2
+    options = ["--specimen", "T1", "--out", str(tmp_path)]
+    assert main(["campaign", "status", *options]) == 2
     assert "begin one: tactor-bench campaign new --specimen T1" in capsys.readouterr().err
-    assert main(["campaign", "new", *asked]) == 0
-    assert main(["campaign", "new", *asked]) == 2
+    assert main(["campaign", "new", *options]) == 0
+    assert main(["campaign", "new", *options]) == 2
     assert "there is a campaign of T1 already" in capsys.readouterr().err
-    assert main(["campaign", "run", "dwell", *asked]) == 2
+    assert main(["campaign", "run", "dwell", *options]) == 2
     assert "dwell has to wait" in capsys.readouterr().err
-    assert main(["campaign", "skip", "dwel", *asked]) == 2
+    assert main(["campaign", "skip", "dwel", *options]) == 2
     assert "the campaign has no 'dwel'; it has: wiring" in capsys.readouterr().err
-    assert main(["campaign", "resume", *asked]) == 2
+    assert main(["campaign", "resume", *options]) == 2
     assert "nothing was broken off" in capsys.readouterr().err
-    assert main(["campaign", "move", "dwell", "--before", "steps", *asked]) == 2
+    assert main(["campaign", "move", "dwell", "--before", "steps", *options]) == 2
     assert "cannot stand before" in capsys.readouterr().err
-    assert main(["campaign", "status", "--json", *asked]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["items"][0]["item"] == "wiring"
-    assert [item["protocol"] for item in told["items"]] == [i.protocol for i in PAPER_ITEMS if i.protocol in PROTOCOLS]
-    assert main(["campaign", "rehearse", *asked]) == 0
+    assert main(["campaign", "status", "--json", *options]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["items"][0]["item"] == "wiring"
+    assert [item["protocol"] for item in result["items"]] == [
+        i.protocol for i in PAPER_ITEMS if i.protocol in PROTOCOLS
+    ]
+    assert main(["campaign", "rehearse", *options]) == 0
     assert "+1500 V on the specimen" in capsys.readouterr().out
 
 
@@ -206,11 +208,11 @@ def test_a_file_that_is_no_campaign_is_a_sentence(text: str, tmp_path: Path) -> 
 def test_the_rehearsal_adds_up_what_is_left(tmp_path: Path) -> None:
     campaign = Campaign.create(tmp_path, "T1", True, QUICK)
     with laboratory() as lab:
-        told = rehearse_campaign(campaign, lab.bench)
-        assert [item.name for item, _ in told.items] == ["wiring", "steps", "dwell"]
-        assert told.duration_s == sum(one.duration_s for _, one in told.items)
-        assert told.prompts == 3 * 2 + 3  # high voltage off and on; once more around the membrane
-        assert (told.lowest_specimen_v, told.highest_specimen_v) == (-500, 1500)
+        rehearsal = rehearse_campaign(campaign, lab.bench)
+        assert [item.name for item, _ in rehearsal.items] == ["wiring", "steps", "dwell"]
+        assert rehearsal.duration_s == sum(one.duration_s for _, one in rehearsal.items)
+        assert rehearsal.prompts == 3 * 2 + 3  # high voltage off and on; once more around the membrane
+        assert (rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v) == (-500, 1500)
         campaign.skip("dwell")
         assert rehearse_campaign(campaign, lab.bench).highest_specimen_v == 900
 

@@ -1,4 +1,4 @@
-"""How each item of a campaign stands, told from its runs alone: done, stale, missing, failed, and what is next."""
+"""State of each campaign item, computed from its runs: done, stale, missing, failed, next."""
 
 import json
 from dataclasses import asdict, replace

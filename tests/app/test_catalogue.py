@@ -1,4 +1,4 @@
-"""The archive: what lies in the folder is in the list, whatever happens to the files or to the index."""
+"""Run catalogue: lists the files of the folder, whatever happens to the files or the index."""
 
 import shutil
 from pathlib import Path
@@ -183,7 +183,7 @@ def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("wanted", "found"),
+    ("expected", "found"),
     [
         (RunFilter(), {"T7", "T8"}),
         (RunFilter(specimen="T7"), {"T7"}),
@@ -196,8 +196,8 @@ def test_hidden_folders_are_left_alone(catalogue: Catalogue, folder: Path) -> No
         (RunFilter(since="2999"), set()),
     ],
 )
-def test_filters(wanted: RunFilter, found: set[str], catalogue: Catalogue) -> None:
-    assert {e.specimen for e in wanted.apply(catalogue.entries())} == found
+def test_filters(expected: RunFilter, found: set[str], catalogue: Catalogue) -> None:
+    assert {e.specimen for e in expected.apply(catalogue.entries())} == found
 
 
 @pytest.mark.parametrize("text", ["2026-11-21", "2026-11", "today", "7d", "12 h"])

@@ -1,4 +1,4 @@
-"""The command line: what it is asked, what it answers, and its exit code. In process, on the virtual clock."""
+"""Command line: arguments, output and exit codes. In process, on the virtual clock."""
 
 import json
 from pathlib import Path
@@ -18,9 +18,9 @@ def sim(folder: Path, *more: str) -> list[str]:
 
 def test_a_run_leaves_a_file_that_show_tells_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(sim(tmp_path, "--specimen", "T9", "--seed", "5")) == ExitCode.DONE
-    told = capsys.readouterr().err
-    assert "SIMULATED" in told
-    assert "at rest: the card sees 2.500 V" in told
+    output = capsys.readouterr().err
+    assert "SIMULATED" in output
+    assert "at rest: the card sees 2.500 V" in output
     (file,) = tmp_path.glob("*_T9_sine-dwell.h5")
     assert main(["show", str(file)]) == ExitCode.DONE
     shown = capsys.readouterr().out
@@ -80,9 +80,9 @@ def test_bad_input_gets_one_clear_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == ExitCode.USAGE
-    told = capsys.readouterr().err
-    assert says in told
-    assert "Traceback" not in told
+    output = capsys.readouterr().err
+    assert says in output
+    assert "Traceback" not in output
 
 
 def test_speed_on_a_real_bench_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -96,9 +96,9 @@ def test_a_missing_ni_driver_says_what_to_install(tmp_path: Path, capsys: pytest
     file = tmp_path / "bench.toml"
     file.write_text('[generator]\nresource = "TCPIP::127.0.0.1::9::SOCKET"\n')
     assert main(["run", "sine-dwell", "--bench", str(file), "--out", str(tmp_path)]) == ExitCode.FAILED
-    told = " ".join(capsys.readouterr().err.split())
-    assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in told
-    assert "--bench sim" in told
+    output = " ".join(capsys.readouterr().err.split())
+    assert "the NI-DAQmx driver is not installed on this computer; install it from ni.com/daqmx" in output
+    assert "--bench sim" in output
 
 
 def test_a_run_that_cannot_be_stored_fails_with_exit_code_1(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The bench file: units understood, every fault told at once with its line, nothing unknown accepted."""
+"""Bench file: units, all errors reported at once with their lines, unknown keys rejected."""
 
 from pathlib import Path
 

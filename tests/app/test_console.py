@@ -1,4 +1,4 @@
-"""The terminal: what is typed and when, what is printed as it is, what a machine reads, and nobody listening."""
+"""Terminal: input during prompts, output, machine-readable output, non-interactive use."""
 
 import io
 import json
@@ -49,7 +49,7 @@ def keyboard(monkeypatch: pytest.MonkeyPatch) -> Any:
     with os.fdopen(theirs, "r") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         yield lambda text: os.write(ours, text.encode())
-        os.write(ours, b"\x04")  # ends whoever still waits for a line
+        os.write(ours, b"\x04")  # ends a thread that still waits for a line
     os.close(ours)
 
 
@@ -78,9 +78,9 @@ def test_high_voltage_is_enabled_by_a_word_and_not_by_enter(keyboard: Any, capsy
     assert waited(lambda: operator.answer(2), 0.2) is None
     keyboard("ON\n")
     assert waited(lambda: operator.answer(2), 30) == "ON"
-    told = capsys.readouterr().err
-    assert "type 'on' and press Enter; Ctrl-C stops the run" in told
-    assert "that is no answer: type 'on'" in told
+    output = capsys.readouterr().err
+    assert "type 'on' and press Enter; Ctrl-C stops the run" in output
+    assert "that is no answer: type 'on'" in output
 
 
 def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
@@ -93,7 +93,7 @@ def test_one_of_several_choices_is_told_by_its_beginning(keyboard: Any) -> None:
 
 
 class Told:
-    """What is paused and let go on, in order."""
+    """Records pause and resume requests, in order."""
 
     def __init__(self) -> None:
         self.wishes: list[str] = []
@@ -156,10 +156,10 @@ def test_a_run_is_paused_and_goes_on_by_the_keyboard(keyboard: Any, tmp_path: Pa
         assert front.session.outcome == ("completed", "all points measured")
     kept = [kind for kind in kinds if kind in ("EntryBegan", "PointMeasured", "Paused", "Resumed")]
     assert kept == ["EntryBegan", "PointMeasured", "EntryBegan", "Paused", "Resumed", "EntryBegan", "PointMeasured"]
-    told = capsys.readouterr().err
-    assert f".h5; {KEY_HELP}" in told
-    assert "paused: the card sees 2.500 V" in told
-    assert "goes on" in told
+    output = capsys.readouterr().err
+    assert f".h5; {KEY_HELP}" in output
+    assert "paused: the card sees 2.500 V" in output
+    assert "goes on" in output
 
 
 def test_an_ended_input_is_no_answer(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
@@ -187,14 +187,14 @@ def test_a_name_in_brackets_is_printed_and_not_obeyed() -> None:
         told(RunStarted("sine-dwell", "/runs/[red]x.h5", 1.0, 1, True))
         told(LogMessage("a :warning: [/nothing] note"))
         told(RunRejected("cannot write [1:2] to [green]here"))
-    for words in (
+    for text in (
         "bench [red]1[/]",
         "LK [bold]G82",
         "/runs/[red]x.h5",
         "a :warning: [/nothing] note",
         "[1:2] to [green]here",
     ):
-        assert words in out.getvalue()
+        assert text in out.getvalue()
 
 
 def test_a_number_that_is_none_is_null_for_a_machine(tmp_path: Path, capsys: Any) -> None:

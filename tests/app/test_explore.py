@@ -1,4 +1,4 @@
-"""What stands at which slider, how it is undone, and how it leaves the page."""
+"""Explore state: slider values, undo, export."""
 
 import json
 import subprocess
@@ -194,14 +194,14 @@ def test_of_many_questions_the_newest_is_answered() -> None:
 
 
 def test_an_error_is_told_and_the_next_question_still_answered() -> None:
-    told: list[object] = []
+    reported: list[object] = []
     heard = Event()
 
     def compute(question: int) -> Iterator[float]:
         yield 1 / question
 
     def tell(question: int, answer: float | Exception) -> None:
-        told.append(answer)
+        reported.append(answer)
         heard.set()
 
     latest = LatestOnlyWorker(compute, tell, "test")
@@ -210,8 +210,8 @@ def test_an_error_is_told_and_the_next_question_still_answered() -> None:
         latest.submit(question)
         heard.wait(10)
     latest.close()
-    assert isinstance(told[0], ZeroDivisionError)
-    assert told[1] == 0.5
+    assert isinstance(reported[0], ZeroDivisionError)
+    assert reported[1] == 0.5
 
 
 @pytest.mark.deep

@@ -1,4 +1,4 @@
-"""Exports, read back with other people's programs."""
+"""Exported files, read back with third-party programs."""
 
 import csv
 import json
@@ -119,13 +119,13 @@ def test_the_commands(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "cut off" in out
     assert "1 of 2 runs" in out
     assert main(["export", str(half), str(path), "--out", str(tmp_path / "out"), "--part", "points"]) == 1
-    told = capsys.readouterr()
-    assert "cut off" in told.err
-    assert told.out.strip().endswith("_SIMULATED_points.csv")
+    captured = capsys.readouterr()
+    assert "cut off" in captured.err
+    assert captured.out.strip().endswith("_SIMULATED_points.csv")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["runs", "no-such-folder"], "name the one your runs are in"),
         (["runs", ".", "--since", "soon"], "write a day"),
@@ -134,10 +134,10 @@ def test_the_commands(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_what_is_asked_wrongly_gets_a_sentence(
-    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], cache: None
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], cache: None
 ) -> None:
     assert main(arguments) == 2
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.fixture

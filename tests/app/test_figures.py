@@ -1,4 +1,4 @@
-"""`tactor-bench figures`: every theory figure as a picture and a sheet, with what its caption owes the reader."""
+"""`tactor-bench figures`: every theory figure as a picture and a CSV file, with its caption."""
 
 import csv
 import json
@@ -70,13 +70,13 @@ def test_sheets_hold_the_settled_numbers(folder: Path) -> None:
 def test_one_figure_or_one_panel_alone_and_as_pdf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["figures", "--out", str(tmp_path), "--only", "fig9b", "--only", "fig6", "--pdf", "--json"]
     assert main(arguments) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     assert {p.name for p in tmp_path.iterdir()} == {
         f"{n}.{k}" for n in ("fig6", "fig9b") for k in ("png", "pdf", "csv")
     }
     assert (tmp_path / "fig6.pdf").read_bytes().startswith(b"%PDF")
-    assert "the equations give" in told["figures"][0]["captions"]["fig9b"]
-    assert all(Path(file).exists() for figure in told["figures"] for file in figure["files"])
+    assert "the equations give" in result["figures"][0]["captions"]["fig9b"]
+    assert all(Path(file).exists() for figure in result["figures"] for file in figure["files"])
 
 
 @pytest.fixture
@@ -172,8 +172,8 @@ def test_other_parameters_move_the_curves_and_the_caption_says_so(
         "E_m=7 MPa",
     ]
     assert main(arguments) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)["figures"][0]["captions"]["fig4"]
-    assert told.endswith(
+    result = json.loads(capsys.readouterr().out)["figures"][0]["captions"]["fig4"]
+    assert result.endswith(
         "Drawn with k2 = 0.008, E_m = 7e+06; what is said of the text and of single numbers holds for Table I."
     )
     _, rows = sheet(tmp_path / "fig4.csv")

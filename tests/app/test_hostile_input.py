@@ -1,4 +1,4 @@
-"""Every command and every option of it, given what nobody should: a sentence and an exit code, never a traceback."""
+"""Invalid input to every command and option: an error message and an exit code, never a traceback."""
 
 import argparse
 import json
@@ -110,11 +110,11 @@ LONG = {"figures", "identify", "model step", "run"}
 def test_nothing_that_can_be_asked_ends_in_a_traceback(name: str, here: Path, capsys: Any) -> None:
     for arguments in attacks(name):
         code = main(arguments)
-        told = capsys.readouterr()
+        captured = capsys.readouterr()
         assert code in (0, 1, 2, 3), arguments
-        assert "Traceback" not in told.err, arguments
-        assert "error of this program" not in told.err, arguments
-        assert code == 0 or len(told.err.split()) >= 5, arguments
+        assert "Traceback" not in captured.err, arguments
+        assert "error of this program" not in captured.err, arguments
+        assert code == 0 or len(captured.err.split()) >= 5, arguments
 
 
 # -- the simulated bench's own numbers ----------------------------------------------------------------------------------
@@ -207,9 +207,9 @@ def test_a_spoilt_run_is_told_in_a_sentence(spoil: Any, says: str, here: Path, m
     (here / "bad.h5").write_bytes(spoil(measured))
     for more in ([], ["--json"], ["--picture", "x.png"]):
         assert main(["show", "bad.h5", *more]) == ExitCode.USAGE
-        told = capsys.readouterr()
-        assert says in told.err
-        assert told.out == ""
+        captured = capsys.readouterr()
+        assert says in captured.err
+        assert captured.out == ""
 
 
 def test_what_is_no_file_at_all_is_no_run(here: Path, capsys: Any) -> None:

@@ -1,4 +1,4 @@
-"""From run files to parameters: what the simulated tactor is made of comes back, with errors that hold; and is kept."""
+"""Identification from run files: true parameters of the simulated tactor, valid standard errors, calibration."""
 
 import json
 import re
@@ -88,9 +88,9 @@ def test_the_command_accepts_shows_and_tells_apart(
 ) -> None:
     here = [shutil.copy(path, tmp_path) for path in runs]
     assert main(["identify", *here[::2], "--accept", "--by", "K. Tanaka", "--note", "first", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["simulated"] is True
-    assert set(told["parameters"]["name"]) == {"mu", "m_add", "c0"}
+    result = json.loads(capsys.readouterr().out)
+    assert result["simulated"] is True
+    assert set(result["parameters"]["name"]) == {"mu", "m_add", "c0"}
     assert main(["calibration", "accept", *here]) == 0
     capsys.readouterr()
     assert main(["calibration", "show", "T1", "--folder", str(tmp_path), "--version", "1"]) == 0
@@ -126,8 +126,8 @@ def test_what_is_asked_wrongly_is_a_sentence(
 
 def test_two_runs_of_one_specimen_agree(runs: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", str(runs[0]), str(runs[1]), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    errors = told["points"]["standard errors"]
+    result = json.loads(capsys.readouterr().out)
+    errors = result["points"]["standard errors"]
     assert len(errors) == 8
     assert max(abs(e) for e in errors) < 4
     assert main(["compare", str(runs[0]), str(runs[2])]) == 2
@@ -135,21 +135,21 @@ def test_two_runs_of_one_specimen_agree(runs: list[Path], capsys: pytest.Capture
 
 
 def test_points_are_compared_at_the_same_setting_not_at_the_same_place(tmp_path: Path, capsys: Any) -> None:
-    """Two dwells with other frequencies, and a table that knows no errors and was driven with less."""
+    """Two dwells at other frequencies, and a table without errors and with a smaller drive."""
     few, more = (finished_run(tmp_path / n, "T1", f) for n, f in (("a", (160.0, 250.0)), ("b", (100.0, 160.0, 250.0))))
     assert main(["compare", str(few), str(more), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["points"]["frequency"] == [160.0, 250.0]
-    assert told["points"]["difference"] == [0.0, 0.0]
+    result = json.loads(capsys.readouterr().out)
+    assert result["points"]["frequency"] == [160.0, 250.0]
+    assert result["points"]["difference"] == [0.0, 0.0]
     (tmp_path / "t.csv").write_text("frequency [Hz],pp [um]\n160,900\n")
     assert main(["import", str(tmp_path / "t.csv"), "--set", "peak_to_peak_v=4", "--out", str(tmp_path / "c")]) == 0
     (table,) = (tmp_path / "c").glob("*.h5")
     capsys.readouterr()
     assert main(["compare", str(more), str(table)]) == 0
-    told = capsys.readouterr().out
-    assert "1 points in common, of 3 and 1 usable ones" in told
-    assert "the drives differ: 5 V in" in told
-    assert "never" not in told
+    result = capsys.readouterr().out
+    assert "1 points in common, of 3 and 1 usable ones" in result
+    assert "the drives differ: 5 V in" in result
+    assert "never" not in result
     lone = finished_run(tmp_path / "d", "T1", (55.0,))
     assert main(["compare", str(lone), str(more)]) == 2
     assert "no usable point at the same frequency" in capsys.readouterr().err

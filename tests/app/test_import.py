@@ -1,4 +1,4 @@
-"""Old tables become runs: whatever spreadsheet or program wrote them, in their units, odd values told and kept."""
+"""Importing tables: CSV dialects, MAT files, units, implausible values reported and kept."""
 
 import csv
 from pathlib import Path
@@ -137,7 +137,7 @@ def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(points(brought(tmp_path / "t.mat", *FULL))["peak_to_peak"], [760e-6, 1154e-6])
     savemat(tmp_path / "m.mat", {"data": np.array([[100.0, 760], [150, 1154]])})
-    said = [
+    messages = [
         "--column",
         "frequency=data_1",
         "--column",
@@ -147,11 +147,11 @@ def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
         "--unit",
         "data_2=um",
     ]
-    np.testing.assert_allclose(points(brought(tmp_path / "m.mat", *FULL, *said))["frequency"], [100, 150])
+    np.testing.assert_allclose(points(brought(tmp_path / "m.mat", *FULL, *messages))["frequency"], [100, 150])
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (
             "frequency [Hz],pp [m]\n100,760.1\n150,1154\n",
@@ -164,13 +164,13 @@ def test_mat_vectors_and_a_matrix_are_columns(tmp_path: Path) -> None:
     ],
 )
 def test_what_looks_odd_is_told_and_kept(
-    text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "t.csv").write_text(text)
     path = brought(tmp_path / "t.csv", *FULL)
-    assert words in capsys.readouterr().out
+    assert message in capsys.readouterr().out
     with Run(path) as run:
-        assert any(words in caution for caution in run.imported["cautions"])
+        assert any(message in caution for caution in run.imported["cautions"])
 
 
 def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

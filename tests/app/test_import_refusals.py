@@ -1,4 +1,4 @@
-"""A table that cannot be imported is refused in a sentence: which file, where, what stands there, what would do."""
+"""Rejected tables: the message names the file, the place, the value and the remedy."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What becomes of an imported run: it says where it comes from, is listed, identified, exported and imported again."""
+"""Imported runs: source stated; listed, identified, exported and imported again."""
 
 import hashlib
 import json
@@ -34,16 +34,16 @@ def test_the_file_says_where_it_comes_from_and_pretends_nothing(
     table.write_text("f [Hz],A [um],humidity [%]\n100,760.1,40\n150,1154.2,41\n")
     path = brought(table, *FULL, "--column", "peak_to_peak=A", "--specimen", "T1", "--measured", "2019-05-04")
     with h5py.File(path) as file:
-        told = json.loads(file["entry/imported"][()])
+        result = json.loads(file["entry/imported"][()])
         assert file.attrs["format_version"] == 2
         assert file["entry/simulated"][()] == False  # noqa: E712 - numpy's own
         assert file["entry/trace/displacement"].shape == (0,)
         assert file["entry/events"].shape == file["entry/recordings"].shape == (0,)
         assert np.isnan(file["entry/instrument/displacement_sensor/gain"][()])
         assert file["entry/start_time"][()].startswith(b"2019-05-0")
-    assert told["files"] == [{"name": "fig4.csv", "sha256": hashlib.sha256(table.read_bytes()).hexdigest()}]
-    assert told["columns"]["peak_to_peak"] == {"column": "A [um]", "unit": "um"}
-    assert told["left_out"] == ["humidity [%]"]
+    assert result["files"] == [{"name": "fig4.csv", "sha256": hashlib.sha256(table.read_bytes()).hexdigest()}]
+    assert result["columns"]["peak_to_peak"] == {"column": "A [um]", "unit": "um"}
+    assert result["left_out"] == ["humidity [%]"]
     flags = [Quality(int(q)) for q in points(path)["quality"]]
     assert all(flag == Quality.IMPORTED and flag.usable for flag in flags)
     capsys.readouterr()
@@ -150,7 +150,7 @@ def test_what_was_simulated_stays_simulated(tmp_path: Path) -> None:
     with Run(finished_run(tmp_path / "old")) as run:
         files = [*export_run(run, tmp_path, "csv", ("points",)), *export_run(run, tmp_path, "mat", ("about", "points"))]
     renamed = files[0].rename(tmp_path / "harmless.csv")
-    cut = tmp_path / "columns_of_a_SIMULATED_run.csv"  # without its flags, the name still tells
+    cut = tmp_path / "columns_of_a_SIMULATED_run.csv"  # without its flags, the name still says so
     cut.write_text("frequency [Hz],pp [um],drive pp [V]\n100,760,5\n")
     assert points(brought(cut))["quality"] == [int(Quality.SIMULATED | Quality.IMPORTED)]
     for file in (renamed, files[1]):

@@ -1,4 +1,4 @@
-"""Long time series: their import tells how far it is, can be ended, is quick, and finds what is odd where it stands."""
+"""Importing long time series: progress, cancellation, speed, and the position of faulty cells."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,11 +25,11 @@ def long_series(path: Path, mark: str = ",", quote: str = "") -> Path:
 def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[float] = []
+    reported: list[float] = []
 
     class Listener(Progress):
         def update(self, fraction: float, text: str = "") -> None:
-            told.append(fraction)
+            reported.append(fraction)
 
     class Stopping(Progress):
         """Cancelled from a fraction on."""
@@ -53,9 +53,9 @@ def test_a_long_series_tells_how_far_it_is_and_can_be_stopped(
     with monkeypatch.context() as patched:
         patched.setattr("app.cli.import_.terminal_progress", listening)
         brought(path, "--as", "raw")
-    assert told == sorted(told)
-    assert len(told) > 10
-    assert (told[0], told[-1]) == (0.0, pytest.approx(1.0, abs=0.2))
+    assert reported == sorted(reported)
+    assert len(reported) > 10
+    assert (reported[0], reported[-1]) == (0.0, pytest.approx(1.0, abs=0.2))
     for ends in (0.0, 0.3, 0.5):
         with pytest.raises(OperationCancelled):
             read_table(path, Stopping(ends))

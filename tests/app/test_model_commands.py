@@ -1,4 +1,4 @@
-"""`tactor-bench model`: the settled numbers through the command line, and a sentence for everything that is not physical."""
+"""`tactor-bench model`: reference numbers on the command line, error messages for unphysical parameters."""
 
 import csv
 from pathlib import Path
@@ -35,9 +35,9 @@ def test_poles_with_and_without_mass_and_skin(ask: Any) -> None:
 
 
 def test_the_masses_of_the_resonance_series(ask: Any) -> None:
-    wanted = [300.9, 250.9, 219.7, 197.8, 181.4, 168.5, 158.0, 149.2, 141.8]
+    expected = [300.9, 250.9, 219.7, 197.8, 181.4, 168.5, 158.0, 149.2, 141.8]
     got = [ask("model", "modes", "--set", f"m_add={1.75 + i} g")["undamped"]["free_frequency"][0] for i in range(9)]
-    assert got == pytest.approx(wanted, abs=0.05)
+    assert got == pytest.approx(expected, abs=0.05)
 
 
 def test_statics_with_a_weight_and_without(ask: Any) -> None:
@@ -58,10 +58,10 @@ def test_the_settled_table_under_the_amplifier(ask: Any) -> None:
     assert got["margin"][0] == pytest.approx(491.0 / 50, rel=1e-3)
 
 
-@pytest.mark.parametrize(("delta", "wanted"), [("0", [652.2, 705.9, 447.0]), ("0.75 %", [436.9, 357.4, 257.8])])
-def test_the_settled_table_on_the_membrane(delta: str, wanted: list[float], ask: Any) -> None:
+@pytest.mark.parametrize(("delta", "expected"), [("0", [652.2, 705.9, 447.0]), ("0.75 %", [436.9, 357.4, 257.8])])
+def test_the_settled_table_on_the_membrane(delta: str, expected: list[float], ask: Any) -> None:
     got = ask("model", "frequency-response", "--pre-stretch", delta, "--frequencies", "100:200:3")
-    assert 1e6 * np.array(got["response"]["peak_to_peak"]) == pytest.approx(wanted, abs=0.15)
+    assert 1e6 * np.array(got["response"]["peak_to_peak"]) == pytest.approx(expected, abs=0.15)
     assert got["specimen"]["c_s"] == pytest.approx(165 + 5.48e4 * got["specimen"]["delta"])
 
 
@@ -124,23 +124,23 @@ def test_convergence_against_the_closed_form(ask: Any) -> None:
 
 def test_a_person_reads_tables_with_units(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["model", "step"]) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "Step of 1500 V on the specimen, vibrating freely" in told
-    assert [line.split() for line in told.splitlines() if "final deflection" in line] == [
+    output = capsys.readouterr().out
+    assert "Step of 1500 V on the specimen, vibrating freely" in output
+    assert [line.split() for line in output.splitlines() if "final deflection" in line] == [
         ["final", "deflection", "356.8", "µm"]
     ]
     assert main(["model", "frequency-response"]) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "Highest max - min: 1154.2 µm at 150 Hz" in told
-    assert ["25", "491.0", "486.8", "-3.8", "9.82"] in [line.split() for line in told.splitlines()]
+    output = capsys.readouterr().out
+    assert "Highest max - min: 1154.2 µm at 150 Hz" in output
+    assert ["25", "491.0", "486.8", "-3.8", "9.82"] in [line.split() for line in output.splitlines()]
 
 
 def test_long_tables_are_thinned_for_people_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "response.csv"
     assert main(["model", "frequency-response", "--frequencies", "1:500:500", "--csv", str(file)]) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "one row in 9 of 500" in told
-    assert len(told.splitlines()) < 70
+    output = capsys.readouterr().out
+    assert "one row in 9 of 500" in output
+    assert len(output.splitlines()) < 70
     head, rows = sheet(file)
     assert head[:3] == ["frequency [Hz]", "peak_to_peak [m]", "twice_fundamental [m]"]
     assert rows.shape[0] == 500
@@ -230,11 +230,11 @@ def test_what_is_not_physical_gets_one_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["model", *arguments]) == ExitCode.USAGE
-    told = capsys.readouterr()
-    assert says in told.err
-    assert "Traceback" not in told.err
-    assert len(told.err.splitlines()) == 1
-    assert told.out == ""
+    captured = capsys.readouterr()
+    assert says in captured.err
+    assert "Traceback" not in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert captured.out == ""
 
 
 def test_a_unit_at_the_end_of_a_list_is_everybodys(ask: Any) -> None:

@@ -1,4 +1,4 @@
-"""What an identification takes from a run says as much as the run itself, and no more."""
+"""Observations: the points of a run as a fit uses them, with exactly the information of the run."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The curve under the points is the model's, comes without waiting, and is computed once."""
+"""Model curve behind the points: computed by the model, in the background, once."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The paper's seven measurements, shortened, from nothing to the end: what is identified is the truth of the simulated tactor."""
+"""The paper's seven measurements, shortened, end to end: the true parameters of the simulated tactor are identified."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -33,14 +33,14 @@ pytestmark = pytest.mark.deep
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[str]]:
     """The campaign at its end, and every prompt in order."""
     items = tuple(replace(item, settings=SHORT[item.name]) for item in PAPER_ITEMS)
-    asked: list[str] = []
+    options: list[str] = []
     with connect(load_bench("sim"), None, UNATTENDED_BLOCK_S) as lab:
         campaign = Campaign.create(tmp_path_factory.mktemp("runs"), "T1", True, items)
         conductor = CampaignRunner(campaign)
 
         def listen(event: object) -> None:
             if prompt := getattr(event, "prompt", None):
-                asked.append(prompt.action)
+                options.append(prompt.action)
 
         session = Session(lambda: nullcontext(lab), [conductor, listen], lab.operator)
         session.start()
@@ -53,7 +53,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Campaign, list[s
         finally:
             assert session.close(10)
         assert_safe_voltage(lab.control.report())
-    return campaign, asked
+    return campaign, options
 
 
 def test_all_seven_are_done_in_the_papers_order(measured) -> None:

@@ -1,4 +1,4 @@
-"""The picture of a long record holds every extreme and comes with the right times."""
+"""Min/max decimation of a long record: every extreme is kept, at the right time."""
 
 import numpy as np
 import pytest

@@ -130,10 +130,10 @@ def test_protocols_lists_what_there_is_plug_ins_included(
     points = [SimpleNamespace(name="good", load=lambda: kind), SimpleNamespace(name="bad", load=lambda: 1 / 0)]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
     assert main(["protocols"]) == ExitCode.DONE
-    told = capsys.readouterr()
-    assert "sine-dwell  " in told.out
-    assert "Brought along." in told.out
-    assert "the protocol plug-in 'bad' is left out: ZeroDivisionError" in told.err
+    captured = capsys.readouterr()
+    assert "sine-dwell  " in captured.out
+    assert "Brought along." in captured.out
+    assert "the protocol plug-in 'bad' is left out: ZeroDivisionError" in captured.err
     assert main(["protocols", "sine-dwell", "--json"]) == ExitCode.DONE
     parameters = {row["parameter"]: row for row in json.loads(capsys.readouterr().out)}
     assert (parameters["peak_to_peak_v"]["default"], parameters["peak_to_peak_v"]["unit"]) == ("5", "V")

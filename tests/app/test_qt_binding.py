@@ -1,4 +1,4 @@
-"""PySide6 6.12.0 on Python 3.11 eats a reference of None with every void call; the interpreter dies of it."""
+"""PySide6 6.12.0 on Python 3.11 loses a reference of None with every void call, which crashes the interpreter."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""A session: one bench, runs one after the other, every end told, the thread gone afterwards."""
+"""Session: one bench, consecutive runs, every end reported, no thread left behind."""
 
 import time
 from collections.abc import Callable

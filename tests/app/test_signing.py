@@ -1,4 +1,4 @@
-"""What one needs to sign an identification: is the model adequate, how sure, what next, and with which calibration."""
+"""Adequacy of an identification, intervals, next measurement, corrected calibration."""
 
 import hashlib
 import inspect
@@ -91,11 +91,11 @@ def test_what_the_model_does_not_have_is_noticed(made: Made, beyond: dict[str, f
     assert found.adequacy is not None
     assert found.adequacy.adequate is False
     assert main(["identify", *map(str, runs)]) == 0
-    told = capsys.readouterr().out
-    assert "NOT ADEQUATE: the model is wrong for these runs" in told
-    assert "How the runs depart from the model" in told
-    assert "p = 0)" not in told
-    assert "next best: find out why" in told
+    output = capsys.readouterr().out
+    assert "NOT ADEQUATE: the model is wrong for these runs" in output
+    assert "How the runs depart from the model" in output
+    assert "p = 0)" not in output
+    assert "next best: find out why" in output
 
 
 @pytest.mark.deep
@@ -105,7 +105,7 @@ def test_seven_shapes_would_call_a_clamp_loose_that_is_rigid(made: Made) -> None
     few = identify(runs, n=7)
     assert few.adequacy is not None
     assert few.adequacy.adequate is False
-    # nothing but the truth of the plant tells how many it has
+    # only the plant's parameters have their number
     with Run(runs[0]) as measured:
         assert measured.configuration["simulation"]["modes"] == 20
 
@@ -146,22 +146,22 @@ def test_everything_is_drawn_with_as_many_shapes_and_what_they_lack_is_below_a_l
 def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: Any) -> None:
     runs = [str(path) for path in made()]
     assert main(["identify", *runs, "--profile", "c0", "--coverage", "0.9", "--next", "m_add", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    at = told["parameters"]["name"].index("c0")
-    value, error = told["parameters"]["value"][at], told["parameters"]["standard_error"][at]
-    (low,), (high,) = told["profiles"]["low"], told["profiles"]["high"]
+    result = json.loads(capsys.readouterr().out)
+    at = result["parameters"]["name"].index("c0")
+    value, error = result["parameters"]["value"][at], result["parameters"]["standard_error"][at]
+    (low,), (high,) = result["profiles"]["low"], result["profiles"]["high"]
     assert [float(low), float(high)] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.1 * error)
-    assert told["next"]["run"][0]
-    assert told["adequate"] is True
+    assert result["next"]["run"][0]
+    assert result["adequate"] is True
     assert main(["identify", *runs]) == 0
-    told = capsys.readouterr().out
-    assert "adequate: the misfit is noise: none of " in told
-    assert "next best: " in told
-    assert "% less a minute" in told
+    result = capsys.readouterr().out
+    assert "adequate: the misfit is noise: none of " in result
+    assert "next best: " in result
+    assert "% less a minute" in result
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["--profile", "E_m"], "--profile E_m: it was not free in this fit; choose from mu"),
         (["--next", "E_m"], "E_m was not free in this fit"),
@@ -172,9 +172,9 @@ def test_profiles_and_the_next_best_run_on_the_command_line(made: Made, capsys: 
         (["--shapes", "2"], "2 shape functions: choose from 3 to 60"),
     ],
 )
-def test_what_is_asked_wrongly_is_a_sentence(made: Made, arguments: list[str], words: str, capsys: Any) -> None:
+def test_what_is_asked_wrongly_is_a_sentence(made: Made, arguments: list[str], message: str, capsys: Any) -> None:
     assert main(["identify", str(made()[0]), *arguments]) == 2
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 # -- a corrected calibration ------------------------------------------------------------------------------------------
@@ -193,8 +193,8 @@ def test_old_runs_are_reduced_anew_with_a_corrected_sensor(made: Made, tmp_path:
     corrected = bench(tmp_path / "corrected.toml", 1.02e-4)
     command = ["identify", *map(str, runs), "--bench", str(corrected), "--accept", "--by", "K. Tanaka"]
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert f"{runs[0].name} reduced anew from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in told
+    output = capsys.readouterr().out
+    assert f"{runs[0].name} reduced anew from its raw samples: gain_m_per_v 0.0001 -> 0.000102" in output
     accepted = calibrations.read_calibrations(tmp_path, "T1").get()
     mu = next(e for e in accepted.estimates if e.name == "mu")
     assert mu.value == pytest.approx(truth, rel=1e-3)
@@ -301,6 +301,6 @@ def test_a_bench_file_corrects_what_stands_in_it_alone(made: Made, tmp_path: Pat
 def test_another_instrument_corrects_nothing(made: Made, tmp_path: Path, capsys: Any) -> None:
     other = bench(tmp_path / "other.toml", 1e-4, serial="7")
     assert main(["identify", *map(str, made()), "--bench", str(other)]) == 2
-    told = capsys.readouterr().err
-    assert "was measured with the sensor of serial number SIM-1, and" in told
-    assert "has serial number 7: give the bench file of that instrument" in told
+    output = capsys.readouterr().err
+    assert "was measured with the sensor of serial number SIM-1, and" in output
+    assert "has serial number 7: give the bench file of that instrument" in output

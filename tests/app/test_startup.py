@@ -1,4 +1,4 @@
-"""What a command imports before it answers: a help text and the model wait for nothing they do not need."""
+"""Imports of each command before its first output: help texts and the model load nothing they do not need."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""`tactor-bench study`: presets and own ranges, to table, JSON, CSV and HDF5; sensitivity; a cluster; and Ctrl-C."""
+"""`tactor-bench study`: presets and custom ranges, as table, JSON, CSV and HDF5; sensitivity; a cluster; Ctrl-C."""
 
 import csv
 import importlib.util
@@ -39,9 +39,9 @@ def test_own_ranges_give_the_settled_numbers_in_every_form(tmp_path: Path, ask: 
         "peak_to_peak",
     ]
     told = ask(*arguments, "--out", str(path), "--csv", str(sheet))
-    wanted = 1e-6 * np.array([[652.2, 705.9, 447.0], [436.9, 357.4, 257.8], [175.7, 122.4, 91.9]])
+    expected = 1e-6 * np.array([[652.2, 705.9, 447.0], [436.9, 357.4, 257.8], [175.7, 122.4, 91.9]])
     stored = read_study(path)
-    assert stored.values == pytest.approx(wanted, abs=0.15e-6)
+    assert stored.values == pytest.approx(expected, abs=0.15e-6)
     assert [(a.name, a.unit) for a in stored.axes] == [("delta", ""), ("frequency", "Hz")]
     assert stored.unit == "m"
     assert told["peak_to_peak"] == {"unit": "m", "values": stored.values.tolist()}
@@ -144,9 +144,9 @@ def test_ctrl_c_stops_with_exit_code_1_and_leaves_no_file(
 
     monkeypatch.setattr(Study, "chunks", blocks)
     assert main([*SMALL, "--out", str(tmp_path / "x.h5"), "--csv", str(tmp_path / "x.csv")]) == ExitCode.FAILED
-    told = capsys.readouterr()
-    assert told.err == "tactor-bench: stopped; nothing was written\n"
-    assert told.out == ""
+    captured = capsys.readouterr()
+    assert captured.err == "tactor-bench: stopped; nothing was written\n"
+    assert captured.out == ""
     assert closed == [True]
     assert list(tmp_path.iterdir()) == []
 
@@ -194,10 +194,10 @@ def test_bad_input_gets_one_sentence_and_exit_code_2(
     arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["study", *arguments]) == ExitCode.USAGE
-    told = capsys.readouterr()
-    assert says in told.err
-    assert len(told.err.splitlines()) == 1
-    assert told.out == ""
+    captured = capsys.readouterr()
+    assert says in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert captured.out == ""
 
 
 @pytest.mark.parametrize("command", ["study", "figures", "model"])

@@ -1,4 +1,4 @@
-"""What the window says follows from what happened, and nothing else; it never says more than is known."""
+"""Window state: a function of the events alone; it never claims more than is known."""
 
 from datetime import UTC, datetime
 
@@ -194,11 +194,11 @@ def test_points_that_no_fit_may_use_are_counted() -> None:
 
 
 def test_a_prompt_is_there_until_it_is_answered_or_the_run_ends() -> None:
-    asked = PromptShown(2, ENABLE_HIGH_VOLTAGE)
-    assert view_after(*BEGUN, asked).prompt == asked
-    assert view_after(*BEGUN, asked, PromptAnswered(1, "done")).prompt == asked
+    prompt = PromptShown(2, ENABLE_HIGH_VOLTAGE)
+    assert view_after(*BEGUN, prompt).prompt == prompt
+    assert view_after(*BEGUN, prompt, PromptAnswered(1, "done")).prompt == prompt
     for end in (PromptAnswered(2, "done"), OperatorAction.STOP, STOPPED, RunRequested("x")):
-        assert view_after(*BEGUN, asked, end).prompt is None
+        assert view_after(*BEGUN, prompt, end).prompt is None
 
 
 def test_points_are_those_of_the_present_run() -> None:

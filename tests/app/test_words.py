@@ -1,4 +1,4 @@
-"""Numbers in words."""
+"""Formatting of durations, sizes and values with errors."""
 
 import numpy as np
 import pytest
@@ -8,19 +8,20 @@ from protocols.base import CurveColumn, ResultCurve, format_with_uncertainty
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0, "0 s"), (12.4, "12 s"), (59.6, "1 min 00 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")]
+    ("seconds", "message"),
+    [(0, "0 s"), (12.4, "12 s"), (59.6, "1 min 00 s"), (200, "3 min 20 s"), (7500, "2 h 05 min")],
 )
-def test_durations(seconds: float, words: str) -> None:
-    assert format_duration(seconds) == words
+def test_durations(seconds: float, message: str) -> None:
+    assert format_duration(seconds) == message
 
 
-@pytest.mark.parametrize(("count", "words"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
-def test_sizes(count: float, words: str) -> None:
-    assert format_bytes(count) == words
+@pytest.mark.parametrize(("count", "message"), [(812, "812 B"), (593_000, "593 kB"), (1.4e6, "1.4 MB"), (7e9, "7 GB")])
+def test_sizes(count: float, message: str) -> None:
+    assert format_bytes(count) == message
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "unit", "words"),
+    ("value", "error", "unit", "message"),
     [
         (158.34604, 0.00752, "Hz", "158.3460 ± 0.0075 Hz"),
         (0.21096, 4.6e-5, "1", "0.210960 ± 0.000046"),
@@ -29,8 +30,8 @@ def test_sizes(count: float, words: str) -> None:
         (3.0, float("nan"), "1", "3"),
     ],
 )
-def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, words: str) -> None:
-    assert format_with_uncertainty(value, error, unit) == words
+def test_a_value_has_the_figures_its_error_allows(value: float, error: float, unit: str, message: str) -> None:
+    assert format_with_uncertainty(value, error, unit) == message
 
 
 def test_a_curve_with_errors_is_told_by_its_highest_point_and_a_record_of_samples_is_not() -> None:

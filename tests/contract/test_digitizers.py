@@ -1,4 +1,4 @@
-"""What every digitizer must do: NI's driver over gRPC, over NI's local library, and the card without a wire pass the same tests."""
+"""Digitizer contract: NI's driver over gRPC, over NI's local library, and the in-process card."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

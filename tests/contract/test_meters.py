@@ -1,4 +1,4 @@
-"""What every meter must do: a value in metres, or a reading that says of itself that it is none."""
+"""Meter contract: a value in metres, or a reading that is marked as invalid."""
 
 import math
 from collections import deque
@@ -61,7 +61,7 @@ def made(request: pytest.FixtureRequest) -> Iterator[Made]:
 
 
 def deflect(bench: SimulatedBench, volts: float) -> float:
-    """Hold the amplifier's input at `volts` until the tactor stands still; where its centre then is, in metres."""
+    """Hold the amplifier's input at `volts` until the tactor is at rest; return the position of its centre in metres."""
     for message in (
         f"OUTP:LOAD INF;:FUNC SIN;:VOLT 0.01;:VOLT:OFFS {volts};:BURS:NCYC 1;:TRIG:SOUR BUS;:BURS:STAT ON;:OUTP ON",
     ):
@@ -160,7 +160,7 @@ def test_an_output_that_does_not_measure_is_not_valid() -> None:
 
 
 def test_another_measuring_range_than_the_bench_file_says_is_refused() -> None:
-    """Taken for a 25 mm sensor, one of 10 mm would tell two and a half times the stroke."""
+    """If a 10 mm sensor is configured as one of 25 mm, readings would be two and a half times too large."""
     with (
         PtyServer(SimulatedOptoNcdt(lambda: 0.0, range_m=10e-3)) as wire,
         pytest.raises(InstrumentError, match=r"has a measuring range of 10.00 mm, the bench file says 25 mm"),

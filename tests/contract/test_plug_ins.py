@@ -1,4 +1,4 @@
-"""A lab's own driver: found by entry point, told to work by the documented command; a broken one is named and skipped."""
+"""Driver plug-ins: found by entry point, checked by the documented command; broken ones are reported and skipped."""
 
 import importlib
 import logging
@@ -181,9 +181,9 @@ def test_broken_plug_ins_are_named_and_skipped_where_all_are_looked_through(
 def test_a_driver_that_nobody_has_is_told_with_those_there_are(lab: Path) -> None:
     file = lab / "bench.toml"
     file.write_text('[generator]\ndriver = "hp"\n[card]\ndriver = "adc"\n[simulation]\n')
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as raised:
         load_bench(str(file))
-    assert "line 2: generator.driver: there is no driver 'hp'; choose from auto, keysight-33500" in str(told.value)
-    assert "novel" in str(told.value)
-    assert "line 4: card.driver: there is no driver 'adc'; choose from ni" in str(told.value)
-    assert DIGITIZERS not in str(told.value)
+    assert "line 2: generator.driver: there is no driver 'hp'; choose from auto, keysight-33500" in str(raised.value)
+    assert "novel" in str(raised.value)
+    assert "line 4: card.driver: there is no driver 'adc'; choose from ni" in str(raised.value)
+    assert DIGITIZERS not in str(raised.value)

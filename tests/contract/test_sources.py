@@ -1,4 +1,4 @@
-"""Every function generator's driver on its simulated box passes the contract for sources, without a wire and over TCP."""
+"""Source contract of every function generator's driver on its simulated instrument, in process and over TCP."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The source contract on the card's own analogue output, over gRPC and over NI's local library."""
+"""Source contract of the card's analogue output, over gRPC and over NI's local library."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The source contract on DC supplies, as far as a supply goes: it holds and steps, and falls slowly."""
+"""Source contract of DC supplies, as far as it applies: holds and steps, slow fall."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -171,7 +171,7 @@ def test_a_fall_slower_than_promised_is_a_sentence_with_a_remedy(model: str) -> 
 def test_an_output_that_went_off_is_not_at_rest(model: str) -> None:
     with direct(model) as device_under_test:
         source, bench, clock = energised(device_under_test)
-        bench.supply.output_on = False  # somebody's finger on the front panel
+        bench.supply.output_on = False  # switched off at the front panel
         bench.supply.update_output()
         clock.sleep(1.0)
         assert not source.is_at_rest(2.5, 0.0, 5.0)
@@ -211,4 +211,4 @@ def test_a_restart_finds_a_held_level_and_brings_it_to_rest_in_small_steps(model
         clock.sleep(0.5)
         report = bench.report()
         assert_safe_voltage(report)
-        assert report.steepest_v_per_s < 200  # at once it would be 1500
+        assert report.steepest_v_per_s < 200  # a single step would be 1500

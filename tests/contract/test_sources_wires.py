@@ -1,4 +1,4 @@
-"""The source contract on a serial line, over HiSLIP, VXI-11 and USB-TMC: other wires, each with a resynchronisation of its own."""
+"""Source contract over a serial line, HiSLIP, VXI-11 and USB-TMC, with the resynchronisation of each."""
 
 import gc
 import sys
@@ -64,7 +64,7 @@ def wired(kind: type, impatient_s: float = IMPATIENT_S, **truth: object) -> Iter
         impatient_while_broken(link, bench, impatient_s)
         yield bench, link
         link.close()
-    if kind is HislipServer:  # what it left open is told by its collection, here and not in another test
+    if kind is HislipServer:  # unclosed sockets are reported by garbage collection here and not in another test
         gc.collect()
 
 

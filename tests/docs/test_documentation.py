@@ -1,4 +1,4 @@
-"""The documentation says what is so: the reference is what the code gives, links lead somewhere, commands run."""
+"""Documentation: the reference matches the code, links resolve, commands run."""
 
 import importlib.util
 import re
@@ -59,8 +59,8 @@ def matches(word: str) -> list[str]:
 
 
 def blocks(page: Path) -> Iterator[tuple[str, str, str]]:
-    for kind, wanted, text in FENCE.findall(page.read_text("utf-8")):
-        yield kind, wanted.removeprefix(" exit="), text
+    for kind, exit_code, text in FENCE.findall(page.read_text("utf-8")):
+        yield kind, exit_code.removeprefix(" exit="), text
 
 
 @pytest.mark.parametrize("page", COMMANDED)
@@ -68,17 +68,17 @@ def test_every_command_does_what_the_page_says(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for kind, wanted, text in blocks(page):
+    for kind, exit_code, text in blocks(page):
         if kind == "python run":
             exec(compile(text, str(page), "exec"), {})
             continue
         for line in text.replace("\\\n", " ").splitlines():
-            words = [match for word in shlex.split(line, comments=True) for match in matches(word)]
-            if not words:
+            arguments = [match for word in shlex.split(line, comments=True) for match in matches(word)]
+            if not arguments:
                 continue
-            assert words[0] == "tactor-bench", f"{page.name}: {line}"
-            code = main(words[1:])
-            told = capfd.readouterr()
-            if wanted != "any":
-                assert code == int(wanted or 0), f"{page.name}: {line}\n{told.err}"
-            assert code != 2, f"{page.name}: {line}\n{told.err}"
+            assert arguments[0] == "tactor-bench", f"{page.name}: {line}"
+            code = main(arguments[1:])
+            captured = capfd.readouterr()
+            if exit_code != "any":
+                assert code == int(exit_code or 0), f"{page.name}: {line}\n{captured.err}"
+            assert code != 2, f"{page.name}: {line}\n{captured.err}"

@@ -1,4 +1,4 @@
-"""The handbook is built from the pages without a network, whole, and needs none when it is read."""
+"""Handbook: built from all pages without a network, readable without one."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""The guard: refuses with value, limit and remedy; sends nothing when it refuses; never clips."""
+"""Drive limits of the amplifier: rejects with value, limit and remedy; sends nothing; never clips."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from model.amplifier_map import AmplifierMap
 
 
 class ScriptedSource:
-    """Remembers what it was told; idles where it was moved."""
+    """Records commands; idles at the last commanded level."""
 
     identity = Identity("test", "source")
 
@@ -161,13 +161,13 @@ def test_a_source_that_fails_to_stop_is_moved_to_rest_all_the_same_and_the_first
         source.idle_level_v = idle_v  # type: ignore[method-assign]
     with pytest.raises(InstrumentError, match="it did not stop"):
         amplifier.return_to_rest()
-    # Where it idles cannot be asked: as slowly as for the furthest way.
+    # Its idle level cannot be queried: as slow as for the largest distance.
     assert source.told == [Ramp(4.0, 2.5, 0.5 if deaf else 0.3)]
-    assert amplifier.remaining_s > 0  # nobody has said that it obeyed
+    assert amplifier.remaining_s > 0  # the command was not confirmed
 
 
 def test_what_is_no_failure_of_the_instrument_breaks_the_way_off() -> None:
-    """The watchdog took the source over: a staircase that goes on now would be the second hand."""
+    """The watchdog took over the source: a ramp that continues now would be a second controller."""
     amplifier, source = guard()
     amplifier.start_drive(Hold(4.0, 1.0))
     source.told.clear()

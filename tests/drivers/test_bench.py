@@ -1,4 +1,4 @@
-"""Arming and the way out, each with something wrong: what the bench does, what it says, and the volts meanwhile."""
+"""Arming and safe shutdown with faults: actions of the bench, messages, and voltage meanwhile."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -111,7 +111,7 @@ def test_rest_that_is_not_there_keeps_high_voltage_off(lab: BenchConnection, aga
         pass
     assert hand.told == ["off"]
     assert world.report().live_s == 0
-    if again:  # the source says now that it is at rest: nobody believes it, and nobody knows whether the voltage is off
+    if again:  # the source now reports rest, which does not count; whether the voltage is off is unknown
         with pytest.raises(UnsafeError) as failed, live(lab, hand):
             pass
         assert str(failed.value.__cause__).startswith("the generator says it is at rest, but the card sees")
@@ -163,7 +163,7 @@ def test_a_card_that_is_gone_while_high_voltage_is_on_from_an_earlier_run_is_uns
     ):
         pass
     lab.bench.clock.sleep(0.05)
-    assert lab.control.report().ends_at_rest  # it was told to rest all the same
+    assert lab.control.report().ends_at_rest  # it was commanded to rest nevertheless
     lab.control.clear()
     with live(lab):
         pass
@@ -234,7 +234,7 @@ def test_a_wire_that_is_dead_on_the_way_out_is_opened_anew_and_the_level_comes_d
         armed.start_drive(Hold(3.5, 10.0))
         begin_s = lab.bench.clock.now()
     assert wire.opened == 0  # not where the source obeys
-    assert lab.bench.clock.now() - begin_s < 1.5  # told at once, not only when the card saw no rest
+    assert lab.bench.clock.now() - begin_s < 1.5  # reported immediately, not only after the card measured no rest
     with live(lab) as armed:
         armed.start_drive(Hold(3.5, 10.0))
         wire.cut = True

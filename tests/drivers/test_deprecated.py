@@ -1,4 +1,4 @@
-"""Old names: each one of the table resolves, warns with both names, and may be overridden."""
+"""Deprecated names: each resolves, warns with both names, and may be overridden."""
 
 import importlib
 import sys

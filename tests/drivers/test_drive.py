@@ -1,4 +1,4 @@
-"""The drive vocabulary: what a drive says of itself is true of its samples."""
+"""Drives: their declared properties hold for their samples."""
 
 import math
 from typing import get_args
@@ -52,15 +52,15 @@ def test_kinds_in_files_never_change_and_every_drive_has_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("record", "words"),
+    ("record", "message"),
     [
         ({"kind": "Chirp", "level_v": 1.0}, "unknown drive 'Chirp': this version knows Hold, .*; install a newer one"),
         ({"level_v": 1.0}, "unknown drive None"),
         ({"kind": "Hold", "volts": 1.0}, "not a drive: "),
     ],
 )
-def test_a_record_that_is_no_drive_of_this_version_is_refused(record: dict[str, object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_a_record_that_is_no_drive_of_this_version_is_refused(record: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         from_record(record)
 
 

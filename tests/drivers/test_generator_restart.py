@@ -1,4 +1,4 @@
-"""What a generator does with a burst or a level that another program left in it: it ends it, gently."""
+"""Generators in which another program left a burst or a level: it is ended gently."""
 
 import numpy as np
 import pytest

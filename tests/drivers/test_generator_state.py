@@ -1,4 +1,4 @@
-"""What an armed generator must read back as: whatever a hand at the front panel changed is noticed."""
+"""Readback of an armed generator: every change at the front panel is detected."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Nothing keeps a generator from going down to rest: not others' errors, not answers that cannot be read."""
+"""Ramp to rest of a generator despite foreign errors and unreadable replies."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -74,7 +74,7 @@ def test_it_stops_although_its_answers_cannot_be_read_and_tells_so(make, model: 
         with pytest.raises(LinkError, match="answers could not be read, and the way to rest was sent blind"):
             source.stop()
         bench.clock.sleep(0.3)
-        assert_safe_voltage(bench.report())  # stands still at rest, and came there in small steps
+        assert_safe_voltage(bench.report())  # constant at rest, reached in small steps
         bench.clear(fault)
         bench.clock.sleep(0.1)
         source.reconnect()

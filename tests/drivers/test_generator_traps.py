@@ -1,4 +1,4 @@
-"""What each box would do to a naive driver, and what ours does about it. The judge is the volts at the amplifier."""
+"""Peculiarities of each generator that a naive driver misses, checked by the voltage at the amplifier."""
 
 from collections.abc import Callable
 
@@ -93,7 +93,7 @@ def test_a_tektronix_1000_left_at_fifty_ohm_is_found_by_measuring_and_high_volta
             lab.bench.armed(5000.0, lambda _: None, Switch(control)),
         ):
             pass
-        assert source.is_source_at_rest()  # by its own word it is; nobody believed it
+        assert source.is_source_at_rest()  # by its own reply it is; the reply did not count
         assert control.report().live_s == 0
 
 
@@ -109,7 +109,7 @@ class Switch:
 
 
 def test_a_rigol_found_in_dc_is_read_where_it_tells_the_truth() -> None:
-    """VOLT:OFFS? answers 0; who believed it would go to rest from 0 V, by a jump of 2.5 V."""
+    """VOLT:OFFS? returns 0; a driver that trusts it would ramp to rest from 0 V, with a jump of 2.5 V."""
     source, _, link = live("DG1032Z")
     link.write(":SOUR1:FUNC DC;:SYST:ERR?")
     link.read()

@@ -1,4 +1,4 @@
-"""What a generator plays is what it was told last, whatever became of its waveform memory, its clock or the wire."""
+"""Generator waveforms: the last commanded drive is played, whatever happened to memory, clock or connection."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_a_memory_that_is_full_is_cleared_with_next_to_nothing_on_the_output(mon
     bench.clock.sleep(0.1)
     bench.enable_hv()
     source.start_drive(Sine(100.0, 2.5, 2.5, 5))
-    bench.clock.sleep(0.2)  # it has ended by itself, its amplitude stands
+    bench.clock.sleep(0.2)  # it has ended by itself, its amplitude is unchanged
     source.start_drive(Steps((2.5, 2.6, 2.5), 0.05, 0.05))
     bench.clock.sleep(0.4)
     report = bench.report()
@@ -76,7 +76,7 @@ def test_a_box_that_plays_another_rate_than_it_was_told_is_said_and_nothing_is_p
 def test_a_waveform_whose_loading_was_never_answered_is_not_taken_for_the_one_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The box has taken the steps, and nobody knows: the next sine must be loaded anew, or it would play the steps."""
+    """The generator has accepted the steps without confirmation: the next sine must be uploaded again, or the steps would be played."""
     source, bench, _ = made("33511B")
     source.initialize_at_rest(2.5, 0.0, 5.0)
     bench.enable_hv()

@@ -1,4 +1,4 @@
-"""The Keysight driver against the traps of its box, and what it says over the wire."""
+"""Keysight 33500 driver: peculiarities of the instrument, and the messages on the wire."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What an analogue output can do to a specimen that a generator cannot, and how the driver keeps it from it."""
+"""Analogue output of the card: hazards that a generator does not have, and how the driver prevents them."""
 
 from collections.abc import Iterator
 from dataclasses import replace

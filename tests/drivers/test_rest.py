@@ -1,4 +1,4 @@
-"""What is taken for rest, and what is not: volts of a scripted card, block by block."""
+"""Criteria for rest: voltages of a scripted card, block by block."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ REST_V = 2.5
 def watched(
     volts: Callable[[np.ndarray], np.ndarray], before: RestMeasurement | None = None, begin_s: float = 0.0
 ) -> RestMeasurement:
-    """What is said of a drive that is `volts(t)`, looked at from `begin_s` on for two seconds."""
+    """Return the verdict on a drive `volts(t)`, measured from `begin_s` for two seconds."""
     clock = VirtualClock()
     clock.sleep(begin_s)
     index = int(begin_s * RATE_HZ)
@@ -100,7 +100,7 @@ def test_what_is_not_rest_is_told_with_its_lowest_and_highest_of_the_last_second
     seen = watched(lambda t: 2.5 + 2.5 * np.sin(2 * np.pi * 25 * t))
     assert "(lowest 0.000 V, highest 5.000 V)" in seen.message
     seen = watched(lambda t: 2.5 + np.where(t < 0.5, 2.0, 0.3) * np.sin(2 * np.pi * 25 * t))
-    assert "(lowest 2.200 V, highest 2.800 V)" in seen.message  # what was over long before is not told
+    assert "(lowest 2.200 V, highest 2.800 V)" in seen.message  # earlier samples are not reported
     assert "lowest 1.000 V, highest 4.000 V" in words_of((1.0, 4.0))  # slower than a block
 
 

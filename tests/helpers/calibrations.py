@@ -1,4 +1,4 @@
-"""A calibration as somebody might have accepted it."""
+"""Accepted calibration for tests."""
 
 from collections.abc import Mapping
 

@@ -121,7 +121,7 @@ class Cell:
     reason: str
     told_rest: RestMeasured | None
     at_rest: bool
-    """The plant's input stands still at rest, and nothing will move it."""
+    """Return whether the plant's input is constant at rest and will remain so."""
     end_v: float
     largest_jump_v: float
     file_status: str
@@ -186,7 +186,7 @@ class _Looker:
 
 
 class _Breaker:
-    """Breaks the fault when the moment has come; it sees the run's events and the messages to the generator."""
+    """Injects the fault at its moment; observes the run's events and the messages to the generator."""
 
     def __init__(self, bench: SimulatedBench, fault: str, moment: str, seen: "Moments") -> None:
         self.bench, self.fault, self.moment, self._seen = bench, fault, moment, seen
@@ -247,7 +247,7 @@ def moments_of(name: str) -> Moments:
 
 
 def _on_moves(bench: SimulatedBench, told: Callable[[], None]) -> None:
-    """Be told before every message that moves the generator's output."""
+    """Call back before every message that moves the generator's output."""
     handle = bench.message_port.handle
 
     def handled(message: str) -> Any:
@@ -260,7 +260,7 @@ def _on_moves(bench: SimulatedBench, told: Callable[[], None]) -> None:
 
 @cache
 def _bench_file() -> BenchConfig:
-    # A coarse grid is enough where nobody looks at the beam, and makes the matrix several times as fast.
+    # The beam's motion is not checked here: a coarse grid suffices and makes the matrix several times as fast.
     return simulated(plant_rate_hz=20_000.0, modes=3)
 
 

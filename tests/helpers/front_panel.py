@@ -1,4 +1,4 @@
-"""A generator with a second wire to it: somebody's hand at the front panel, or another program."""
+"""Second connection to a generator: a change at its front panel, or another program."""
 
 from drivers.generators.burst_generator import BurstGenerator
 from drivers.transport.scpi import Link

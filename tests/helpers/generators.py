@@ -1,4 +1,4 @@
-"""Function generators that have a driver, each with its simulated box, and the timeout of a broken wire."""
+"""Function generators that have a driver, each with its simulated instrument, and the timeout of a broken connection."""
 
 from functools import cache
 

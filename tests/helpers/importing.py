@@ -1,4 +1,4 @@
-"""Bringing a table in, as a person does: the run file it becomes, or the sentence that refuses it."""
+"""Import of a table by the command line: returns the run file or the error message."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def points(path: Path) -> dict[str, np.ndarray]:
 
 def refused(path: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main(["import", str(path), "--out", str(path.parent / "runs"), *arguments]) == 2
-    told = capsys.readouterr()
-    assert "Traceback" not in told.err
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
     assert not list((path.parent / "runs").glob("*.h5"))
-    return told.err
+    return captured.err

@@ -39,7 +39,7 @@ class Level:
 
 
 class Levels(Protocol):
-    """Levels one after the other; what else happens is told by the flags."""
+    """Holds levels one after the other; flags select further steps."""
 
     name: ClassVar[str] = "levels"
     title: ClassVar[str] = "Levels"
@@ -103,7 +103,7 @@ class Handy:
 
 
 def resumed(path: Path, folder: Path, lab: Any, again: Sequence[int] = (), operator: Any = None) -> Ran:
-    """Go on with a run, as a session does."""
+    """Resume a run, as a session does."""
     events: list[Any] = []
     request = RunRequest.resuming(path, folder, again)
     runner = Runner(request, lab.bench, operator or lab.operator, EventBus(events.append))

@@ -1,4 +1,4 @@
-"""A real window over a session that only listens: tests tell it what happened and press its keys."""
+"""Main window with a recording session adapter: tests send events and press keys."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -54,7 +54,7 @@ def grab(window: MainWindow, path: Path) -> None:
 
 @dataclass
 class ListeningSession:
-    """Does nothing but remember what it was asked."""
+    """Records requests and does nothing else."""
 
     bench: Any = None
     runs: list[tuple[Protocol, Path, str]] = field(default_factory=list)
@@ -66,7 +66,7 @@ class ListeningSession:
     resumes: int = 0
     closed: bool = False
     lets_go: bool = True
-    """Whether it ends as soon as it is asked to."""
+    """Whether it ends immediately when closed."""
 
     def start(self) -> None: ...
 
@@ -98,13 +98,13 @@ class ListeningSession:
 
 @dataclass
 class Stage:
-    """A shown window, and hands to act on it."""
+    """A shown window with functions to operate it."""
 
     window: MainWindow
     session: ListeningSession
 
     def happen(self, *events: SessionEvent) -> None:
-        """Tell events as the bench thread would, and let the window hear them."""
+        """Emit events as the bench thread does, and let the window process them."""
         for event in events:
             self.window.adapter.observe(event)
         self.window.tick()
@@ -114,7 +114,7 @@ class Stage:
 
 
 class Bench(SessionAdapter):
-    """The simulated bench on its virtual clock, with hands that may break it when a point arrives."""
+    """Simulated bench on its virtual clock, with fault injection when a point is measured."""
 
     def __init__(self, config: BenchConfig) -> None:
         self.laboratory: BenchConnection | None = None

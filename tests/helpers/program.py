@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Program:
-    """`tactor-bench run` as a person at a terminal sees it, on a bench file that names real addresses."""
+    """`tactor-bench run` as in a terminal, on a bench file with real addresses."""
 
     def __init__(self, bench: SimulatedBench, process: subprocess.Popen[str]) -> None:
         self.bench, self.process = bench, process
@@ -36,13 +36,13 @@ class Program:
                 self._grew.notify_all()
 
     def wait_for(self, words: str) -> None:
-        """Until the program has said `words`."""
+        """Wait until the program has printed `words`."""
         with self._grew:
             found = self._grew.wait_for(lambda: any(words in line for line in self.said), timeout=90)
         assert found, "\n".join(self.said)
 
     def answer(self, words: str, act: object = None, say: str = "") -> None:
-        """Do what the prompt says, then type what it asks for and press Enter."""
+        """Perform the action of a prompt, then type its answer and press Enter."""
         self.wait_for(words)
         if callable(act):
             act()

@@ -1,4 +1,4 @@
-"""What the report's tests measure: a tactor that is not the table's, shortly; and the blocks of a report."""
+"""Specimen of the report tests: a tactor with other parameters than Table I; access to the blocks of a report."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +14,6 @@ STEPS = VoltageSteps(levels_v=(1.0, 4.0), repeats=1, rest_s=0.2, read_s=0.2, hol
 
 
 def blocks_of(report: Report, kind: type) -> Sequence[Any]:
-    """All words, tables or plots of a report, in order."""
+    """Return all blocks of one kind of a report, in order."""
     every = (*report.first_page, *(block for section in report.appendix for block in section.blocks))
     return [block for block in every if isinstance(block, kind)]

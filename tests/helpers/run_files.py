@@ -80,7 +80,7 @@ def crashed_run(folder: Path, specimen: str = "T3") -> Path:
 
 
 def newer_run(folder: Path, specimen: str = "T5") -> Path:
-    """A run of a format that nobody here knows yet."""
+    """A run of a future format."""
     path = finished_run(folder, specimen)
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"] = 99

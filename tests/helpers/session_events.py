@@ -1,4 +1,4 @@
-"""Events as a bench tells them."""
+"""Session events for tests."""
 
 import numpy as np
 

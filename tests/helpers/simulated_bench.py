@@ -52,7 +52,7 @@ def laboratory(config: BenchConfig | None = None) -> Iterator[BenchConnection]:
 
 @contextmanager
 def installed(library: Any) -> Iterator[None]:
-    """NI's driver on this computer, or what stands in for it: the package loads `library` as it would NI's own."""
+    """Replace NI's C library: the package loads `library` instead of NI's own."""
     from nidaqmx._lib import DaqFunctionImporter, lib_importer
 
     before = lib_importer._windll, lib_importer._cdll, lib_importer._encoding
@@ -88,7 +88,7 @@ def run(
     safe: bool = True,
     operator: Any = None,
 ) -> Ran:
-    """Run a protocol on a virtual bench; unless the test says otherwise, the volts must have been safe."""
+    """Run a protocol on a virtual bench; by default the voltage must have been safe."""
     events: list[Event] = []
     control = RunControl(cancel or threading.Event(), pause or threading.Event())
     request = RunRequest(protocol, folder, "T1")

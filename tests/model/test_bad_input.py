@@ -1,4 +1,4 @@
-"""What is not physical is refused in one sentence that names parameter, value, limit and remedy."""
+"""Unphysical input is rejected in one sentence with parameter, value, limit and remedy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The quick curve against the thorough one, and the motion against the curve."""
+"""Fast response against the full response; deflection shape against the response."""
 
 import numpy as np
 import pytest

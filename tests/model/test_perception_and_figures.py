@@ -1,4 +1,4 @@
-"""The threshold against the response, and the figures with what their captions claim."""
+"""Perception threshold against the response, and the paper's figures with the statements of their captions."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Physics that holds for every admissible tactor: the laws judge the equations, and each solution the other."""
+"""Physical properties of every admissible tactor: conservation laws, and independent solutions compared."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_statics_are_the_zero_frequency_limit(t: Tactor) -> None:
         w = exact_response(t, 0.0, x=x, excitation=source)[:, 0]
         assert w.real == pytest.approx(deflection(t, x, volts, load), rel=1e-9, abs=1e-12 * abs(whole))
         assert w[-1].real == pytest.approx(whole, rel=1e-9)
-        # The inertia of a soft tactor shows at 1e-4 Hz: how slow is slow enough is told by its resonance.
+        # The inertia of a soft tactor shows at 1e-4 Hz: how slow is slow enough follows from its resonance.
         slow = exact_response(t, natural_frequencies(t)[0] * np.logspace(-14, -6, 9), excitation=source)
         assert slow.real == pytest.approx(np.full(9, whole), rel=1e-9)
     # Eq. (16) holds the whole static answer to a voltage; the load's is only approached

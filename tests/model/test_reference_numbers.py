@@ -1,4 +1,4 @@
-"""Every number of the settled physics, obtained elsewhere from a closed-form solution, is reproduced here."""
+"""Reference numbers, obtained independently from a closed-form solution."""
 
 import numpy as np
 import pytest

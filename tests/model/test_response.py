@@ -1,4 +1,4 @@
-"""The frequency response under a pure sine, and the periodic response under what the amplifier really delivers."""
+"""Frequency response to a pure sine, and periodic response to the amplifier's output."""
 
 import numpy as np
 import pytest

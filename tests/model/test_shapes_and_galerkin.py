@@ -1,4 +1,4 @@
-"""The shape functions are the paper's, stable at any order, and the Galerkin solution converges to the exact one."""
+"""Shape functions of the paper, stable at any order; convergence of Galerkin to the exact solution."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Skin stiffness without a jump at zero pre-stretch, and the sag of the membrane between its two limits."""
+"""Skin stiffness, continuous at zero pre-stretch; sag of the membrane between its two limits."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Studies: any variable, chunk by chunk, in process or on any executor; presets, sensitivity and their files."""
+"""Parameter studies: any variable, in chunks, in process or on any executor; presets, sensitivity, files."""
 
 import csv
 import tracemalloc
@@ -101,7 +101,7 @@ def test_a_chunk_stays_within_its_memory(measure: str) -> None:
 
 
 class Counting(Executor):
-    """Runs at once, and counts what was handed out and not yet fetched."""
+    """Executor that runs tasks immediately and counts results not yet fetched."""
 
     def __init__(self) -> None:
         self.submitted = 0

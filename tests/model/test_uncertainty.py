@@ -1,4 +1,4 @@
-"""Bands: what goes in comes out, linearised and sampled."""
+"""Uncertainty bands: linearised and sampled propagation agree."""
 
 import numpy as np
 import pytest

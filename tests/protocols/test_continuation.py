@@ -1,4 +1,4 @@
-"""What was stopped goes on as one run, points are measured again, and what has drifted meanwhile is noticed."""
+"""Resumed runs: one run in the file, points measured again, drift in between detected."""
 
 import threading
 from pathlib import Path
@@ -40,7 +40,7 @@ def test_what_was_stopped_goes_on_as_one_run(known: None, tmp_path: Path) -> Non
         ):
             if usable:
                 assert (again[entry].level, again[entry].displacement) == (level, moved)
-    with h5py.File(ran.path) as plain:  # what anybody's reader sees
+    with h5py.File(ran.path) as plain:  # as any HDF5 reader does
         assert plain["entry/earlier/trace/drive"].shape[0] > 0
 
 

@@ -1,4 +1,4 @@
-"""Entries of a plan: pausing, measuring again, going on after an interruption, hands on the specimen, more on demand."""
+"""Plan entries: pause, measuring again, resume, manual steps on the specimen, refinement."""
 
 import threading
 from collections.abc import Generator, Sequence
@@ -86,12 +86,12 @@ def test_hands_reach_the_specimen_only_at_measured_rest_with_high_voltage_off(tm
 
         operator.show = watching  # type: ignore[method-assign]
         ran = run(protocol, tmp_path, lab, operator=operator)
-        told = rehearse(protocol, lab.bench.amplifier)
+        rehearsal = rehearse(protocol, lab.bench.amplifier)
     assert ran.status == RunStatus.COMPLETED
     off, on = "disable-high-voltage", "enable-high-voltage"
     assert [p.action for p in operator.asked] == [off, on, off, "fix-mass", on, off, "fix-mass", on]
     assert states == [False, False]
-    assert told.prompts == len(operator.asked)
+    assert rehearsal.prompts == len(operator.asked)
 
 
 def test_an_entry_can_ask_for_itself_or_the_one_before_again(tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_without_high_voltage_it_is_switched_off_and_the_drive_seen_at_rest(tmp_
 
 
 class Landing:
-    """Sees something after some samples."""
+    """Detects a step after a number of samples."""
 
     def __init__(self, after: int) -> None:
         self.left = after
@@ -169,9 +169,11 @@ class Landing:
         return self.left <= 0
 
 
-@pytest.mark.parametrize(("action", "seen", "words"), [("never", True, "seen by the laser"), ("ready", False, "done")])
+@pytest.mark.parametrize(
+    ("action", "seen", "message"), [("never", True, "seen by the laser"), ("ready", False, "done")]
+)
 def test_a_wait_ends_by_what_the_laser_sees_or_by_the_operator(
-    action: str, seen: bool, words: str, tmp_path: Path
+    action: str, seen: bool, message: str, tmp_path: Path
 ) -> None:
     ended: list[Any] = []
 
@@ -187,8 +189,8 @@ def test_a_wait_ends_by_what_the_laser_sees_or_by_the_operator(
         ran = run(Waiting(levels_v=(2.0,)), tmp_path, lab, operator=Handy(lab.operator))
     assert ran.status == RunStatus.COMPLETED
     assert ended[0].detected == seen
-    asked = next(e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == action)
-    assert words in [e.words for e in ran.events if isinstance(e, PromptAnswered) and e.ask_id == asked]
+    ask_id = next(e.ask_id for e in ran.events if isinstance(e, PromptShown) and e.prompt.action == action)
+    assert message in [e.words for e in ran.events if isinstance(e, PromptAnswered) and e.ask_id == ask_id]
 
 
 @pytest.mark.parametrize("step", [Ask(Prompt("bump", "Go")), WaitForDetection(Prompt("bump", "Go"), Landing(10**9))])
@@ -197,11 +199,11 @@ def test_what_the_card_saw_before_the_answer_is_not_in_the_recording_after_it(st
         """The program is two seconds behind the card when the answer comes."""
 
         def answer(self, ask_id: int) -> str | None:
-            words = super().answer(ask_id)
-            if words and self.asked[-1].action == "bump":
+            text = super().answer(ask_id)
+            if text and self.asked[-1].action == "bump":
                 lab.control.clock.sleep(2.0)
                 lab.control.perform_action("bump-sensor", {"by_m": 1e-4})
-            return words
+            return text
 
     class Bumped(Levels):
         name: ClassVar[str] = "bumped"

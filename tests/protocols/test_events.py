@@ -1,4 +1,4 @@
-"""The names under which events are stored and printed."""
+"""Event kinds as stored and printed."""
 
 from dataclasses import fields
 from typing import get_args

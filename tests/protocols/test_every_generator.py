@@ -1,4 +1,4 @@
-"""The same measurement on every make of generator: same points, and volts that were safe on the way."""
+"""The same measurement with every make of generator: same points, safe voltage throughout."""
 
 from pathlib import Path
 

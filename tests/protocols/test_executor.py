@@ -1,4 +1,4 @@
-"""The steps of an entry: each is answered, what the bench cannot do is a sentence, and the card is emptied meanwhile."""
+"""Executor: results of steps, unsupported steps reported, the card read during analysis."""
 
 import threading
 import tracemalloc
@@ -42,7 +42,7 @@ def test_prompts_notes_and_recordings_are_answered(tmp_path: Path) -> None:
 
 
 class Hesitant:
-    """Answers the run's prompts late, as a person does; the card goes on sampling meanwhile."""
+    """Answers the run's prompts late, as an operator does; the card continues sampling meanwhile."""
 
     def __init__(self, hands: Any, polls: int) -> None:
         self.hands, self.polls = hands, polls

@@ -1,4 +1,4 @@
-"""The free decay on a simulated bench: it rings as the plant's first pole says."""
+"""Free decay on a simulated bench: frequency and damping of the plant's first pole."""
 
 from pathlib import Path
 

@@ -49,9 +49,9 @@ def test_its_form_has_units_ranges_and_words(kind: type[Protocol]) -> None:
 
 def test_its_run_is_rehearsed_measured_and_drawn(kind: type[Protocol], tmp_path: Path) -> None:
     with laboratory() as lab:
-        told = rehearse(kind(), lab.bench.amplifier)  # type: ignore[call-arg]
+        rehearsal = rehearse(kind(), lab.bench.amplifier)  # type: ignore[call-arg]
         ran = run(kind(), tmp_path, lab)  # type: ignore[call-arg]
-    assert (told.entries, told.highest_specimen_v) == (2, 900.0)
+    assert (rehearsal.entries, rehearsal.highest_specimen_v) == (2, 900.0)
     assert ran.status == "completed"
     assert [round(p.level, 2) for p in ran.points] == [3.0, 4.0]
     assert ran.points[0].displacement == pytest.approx(300 * 2.37886e-7, rel=2e-3)  # Eq. (8): 300 V on the specimen

@@ -1,4 +1,4 @@
-"""Loops: the hysteresis that was put into the simulated tactor comes out, damping is told apart, and neither is invented."""
+"""Hysteresis: the simulated hysteresis is measured, damping is distinguished, neither is invented."""
 
 from pathlib import Path
 
@@ -131,10 +131,10 @@ def test_it_is_one_of_the_protocols_and_the_rehearsal_tells_how_long_it_takes(tm
     assert PROTOCOLS["hysteresis"] is Hysteresis
     short = Hysteresis(frequencies_hz=(1.0,), cycles=2)
     with laboratory() as lab:
-        told = rehearse(short, lab.bench.amplifier)
+        rehearsal = rehearse(short, lab.bench.amplifier)
         begin_s = lab.bench.clock.now()
         ran = run(short, tmp_path, lab)
-        assert told.duration_s == pytest.approx(lab.bench.clock.now() - begin_s, rel=0.3)
+        assert rehearsal.duration_s == pytest.approx(lab.bench.clock.now() - begin_s, rel=0.3)
     assert ran.points[0].cycles == 2
 
 

@@ -1,4 +1,4 @@
-"""The sag of the simulated membrane, and the modulus that was put into it."""
+"""Membrane sag on the simulated bench: the true modulus is measured."""
 
 import threading
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The membrane series: dwells at elongations between two of the free tactor; a membrane stretched the wrong way is noticed."""
+"""Membrane series: dwells at elongations between two of the free tactor; a wrongly stretched membrane is detected."""
 
 import math
 from pathlib import Path
@@ -50,10 +50,10 @@ def test_every_point_is_the_models_at_its_elongation(ran) -> None:
 
 
 def test_hands_are_asked_once_for_each_elongation_in_millimetres_and_turns(ran) -> None:
-    asked = [e.prompt for e in ran.events if isinstance(e, PromptShown) and "high-voltage" not in e.prompt.action]
-    assert [p.action for p in asked] == ["remove-membrane", *["stretch-membrane"] * 3, "remove-membrane"]
-    assert all(p.hands_on for p in asked)
-    assert "stretch it by 2.54 mm, 2.00 turns" in asked[2].text
+    prompts = [e.prompt for e in ran.events if isinstance(e, PromptShown) and "high-voltage" not in e.prompt.action]
+    assert [p.action for p in prompts] == ["remove-membrane", *["stretch-membrane"] * 3, "remove-membrane"]
+    assert all(p.hands_on for p in prompts)
+    assert "stretch it by 2.54 mm, 2.00 turns" in prompts[2].text
 
 
 def test_a_series_that_is_as_it_should_be_gets_no_remark_and_its_drift_is_nothing(ran) -> None:
@@ -69,9 +69,9 @@ def test_a_series_that_is_as_it_should_be_gets_no_remark_and_its_drift_is_nothin
 def test_a_membrane_stretched_the_wrong_way_is_noticed_while_it_can_still_be_mended(tmp_path: Path) -> None:
     with laboratory() as lab:
         ran = run(SERIES, tmp_path, lab, operator=Mistaken(lab.control))
-    said = [text for text in notes(ran) if "stretched the wrong way" in text]
-    assert len(said) == 2
-    assert said[0].startswith("At 2.54 mm the tactor moves")
+    messages = [text for text in notes(ran) if "stretched the wrong way" in text]
+    assert len(messages) == 2
+    assert messages[0].startswith("At 2.54 mm the tactor moves")
     kinds = [(e.kind, getattr(e, "text", "")) for e in ran.events]
     heard = next(i for i, (_, text) in enumerate(kinds) if "wrong way" in text)
     assert "EntryBegan" in [kind for kind, _ in kinds[heard:]]

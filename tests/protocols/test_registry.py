@@ -1,4 +1,4 @@
-"""The list of protocols says of each what the protocol says of itself, and imports none before it is asked for."""
+"""Protocol registry: names and titles match the protocols', which are imported on first use."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The rehearsal refuses what cannot be before anything moves, and expects of the tactor what the model's tables say."""
+"""Rehearsal: rejects impossible runs before anything is driven; predicts travel as the model does."""
 
 import shutil
 from collections.abc import Generator
@@ -81,20 +81,18 @@ def test_a_held_level_does_not_ring_and_a_fast_step_does() -> None:
 
 def test_a_displacement_beyond_the_sensors_range_is_a_caution_and_the_worst_moment() -> None:
     near = LaserSensor("laser", 1e-4, valid_low_v=-3, valid_high_v=3)
-    told = rehearse(SineDwell(), guard(), sensor=near, tactor=Tactor())
-    assert told.worst.startswith("150 Hz: +")
-    assert "% of the sensor's range" in told.worst
-    assert any("leave the sensor's range" in words for words in told.cautions)
-    assert not any(
-        "sensor" in words for words in rehearse(SineDwell(), guard(), sensor=SENSOR, tactor=Tactor()).cautions
-    )
+    rehearsal = rehearse(SineDwell(), guard(), sensor=near, tactor=Tactor())
+    assert rehearsal.worst.startswith("150 Hz: +")
+    assert "% of the sensor's range" in rehearsal.worst
+    assert any("leave the sensor's range" in text for text in rehearsal.cautions)
+    assert not any("sensor" in text for text in rehearse(SineDwell(), guard(), sensor=SENSOR, tactor=Tactor()).cautions)
 
 
 def test_the_current_into_the_specimen_is_held_against_the_amplifiers() -> None:
     # 600 V/V x 2 pi 250 Hz x 2.5 V x 1.2 nF
-    told = rehearse(SineDwell(), guard(current_limit_a=3e-3, specimen_capacitance_f=1.2e-9))
-    assert told.worst == "250 Hz: 2.8 mA into the specimen, 94 % of the limit"
-    assert told.cautions == ()
+    rehearsal = rehearse(SineDwell(), guard(current_limit_a=3e-3, specimen_capacitance_f=1.2e-9))
+    assert rehearsal.worst == "250 Hz: 2.8 mA into the specimen, 94 % of the limit"
+    assert rehearsal.cautions == ()
     with pytest.raises(
         DriveRejectedError, match=r"^250 Hz: Sine refused: it needs 2.83 mA into 1.2 nF, and .* 2.5 mA; lower"
     ):

@@ -1,4 +1,4 @@
-"""Resonance and damping from the points of a dwell: pulled by neither noise nor the modes above."""
+"""Resonance and damping from the points of a dwell: not biased by noise or higher modes."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""The run file: readable at every moment, nothing raw lost, faults in sentences."""
+"""Run file: readable at every moment, no raw data lost, errors as sentences."""
 
 import contextlib
 import json
@@ -175,7 +175,7 @@ def test_a_file_that_cannot_grow_fails_the_run_at_rest_and_keeps_what_was_writte
     assert events[-2]["confirmed"]
     with Run(Path(events[-1]["path"])) as file:
         assert file.trace.sample_count > 5_000
-        assert file.state in ("crashed", "failed")  # the status is told where it still can be
+        assert file.state in ("crashed", "failed")  # the status is written if that is still possible
         assert file.trace.drive_v().max() == pytest.approx(5, abs=0.01)
 
 

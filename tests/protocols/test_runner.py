@@ -1,4 +1,4 @@
-"""The runner: whatever ends a run, the source is at rest, measured, and the file says what happened."""
+"""Runner: however a run ends, the source is at measured rest, and the file has the events."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The sine dwell on a simulated bench whose truth is known: what it measures is what is there."""
+"""Sine dwell on a simulated bench with known parameters."""
 
 import threading
 from dataclasses import replace
@@ -50,7 +50,7 @@ def test_phase_is_that_of_the_model_with_the_sensors_delay_removed(ran) -> None:
 
 
 def test_phase_is_that_of_the_model_however_late_the_second_channel_is_converted(tmp_path: Path) -> None:
-    """80 us between the conversions are 7 degrees at 250 Hz; the file knows of them as well as the live run."""
+    """80 us between the conversions are 7 degrees at 250 Hz; the file and the live run both correct for them."""
     protocol = SineDwell(frequencies_hz=(100, 250), record_s=0.2)
     model = amplifier_response(Tactor(), np.array([100.0, 250.0]), 2.5)
     with laboratory(simulated(card={"convert_s": 8e-5})) as lab:
@@ -138,15 +138,15 @@ def test_what_does_not_settle_is_recorded_and_flagged(tmp_path: Path) -> None:
 @pytest.mark.deep
 def test_rehearsal_tells_what_the_run_then_needs(tmp_path: Path) -> None:
     with laboratory() as lab:
-        told = rehearse(SineDwell(), lab.bench.amplifier)
+        rehearsal = rehearse(SineDwell(), lab.bench.amplifier)
         begin = lab.bench.clock.now()
         ran = run(SineDwell(), tmp_path, lab)
         took = lab.bench.clock.now() - begin
-    assert told.duration_s == pytest.approx(took, rel=0.25)
-    assert told.file_bytes == pytest.approx(ran.path.stat().st_size, rel=0.35)
-    assert (told.lowest_specimen_v, told.highest_specimen_v) == (-500, 1500)
-    assert told.entries == 18
-    assert "250 Hz" in told.worst
+    assert rehearsal.duration_s == pytest.approx(took, rel=0.25)
+    assert rehearsal.file_bytes == pytest.approx(ran.path.stat().st_size, rel=0.35)
+    assert (rehearsal.lowest_specimen_v, rehearsal.highest_specimen_v) == (-500, 1500)
+    assert rehearsal.entries == 18
+    assert "250 Hz" in rehearsal.worst
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_the_header_names_everything_a_reader_needs() -> None:
 
 
 class Forgetful:
-    """A card that loses one block once it is told to."""
+    """A card that loses one block on request."""
 
     def __init__(self, digitizer: Any, when: threading.Event) -> None:
         self._digitizer, self._when = digitizer, when
@@ -204,7 +204,7 @@ def notes(ran) -> list[str]:
 
 
 def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) -> None:
-    """High voltage that nobody switched on: the drive is perfect, and the tactor stands still."""
+    """High voltage that was not switched on: the drive is correct, and the tactor does not move."""
     with laboratory(simulated(tactor={"mu": -1e-13})) as lab:
         ran = run(SineDwell(frequencies_hz=(100, 160)), tmp_path, lab)
     assert ran.status == "completed"
@@ -212,9 +212,9 @@ def test_a_specimen_that_does_not_move_is_flagged_and_said_to(tmp_path: Path) ->
         assert Quality.NO_RESPONSE in Quality(point.quality)
         assert not Quality(point.quality).usable
         assert point.drive_amplitude == pytest.approx(2.5, abs=1e-3)
-    said = [text for text in notes(ran) if "no response" in text]
-    assert len(said) == 2
-    assert "Check that the amplifier's high voltage is on" in said[0]
+    messages = [text for text in notes(ran) if "no response" in text]
+    assert len(messages) == 2
+    assert "Check that the amplifier's high voltage is on" in messages[0]
     with Run(ran.path) as file:
         assert file.estimates() == ()
 

@@ -1,4 +1,4 @@
-"""Static loading on the simulated bench: the plant's own compliance comes out, and awkward people get sentences."""
+"""Static loading on the simulated bench: the plant's compliance is measured, operator errors are reported."""
 
 import math
 import threading
@@ -36,12 +36,12 @@ def simulated(**truth: Any) -> Any:
 @contextmanager
 def laboratory(config: Any) -> Iterator[Any]:
     with simulated_bench.laboratory(config) as lab:
-        lab.bench.block_s = 0.2  # fewer, larger blocks: nobody waits for them here
+        lab.bench.block_s = 0.2  # fewer, larger blocks: latency does not matter here
         yield lab
 
 
 class Clumsy:
-    """A simulated operator whose hands do something else, once, where `does` says so."""
+    """A simulated operator who once performs another action, given by `does`."""
 
     def __init__(self, lab: Any, does: Callable[["Clumsy", Prompt], Prompt | str | None]) -> None:
         self.operator, self.bench, self.does = lab.operator, lab.control, does
@@ -108,7 +108,7 @@ def test_a_side_that_is_stiffer_and_creep_and_wrong_weights_are_noticed(tmp_path
     difference, error = found["difference of the sides"]
     assert abs(difference - 2 * (up - down) / (up + down)) < 4 * error
     assert abs(difference) > 5e-3
-    # The weights lie: the line says so, and its error knows.
+    # The weights are wrong: the fit shows it, and its standard error is larger.
     mean, error = found["compliance, mean of both sides"]
     assert 1e-4 < error / mean < 0.02
     assert abs(mean - (up + down) / 2) < 4 * error
@@ -129,10 +129,10 @@ def test_order_is_random_by_seed_and_the_same_again() -> None:
 
 def test_the_rehearsal_tells_hands_and_no_volts(tmp_path: Path) -> None:
     with laboratory(simulated()) as lab:
-        told = rehearse(StaticLoading(), lab.bench.amplifier)
-    assert told.highest_specimen_v == told.lowest_specimen_v == 0
-    assert told.prompts == 1 + 2 + 200
-    assert 600 < told.duration_s < 2400
+        rehearsal = rehearse(StaticLoading(), lab.bench.amplifier)
+    assert rehearsal.highest_specimen_v == rehearsal.lowest_specimen_v == 0
+    assert rehearsal.prompts == 1 + 2 + 200
+    assert 600 < rehearsal.duration_s < 2400
 
 
 @pytest.mark.parametrize(("wrong_kg", "says"), [(0.05, "too little"), (0.5, "too much")])

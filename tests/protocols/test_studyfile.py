@@ -1,4 +1,4 @@
-"""The study file: whatever is written chunk by chunk comes back, in NeXus, and never half or over something else."""
+"""Study file: written in chunks, read back, in NeXus, never partial, never overwriting."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Sweep and mass resonance on a simulated bench whose truth is known: resonance, damping and response are the plant's."""
+"""Sweep and mass resonance on a simulated bench with known resonance, damping and response."""
 
 import itertools
 import threading
@@ -25,7 +25,7 @@ from tests.helpers.level_protocol import resumed
 from tests.helpers.simulated_bench import Trigger, laboratory, run, simulated
 
 GAIN = 400.0
-"""Volts on the specimen for a volt at the input: the mean of the amplifier's two slopes, which is what a fundamental sees."""
+"""Volts on the specimen for a volt at the input: the mean of the amplifier's two slopes, which applies to the fundamental."""
 
 
 def first_pole(tactor: Tactor) -> tuple[float, float]:
@@ -134,12 +134,12 @@ def test_the_peak_of_each_mass_is_where_the_models_response_is_largest(loaded) -
 
 
 def test_masses_are_asked_for_by_hand_and_a_peak_near_the_bands_edge_gets_a_sentence(loaded) -> None:
-    asked = [e.prompt for e in loaded.events if isinstance(e, PromptShown) and e.prompt.action == "fix-mass"]
-    assert [prompt.values for prompt in asked] == [{"mass_kg": 2.75e-3}, {"mass_kg": 9.75e-3}]
-    assert all(prompt.hands_on for prompt in asked)
-    said = [e.text for e in loaded.events if isinstance(e, LogMessage) and "edge of the band" in e.text]
-    assert len(said) == 1
-    assert said[0].startswith("9.75 g: the peak at 136.")
+    prompts = [e.prompt for e in loaded.events if isinstance(e, PromptShown) and e.prompt.action == "fix-mass"]
+    assert [prompt.values for prompt in prompts] == [{"mass_kg": 2.75e-3}, {"mass_kg": 9.75e-3}]
+    assert all(prompt.hands_on for prompt in prompts)
+    messages = [e.text for e in loaded.events if isinstance(e, LogMessage) and "edge of the band" in e.text]
+    assert len(messages) == 1
+    assert messages[0].startswith("9.75 g: the peak at 136.")
 
 
 def test_the_file_gives_the_numbers_and_curves_of_the_live_run(loaded) -> None:
@@ -187,7 +187,7 @@ def test_curves_are_carried_over_and_found_again_after_a_crash(tmp_path: Path, m
     with Run(second.path) as file:
         assert [curve.entry for curve in file.curves()] == [0, 1]
     told = [e.curve.entry for e in second.events if isinstance(e, CurveReady)]
-    assert told == [0, 0, 1]  # carried over; measured again to see the drift; measured
+    assert told == [0, 0, 1]  # carried over; measured again to detect drift; measured
 
 
 @pytest.mark.parametrize(

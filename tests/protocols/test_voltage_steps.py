@@ -1,4 +1,4 @@
-"""Voltage steps find the static deflection, the creep and the loop that are there, whatever source makes the levels."""
+"""Voltage steps: static deflection, creep and loop of the plant are measured with every kind of source."""
 
 from dataclasses import replace
 from functools import cache
@@ -37,7 +37,7 @@ def expected_m(level_v: float) -> float:
 
 @cache
 def creeping(share: float, ramp_s: float, level_v: float = 4.5, noise_m: float = 0.0) -> Recording:
-    """A tactor that follows at once and creeps as share x log10(t / 1 s), under a straight ramp: a sum of small steps."""
+    """A tactor that follows immediately and creeps as share x log10(t / 1 s), under a straight ramp: a sum of small steps."""
     n = round(8.0 * RATE_HZ)
     t = np.arange(n) / RATE_HZ
     begin_s = 1.0
@@ -156,13 +156,13 @@ def test_the_rehearsal_tells_how_long_it_takes(tmp_path: Path) -> None:
     assert PROTOCOLS["voltage-steps"] is VoltageSteps
     with laboratory() as lab:
         short = BRIEF.model_copy(update={"repeats": 1})
-        told = rehearse(short, lab.bench.amplifier)
+        rehearsal = rehearse(short, lab.bench.amplifier)
         begin_s = lab.bench.clock.now()
         run(short, tmp_path, lab)
         took_s = lab.bench.clock.now() - begin_s
-    assert told.duration_s == pytest.approx(took_s, rel=0.25)
-    assert told.highest_specimen_v == 900
-    assert told.lowest_specimen_v == -400
+    assert rehearsal.duration_s == pytest.approx(took_s, rel=0.25)
+    assert rehearsal.highest_specimen_v == 900
+    assert rehearsal.lowest_specimen_v == -400
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The wiring check finds the truth of the simulated bench, and the wrong wire on a wrong one."""
+"""Wiring check: passes on a correct simulated bench, finds the wrong wire on a faulty one."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Whatever breaks, in whatever protocol, at whatever moment: rest, or `unsafe`; a file that opens; never a traceback."""
+"""Fault matrix: any fault, protocol and moment ends at rest or `unsafe`, with a readable file and no traceback."""
 
 import re
 from pathlib import Path
@@ -17,11 +17,11 @@ ON_WIRES = [
     ("grpc-gone", "sine-dwell", "recording"),
     ("card-unplugged", "wiring-check", "settling"),
 ]
-"""What the virtual clock cannot show, and what the watchdog's log must tell; all of it is in docs/fault-matrix.md."""
+"""Cells that the virtual clock cannot show, with the required text of the watchdog's log; all cells are in docs/fault-matrix.md."""
 
 
 KINDS = ("sine-dwell", "sweep", "voltage-steps", "static-loading")
-"""One protocol of each kind: what is played is a sine, a sweep or steps, or somebody's hands do the work."""
+"""One protocol of each kind: sine, sweep, steps, or manual actions."""
 
 FAULTS_OF_A_BENCH = [fault for fault in FAULT_DESCRIPTIONS if fault not in ON_WIRES_ONLY]
 

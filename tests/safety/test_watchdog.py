@@ -1,4 +1,4 @@
-"""The watchdog: a program that dies or hangs while live leaves a source at rest, and the next start says so."""
+"""Watchdog: if the program dies or hangs while live, the source is brought to rest, and the next start reports it."""
 
 import os
 import signal
@@ -239,7 +239,7 @@ def test_a_program_that_beats_is_never_interrupted(tmp_path: Path) -> None:
 
 
 def test_a_staircase_held_up_in_the_middle_is_not_gone_on_with(tmp_path: Path) -> None:
-    """The program stops inside a ramp and goes on after the watchdog has been there: its next step would be a jump."""
+    """The program stops during a ramp and continues after the watchdog has acted: its next step would be a jump."""
     with live(tmp_path, IMPATIENT) as bench:
         bench.play(Hold(4.0, 60.0))
         tell, told = bench.source._scpi.write_checked, []

@@ -1,4 +1,4 @@
-"""What the watchdog did is told once, and where nobody watches that is said."""
+"""Watchdog reports: each action is reported once, and so is the absence of a watchdog."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,7 +19,7 @@ from tests.helpers.simulated_bench import laboratory, simulated
 
 def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
     (tmp_path / LOG_NAME).write_text("2026-11-21T09:15:02.000Z  the source was brought to rest\n")
-    for told in (1, 0):
+    for text in (1, 0):
         events: list[object] = []
         with laboratory() as lab:
             session = Session(lambda lab=lab: nullcontext(lab), [events.append], lab.operator)
@@ -28,7 +28,7 @@ def test_what_it_wrote_is_told_once_at_the_next_start(tmp_path: Path) -> None:
             session.finished.wait(60)
             session.close()
         notes = [e.text for e in events if isinstance(e, LogMessage) and "the watchdog wrote" in e.text]
-        assert len(notes) == told
+        assert len(notes) == text
         assert all("was brought to rest" in note for note in notes)
     assert take_unreported_lines(tmp_path) == []
 

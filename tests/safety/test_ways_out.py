@@ -1,4 +1,4 @@
-"""Every way out of a run, on real wires: the program is a process of its own, the volts are looked at in ours.
+"""Safe shutdown over real connections: the program runs in its own process, the test monitors the voltage.
 
 The faults that are marked slow are in the fault matrix, too, where the clock is virtual and program and bench are one process.
 """
@@ -70,7 +70,7 @@ def test_a_program_killed_while_live_leaves_a_burst_that_comes_to_rest_by_itself
 
 @pytest.mark.deep
 def test_the_generators_wire_cut_mid_run_ends_at_measured_rest(tmp_path: Path) -> None:
-    """Nobody can command the generator any more; its finite burst ends, and the card sees that it did."""
+    """The generator can no longer be commanded; its finite burst ends, and the card measures this."""
     with patient(tmp_path, "settle_limit_s=0.5", "frequencies_hz=100,150,200") as (run, _):
         run.arm()
         run.wait_for("100.0")

@@ -1,4 +1,4 @@
-"""Benches for the tests of the simulated hardware."""
+"""Simulated benches for tests."""
 
 import pytest
 

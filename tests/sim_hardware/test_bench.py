@@ -1,4 +1,4 @@
-"""The whole bench in one process: faults do what their words say, on the wire without a wire."""
+"""Simulated bench in one process: each fault has the described effect."""
 
 import numpy as np
 import pytest

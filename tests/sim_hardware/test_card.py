@@ -1,4 +1,4 @@
-"""A sample depends on the truth, the history, the seed and its own index, and on nothing else."""
+"""Simulated card: a sample depends on plant, history, seed and index only."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The history tells the past as it was, and the report tells what a naive sequence did."""
+"""Voltage history: past values are unchanged, and the report shows the errors of a naive sequence."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The generator model: what it answers, and what it puts out. Every documented trap of the box is in it."""
+"""Simulated Keysight 33500: replies, output, and every documented peculiarity."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The plant agrees with the model where the model is exact, and forgets nothing it should remember."""
+"""Plant: agrees with the model where the model is exact, and keeps its state."""
 
 import numpy as np
 import pytest

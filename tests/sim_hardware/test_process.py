@@ -1,4 +1,4 @@
-"""The simulated bench in a process of its own: it starts, obeys, and never outlives its parent."""
+"""Simulated bench in its own process: starts, obeys, and never outlives its parent."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The SCPI engine understands what a box understands, and refuses the rest with the box's numbers."""
+"""SCPI engine: accepts what an instrument accepts, and reports its error numbers for the rest."""
 
 import math
 

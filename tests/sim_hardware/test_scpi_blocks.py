@@ -1,4 +1,4 @@
-"""Binary blocks: whatever bytes they hold, in whatever pieces they arrive, a message stays one message."""
+"""SCPI binary blocks: a message stays one message, whatever its bytes and fragments."""
 
 import pytest
 

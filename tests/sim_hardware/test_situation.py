@@ -1,4 +1,4 @@
-"""What hands do to the simulated bench, against what the model says of it by other ways than the plant goes."""
+"""Manual actions on the simulated bench, against independent results of the model."""
 
 from dataclasses import replace
 from typing import Any
@@ -35,7 +35,7 @@ def bench_of(**truth: Any) -> SimulatedBench:
 
 
 def seen(bench: SimulatedBench, *times: float) -> np.ndarray:
-    """What the sensor sees at these times from now on."""
+    """Return the sensor's reading at these times from now."""
     t = bench.clock.now() + np.asarray(times, float)
     bench.clock.sleep(float(times[-1]) + 0.01)
     return bench.laser_view.displacement(t)

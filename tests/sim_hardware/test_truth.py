@@ -1,4 +1,4 @@
-"""The truth of a bench goes through JSON unharmed, and nonsense is refused by name."""
+"""Simulation parameters: unchanged by JSON; invalid ones rejected by name."""
 
 import json
 
@@ -16,7 +16,7 @@ def test_truth_survives_json():
 
 
 @pytest.mark.parametrize(
-    ("record", "words"),
+    ("record", "message"),
     [
         ({"sensor": {"gain": 1.0}}, r"\.sensor: unknown gain"),
         ({"seed": 1.5}, "seed: expected a whole number"),
@@ -33,6 +33,6 @@ def test_truth_survives_json():
         ({"sensor": {"delay_s": -1}}, "must not be negative"),
     ],
 )
-def test_nonsense_is_refused_by_name(record, words):
-    with pytest.raises(ValueError, match=words):
+def test_nonsense_is_refused_by_name(record, message):
+    with pytest.raises(ValueError, match=message):
         SimulationParameters.from_record(record)

@@ -1,4 +1,4 @@
-"""The generator on a socket, spoken to by real pyvisa."""
+"""Simulated generator on a socket, accessed by real pyvisa."""
 
 import contextlib
 import socket

@@ -1,4 +1,4 @@
-"""`import tactor_bench`: quick, complete, and never another folder's packages."""
+"""`import tactor_bench`: fast, complete, and never another folder's packages."""
 
 import doctest
 import importlib

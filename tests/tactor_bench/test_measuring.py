@@ -1,4 +1,4 @@
-"""Runs on the simulated bench by `tb.connect`: what is returned, what is raised, and the volts, whatever happens."""
+"""Runs on the simulated bench by `tb.connect`: results, exceptions, and safe voltage in every case."""
 
 import signal
 import subprocess
@@ -61,16 +61,16 @@ def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, caps
     assert first.parameters["record_s"] == 0.1
     assert first.configuration["simulation"]["seed"] == 5
     assert (second.specimen, second.path.parent) == ("T8", tmp_path / "more")
-    told = capsys.readouterr()
-    assert "160.000 Hz  max-min" in told.err
-    assert told.err.count("completed: all points measured") == 2
-    assert told.out == ""
+    captured = capsys.readouterr()
+    assert "160.000 Hz  max-min" in captured.err
+    assert captured.err.count("completed: all points measured") == 2
+    assert captured.out == ""
     with pytest.raises(tb.BenchError, match="simulated bench has been closed"):
         bench.run("sine-dwell", **SHORT)
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("given", "message"),
     [
         ({"protocol": "cheese"}, "there is no protocol 'cheese'; known are: "),
         ({"protocol": "sine-dwell", "volts": 3}, "sine-dwell has no parameter 'volts'; it has: "),
@@ -80,11 +80,11 @@ def test_a_run_is_returned_opened_and_its_progress_is_shown(tmp_path: Path, caps
     ],
 )
 def test_wrong_parameters_are_a_value_error_before_anything_moves(
-    given: dict[str, Any], words: str, tmp_path: Path
+    given: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     with (
         tb.connect("sim", folder=tmp_path, speed="max", progress=False) as bench,
-        pytest.raises(ValueError, match=words),
+        pytest.raises(ValueError, match=message),
     ):
         bench.run(**given)
     assert list(tmp_path.iterdir()) == []
@@ -218,7 +218,7 @@ def test_a_bench_that_was_left_open_does_not_keep_python_from_ending(tmp_path: P
 
 
 class Notebook:
-    """Prompts of a virtual bench that a person at a notebook answers; `says` is called for each."""
+    """Answers the prompts of a virtual bench as a notebook user does; `says` is called for each."""
 
     def __init__(self, says: Callable[[str, SimulatedBench], str]) -> None:
         self.says, self.asked = says, list[str]()

@@ -1,4 +1,4 @@
-"""Model and identification: the numbers are those of the command line, the band is that of the window."""
+"""Model and identification: same numbers as the command line, same band as the window."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The notebook of the documentation runs from top to bottom, without Jupyter, and draws what it says."""
+"""Notebook of the documentation: runs from top to bottom without Jupyter, and draws its figures."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Runs as arrays: the numbers are those that h5py reads in the file, the list is that of the command line."""
+"""Runs as arrays: same numbers as h5py, same list as the command line."""
 
 import json
 import sys

@@ -48,7 +48,7 @@ class _Session:
 
 
 class HislipServer(ThreadedServer):
-    """Serves sessions of two connections each; the first message of a connection tells them apart."""
+    """Serves sessions of two connections each; the first message of a connection distinguishes them."""
 
     def __init__(self, instrument: MessagePort, speed: float = 1.0, command_s: float = 0.0) -> None:
         self._sessions: dict[int, _Session] = {}

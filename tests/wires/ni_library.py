@@ -165,7 +165,7 @@ class NiLibrary:
 
 
 def _fill(values: Any, fill: int, into: int, size: int, read: Any, kind: Any) -> int:
-    """Copy what was read to where the caller wants it."""
+    """Copy the samples to the caller's buffer."""
     flat = np.ascontiguousarray(values if fill == _BY_CHANNEL else values.T).ravel()
     if flat.size > size:
         return _BUFFER_TOO_SMALL
@@ -180,7 +180,7 @@ def _put_text(text: str, into: int, size: int) -> None:
 
 
 def _give(value: Any, number: int, into: int, size: int) -> int:
-    """Write a property to where the caller wants it; the size it needs where the caller gives no room, as NI does."""
+    """Write a property to the caller's buffer; return the required size if the buffer is empty, as NI does."""
     match value:
         case str():
             if not size:

@@ -129,7 +129,7 @@ class UsbTmcBus(IBackend):  # type: ignore[misc]  # PyUSB has no types
         self, dev_handle: str, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
     ) -> int:
         self._check_connected()
-        if bRequest == 6:  # a descriptor: only texts are asked for this way
+        if bRequest == 6:  # a descriptor: only strings are requested this way
             text = struct.pack("<H", 0x0409) if wValue & 0xFF == 0 else SERIAL.encode("utf-16-le")
             answer = struct.pack("BB", len(text) + 2, 3) + text
         elif bRequest == CAPABILITIES:

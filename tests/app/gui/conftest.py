@@ -1,4 +1,4 @@
-"""Windows for tests: opened over a listening session, closed and deleted afterwards."""
+"""Main windows for tests: opened with a recording session adapter, closed and deleted afterwards."""
 
 import os
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""The Campaign page in the real window, by keys alone: volts on the simulated bench, states on the screen, changes on the disk."""
+"""Campaign page in the real window, operated by keys: drive voltage, states on the screen, changes on disk."""
 
 import json
 from collections.abc import Callable, Iterator

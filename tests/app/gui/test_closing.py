@@ -1,4 +1,4 @@
-"""Closing goes to rest first, asks once when something is going on, and never hides that rest was lost."""
+"""Closing the window: ramps to rest first, asks once during a run, reports if rest is not confirmed."""
 
 import os
 import signal

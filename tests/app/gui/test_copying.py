@@ -1,4 +1,4 @@
-"""Every plot gives what it shows to the clipboard: a picture, and a table whose numbers are those of the points."""
+"""Copying plots: a picture, and a table whose numbers are those of the points."""
 
 import numpy as np
 import pyqtgraph as pg

@@ -1,4 +1,4 @@
-"""Curves that entries give beside their points are in the live plot as they arrive, with their errors and the model."""
+"""Result curves in the live plot as soon as they are measured, with their errors and the model."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The Explore page: a key or a drag moves the curve on the screen."""
+"""Explore page: keys and sliders move the curve on the screen."""
 
 import time
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def page(open_page: OpenPage) -> ExplorePage:
 
 
 def settled(page: ExplorePage) -> None:
-    """Everything that was asked is on the screen."""
+    """Wait until every requested curve is on the screen."""
     page.tick()
     want = page._requested
     until(
@@ -55,8 +55,8 @@ def type_into(page: ExplorePage, name: str, text: str) -> None:
 
 def test_the_curve_on_the_screen_is_the_models(page: ExplorePage) -> None:
     f, um = on_screen(page)
-    wanted = amplifier_response(Specimen().tactor, f).peak_to_peak
-    np.testing.assert_allclose(um, 1e6 * wanted, rtol=1e-4)
+    expected = amplifier_response(Specimen().tactor, f).peak_to_peak
+    np.testing.assert_allclose(um, 1e6 * expected, rtol=1e-4)
     assert "151 Hz" in page.plot.corner_label.text
 
 

@@ -1,4 +1,4 @@
-"""Faults of the simulated bench from the window: ticked, they break the bench that runs; what is broken cannot be missed."""
+"""Fault panel: ticked faults are injected into the running simulated bench and shown prominently."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,7 +78,7 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     faults = window.faults
     assert faults is not None
     faults.fault_boxes["sensor-stuck"].click()
-    # With no run it is told all the same.
+    # It is also reported without a run.
     until(lambda: any("Broken on purpose: the laser" in m.text for m in window.state.messages), "for the bench's word")
     press(window, Qt.Key.Key_F5)
     until(lambda: window.state.points, "for a point")
@@ -91,9 +91,9 @@ def test_what_was_broken_stands_in_the_runs_file_also_what_was_broken_before_it(
     window.controller.stop()
     until(lambda: not window.state.busy, "for the end")
     faults.clear_button.click()
-    # The bench has done a thing before it is told: the last word is waited for.
-    words = ["Broken", "Broken", "Mended", "Broken", "Mended"]
-    until(lambda: told() == words, "for the repair after the run to be told")
+    # The bench acts before its message arrives: wait for the last message.
+    labels = ["Broken", "Broken", "Mended", "Broken", "Mended"]
+    until(lambda: told() == labels, "for the repair after the run to be told")
     (path,) = tmp_path.glob("*.h5")
     with Run(path) as run:
         stuck, drift = injected_faults(run)

@@ -1,4 +1,4 @@
-"""The form says what each parameter means, understands units, and names what is wrong beside the field it is in."""
+"""Parameter form: meaning and unit of each field, errors shown beside the field."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ def test_fields_carry_name_unit_meaning_and_limits() -> None:
 def test_other_fields_are_called_as_the_form_calls_them() -> None:
     words = {field.name: field.description for field in form_fields(StaticLoading)}
     assert "counts where 'weight class' is own" in words["weight_errors_kg"]
-    assert not any(name in said for name in words if "_" in name for said in words.values())
+    assert not any(name in text for name in words if "_" in name for text in words.values())
 
 
 def test_what_a_protocol_holds_reads_back_as_itself() -> None:
@@ -54,7 +54,7 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "text", "message"),
     [
         ("peak_to_peak_v", "6", "6 V is outside the range: over 0 to 5 V"),
         ("peak_to_peak_v", "0", "0 V is outside the range"),
@@ -68,11 +68,11 @@ def test_numbers_are_understood_with_and_without_units(name: str, text: str, val
         ("sample_rate_hz", "800", "at least 5000 Hz is needed"),
     ],
 )
-def test_a_fault_is_told_at_its_field(name: str, text: str, words: str) -> None:
+def test_a_fault_is_told_at_its_field(name: str, text: str, message: str) -> None:
     checked = check_form(SineDwell, {**TEXTS, name: text})
     assert checked.protocol is None
     assert list(checked.errors) == [name]
-    assert words in checked.errors[name]
+    assert message in checked.errors[name]
 
 
 def test_all_faults_are_told_at_once() -> None:

@@ -1,4 +1,4 @@
-"""Runs that were imported, in the real window: listed for what they are, opened, laid over."""
+"""Imported runs in the real window: labelled in the list, opened, overlaid."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The sheet of keys is made from the shortcuts; a newcomer's page leads to a first run."""
+"""Shortcut sheet generated from the shortcuts; welcome page that leads to a first run."""
 
 from pathlib import Path
 

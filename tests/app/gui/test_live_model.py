@@ -1,4 +1,4 @@
-"""Under the points: the specimen's own curve with its band; beside them: what they tell so far, and what is foreseen."""
+"""Model curve of the specimen with its band; live estimates and pre-run warnings."""
 
 import math
 from dataclasses import fields, replace

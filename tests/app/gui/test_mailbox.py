@@ -1,4 +1,4 @@
-"""A prompt is answered once, by its id, and an answer meant for another prompt is none."""
+"""Prompt mailbox: a prompt is answered once, by its id; answers to other prompts are ignored."""
 
 from app.live.session_link import PromptMailbox
 from protocols.base import DISABLE_HIGH_VOLTAGE, ENABLE_HIGH_VOLTAGE

@@ -1,4 +1,4 @@
-"""The measuring page with any protocol: choosing it, presets, pausing, prompts with answers, measuring points again."""
+"""Measure page with any protocol: selection, presets, pause, prompts with answers, measuring points again."""
 
 import json
 from pathlib import Path
@@ -155,14 +155,14 @@ def test_a_run_without_high_voltage_never_says_live(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "words"),
+    ("key", "message"),
     [
         (Qt.Key.Key_R, "repeat the last"),
         pytest.param(Qt.Key.Key_Return, "done", marks=pytest.mark.deep),
         pytest.param(Qt.Key.Key_S, "skip", marks=pytest.mark.deep),
     ],
 )
-def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, words: str) -> None:
+def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, message: str) -> None:
     live(stage)
     stage.window.adapter.mailbox.show(21, WEIGHT)
     stage.happen(PromptShown(21, WEIGHT))
@@ -171,7 +171,7 @@ def test_every_answer_of_a_prompt_has_its_key(stage: Stage, key: Qt.Key, words: 
     assert prompt.drawing.isVisible()
     until(lambda: stage.window.notices.accepts_input, "for the guard")
     stage.press(key)
-    assert stage.window.adapter.mailbox.answer(21) == words
+    assert stage.window.adapter.mailbox.answer(21) == message
 
 
 def test_chosen_points_are_measured_again(stage: Stage, tmp_path: Path) -> None:
@@ -247,21 +247,21 @@ def test_what_the_form_said_comes_back(stage: Stage) -> None:
     until(lambda: not measure.history._settle_timer.isActive())
     find(panel, "measure.protocol").setCurrentIndex(find(panel, "measure.protocol").findData("wiring-check"))
     until(lambda: not measure.history._settle_timer.isActive())
-    for said in (
+    for text in (
         SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30),
         SineDwell(peak_to_peak_v=3.0),
         SineDwell(),
         SineDwell(),
     ):
         stage.press(Qt.Key.Key_Z, CTRL)
-        assert panel.protocol == said
-    for said in (
+        assert panel.protocol == text
+    for text in (
         SineDwell(peak_to_peak_v=3.0),
         SineDwell(peak_to_peak_v=2.0, record_s=1.0, min_cycles=30),
         WiringCheck(),
     ):
         stage.press(Qt.Key.Key_Y, CTRL)
-        assert panel.protocol == said
+        assert panel.protocol == text
     stage.window.start_run()
     stage.press(Qt.Key.Key_Z, CTRL)
     assert panel.protocol == WiringCheck(), "what is being run stands still"

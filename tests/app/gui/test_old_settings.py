@@ -1,4 +1,4 @@
-"""Qt settings of an earlier version are taken over by the window of this one (tests/data/format-2/README.md)."""
+"""Qt settings of an earlier version are read by this version (tests/data/format-2/README.md)."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The window with what is no sine dwell: the wiring check's points, and what a watchdog left to be told."""
+"""Protocols other than the sine dwell in the window: points of the wiring check, report of a watchdog action."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Plots: samples reach the picture in the right units, ranges are calm, a standing wave stands."""
+"""Plots: samples are drawn in the right units, axis ranges are stable, a periodic wave is displayed stationary."""
 
 import numpy as np
 import pyqtgraph as pg
@@ -72,7 +72,7 @@ def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "present", "wanted"),
+    ("low", "high", "present", "expected"),
     [
         (-500, 500, None, (-600, 600)),
         (-500, 500, (-600, 600), (-600, 600)),
@@ -83,9 +83,9 @@ def test_without_a_rising_edge_the_newest_sample_stands_at_the_end() -> None:
     ],
 )
 def test_ranges_change_only_when_they_must(
-    low: float, high: float, present: tuple[float, float] | None, wanted: tuple[float, float]
+    low: float, high: float, present: tuple[float, float] | None, expected: tuple[float, float]
 ) -> None:
-    assert stable_range(low, high, present) == pytest.approx(wanted)
+    assert stable_range(low, high, present) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("span", [0.013, 1.0, 7.0, 1200.0, 99_000.0])

@@ -1,4 +1,4 @@
-"""The Runs page: found by keys, opened, compared, noted, exported, dragged."""
+"""Runs page: search, open, compare, annotate, export, drag and drop."""
 
 import shutil
 import threading

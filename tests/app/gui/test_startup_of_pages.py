@@ -1,4 +1,4 @@
-"""Pages that nobody sees yet are made after the first paint, and no part of them is ever a window of its own."""
+"""Hidden pages are created after the first paint, and none of their widgets becomes a window."""
 
 import pytest
 from PySide6.QtCore import QEvent, QObject, QSettings, Qt

@@ -1,4 +1,4 @@
-"""The whole way: a key pressed in the window, volts on the simulated bench, points on the screen, a file on the disk."""
+"""End-to-end test of the window: a key press, drive voltage on the simulated bench, points on the screen, a run file."""
 
 import threading
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The window shows what happened and carries the operator's keys to the session."""
+"""Main window: displays session events and forwards operator commands to the session."""
 
 import itertools
 import time
@@ -360,7 +360,7 @@ def test_pointing_at_a_point_tells_its_value_and_what_is_wrong(stage: Stage) -> 
     stage.window.tick()
     QCoreApplication.processEvents()
     at = canvas.mapFromScene(scatter.mapToScene(scatter.points()[0].pos()))
-    steps = itertools.cycle((QPoint(0, 0), QPoint(1, 0)))  # the plot hears a hundred moves a second, and no more
+    steps = itertools.cycle((QPoint(0, 0), QPoint(1, 0)))  # the plot processes at most a hundred moves a second
 
     def told() -> bool:
         QTest.mouseMove(canvas.viewport(), at + next(steps))

@@ -1,4 +1,4 @@
-"""One small specimen for all tests of the report: measured once, gathered once."""
+"""Small specimen for all report tests: measured once, read once."""
 
 from pathlib import Path
 

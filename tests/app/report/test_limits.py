@@ -1,4 +1,4 @@
-"""Limits on a specimen: a file validated whole, verdicts that mind the uncertainty, and an exit code."""
+"""Limits on a specimen: validation of the file, verdicts that include the uncertainty, exit code."""
 
 import json
 from pathlib import Path
@@ -33,14 +33,14 @@ def test_every_fault_is_listed_with_its_line(tmp_path: Path) -> None:
         'rule = "loose"\n[limits.resonanse]\nlow = 3\n[limits.k2]\nlow = "3 kg"\n[limits.c0]\nlow = 3\nhigh = 2\n'
         "[limits.mu]\n[limits.resonance]\nlowest = 3\n"
     )
-    with pytest.raises(LimitsError) as told:
+    with pytest.raises(LimitsError) as raised:
         read_limits(path)
-    said = str(told.value)
-    for words in (
+    messages = str(raised.value)
+    for text in (
         "line 1: rule", "line 2: limits.resonanse: unknown key", "line 5: limits.k2.low", "low 3 is above high 2",
         "line 9: limits.mu: asks nothing", "line 11: limits.resonance.lowest: unknown key", "amplitude_at_resonance",
     ):  # fmt: skip
-        assert words in said, said
+        assert text in messages, messages
 
 
 @pytest.mark.parametrize(
@@ -118,18 +118,20 @@ def test_the_example_is_valid_and_the_exit_code_tells_the_verdict(
         'golden = "T1"\n[limits.resonance]\nlow = "160 Hz"\n[limits.mu]\nwithin_golden = "9 %"\n'
     )
     capsys.readouterr()
-    said: list[str] = []
+    messages: list[str] = []
     monkeypatch.setattr(
-        command, "write_report", lambda content, *_: said.extend(b.text for b in blocks_of(content, Paragraph)) or ()
+        command,
+        "write_report",
+        lambda content, *_: messages.extend(b.text for b in blocks_of(content, Paragraph)) or (),
     )
     assert main([*report, "strict.toml"]) == 1
-    told = capsys.readouterr()
-    assert "fail: resonance is" in told.err
-    assert "at least 160 Hz" in told.err
-    record = json.loads(told.out)
+    captured = capsys.readouterr()
+    assert "fail: resonance is" in captured.err
+    assert "at least 160 Hz" in captured.err
+    record = json.loads(captured.out)
     assert record["passed"] is False
     assert [o["verdict"] for o in record["limits"]] == ["fail", "pass"]
-    assert "NOT PASSED: of 2 limits 1 met, 1 not met." in said
+    assert "NOT PASSED: of 2 limits 1 met, 1 not met." in messages
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The report of a specimen: what it says is so, every page says SIMULATED, limits are judged, the bytes are the same twice."""
+"""Report of a specimen: correct statements, SIMULATED on every page, verdicts on limits, reproducible bytes."""
 
 import hashlib
 import json
@@ -38,9 +38,9 @@ def copy(folder: Path, tmp_path: Path) -> Path:
 
 def texts(report: Report) -> str:
     """All words and all cells of a report."""
-    words = [block.text for block in blocks_of(report, Paragraph)]
+    paragraphs = [block.text for block in blocks_of(report, Paragraph)]
     cells = [cell for grid in blocks_of(report, Table) for row in grid.rows for cell in row]
-    return "\n".join([*words, *cells])
+    return "\n".join([*paragraphs, *cells])
 
 
 def change(path: Path, act: Callable[[Any], None]) -> None:
@@ -222,9 +222,9 @@ def test_what_cannot_be_identified_is_said_and_nothing_is_claimed_of_it(copy: Pa
     next(copy.glob("*voltage-steps.h5")).unlink()
     change(next(copy.glob("*sine-dwell.h5")), lambda entry: entry["points/quality"].__setitem__(slice(1, 5), 1))
     report, known, _ = build_report(copy, "T1")
-    said = texts(report)
-    assert "Not identifiable from these runs: mu and m_add and c0: relative changes of" in said
-    assert "No statement on threshold and latency" in said
+    messages = texts(report)
+    assert "Not identifiable from these runs: mu and m_add and c0: relative changes of" in messages
+    assert "No statement on threshold and latency" in messages
     assert not known.identifies_free_response
     assert report.record["merits"] == []
 

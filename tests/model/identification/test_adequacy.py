@@ -1,4 +1,4 @@
-"""Noise is called noise; hysteresis, creep, drift and a clamp that gives are noticed, named and sized."""
+"""Adequacy: noise is accepted; hysteresis, creep, drift and a compliant clamp are detected, named and sized."""
 
 import re
 from dataclasses import replace
@@ -42,7 +42,7 @@ def test_noise_is_called_noise() -> None:
 
 @pytest.mark.deep
 @pytest.mark.parametrize(
-    ("world", "drives_v", "kind", "truth", "words"),
+    ("world", "drives_v", "kind", "truth", "message"),
     [
         (World(hysteresis=0.02), (2.5,), "loop", 0.02, "hysteresis"),
         (World(hysteresis=0.02), (2.5, 1.25), "harmonic", None, "third harmonic"),
@@ -53,12 +53,12 @@ def test_noise_is_called_noise() -> None:
     ],
 )
 def test_what_is_outside_the_model_is_noticed(
-    world: World, drives_v: tuple[float, ...], kind: str, truth: float | None, words: str
+    world: World, drives_v: tuple[float, ...], kind: str, truth: float | None, message: str
 ) -> None:
     verdict = judged(world, drives_v=drives_v)
     assert verdict.adequate is False
     assert verdict.message.startswith("the model is wrong for these runs")
-    named = [f for f in verdict.findings if f.kind == kind and words in f.words]
+    named = [f for f in verdict.findings if f.kind == kind and message in f.words]
     assert named, [f.words for f in verdict.findings]
     if truth is not None:
         assert named[0].size == pytest.approx(truth, rel=0.3)

@@ -1,4 +1,4 @@
-"""A calibration goes to disk and back, tells what changed, and refuses what is damaged."""
+"""Calibration records: saved and loaded, differences reported, damaged files rejected."""
 
 import json
 from dataclasses import replace
@@ -72,7 +72,7 @@ def test_changes_are_counted_in_their_own_errors() -> None:
 
 
 @pytest.mark.parametrize(
-    ("damage", "words"),
+    ("damage", "message"),
     [
         (lambda r: r.pop("code"), "missing code"),
         (lambda r: r.update(colour="red"), "unknown colour"),
@@ -83,10 +83,10 @@ def test_changes_are_counted_in_their_own_errors() -> None:
         (lambda r: r.update(estimates=3), "damaged"),
     ],
 )
-def test_a_damaged_record_is_a_sentence(damage: object, words: str) -> None:
+def test_a_damaged_record_is_a_sentence(damage: object, message: str) -> None:
     record = json.loads(json.dumps(calibration().as_record()))
     damage(record)  # type: ignore[operator]
-    with pytest.raises(ParameterError, match=words):
+    with pytest.raises(ParameterError, match=message):
         Calibration.from_record(record)
 
 

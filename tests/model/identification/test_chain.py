@@ -1,4 +1,4 @@
-"""The paper's chain gives back the truth of data that were solved without Galerkin, and carries their errors."""
+"""The paper's chain recovers the parameters of data computed without Galerkin, and propagates their errors."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_undamped_resonances_need_no_damping() -> None:
 
 
 def test_the_papers_neglect_of_damping_costs_six_percent() -> None:
-    """What the words "C = 0" do to peaks measured at a damping ratio of 0.21."""
+    """Effect of the assumption "C = 0" on peaks measured at a damping ratio of 0.21."""
     found = identify_by_paper_chain(PERFECT, PaperChainOptions(n=20, damping="neglected"))
     assert found.values["k2"] == pytest.approx(0.94 * 7e-3, rel=0.005)
     assert found.values["m_add"] == pytest.approx(1.069 * 7.73e-3, rel=0.005)

@@ -1,4 +1,4 @@
-"""The errors mean what they say; the small brother of benchmarks/fit_coverage.py, without the mass resonances."""
+"""Coverage of the standard errors; a small version of benchmarks/fit_coverage.py, without mass resonances."""
 
 import numpy as np
 import pytest

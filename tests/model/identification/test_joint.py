@@ -1,4 +1,4 @@
-"""The joint fit: the truth comes back, errors are what they say, and what cannot be told is told."""
+"""Joint fit: true parameters recovered, correct errors, undetermined parameters reported."""
 
 import threading
 from dataclasses import replace
@@ -111,7 +111,7 @@ def test_shared_errors_widen_what_they_act_on_and_nothing_else() -> None:
 
 
 def test_dwells_on_one_voltage_cannot_tell_the_gain_from_the_coupling() -> None:
-    """Free everything that only enters as a product with mu: told as a combination, never as a number."""
+    """Parameters that only enter as a product with mu are reported as a combination, never as a number."""
     run = free_only()
     fit = joint_fit(ObservationSet((run,)), FitOptions(free=("k2", "mu", "c0", "m_add", "rho1", "rho2", "E_Al")))
     lost = max(fit.unidentified_combinations, key=lambda c: c.standard_error)
@@ -123,7 +123,7 @@ def test_dwells_on_one_voltage_cannot_tell_the_gain_from_the_coupling() -> None:
 
 
 def test_what_is_not_lost_is_still_told() -> None:
-    """Two parameters nobody looked at do not hide k2."""
+    """Two further free parameters do not hide k2."""
     data = ObservationSet(tuple(r for r in PERFECT.runs if isinstance(r, StaticLoadingObservation)))
     fit = joint_fit(data, FitOptions(free=("k2", "c0", "mu")))
     assert {n for c in fit.unidentified_combinations for n in c.shares} == {"c0", "mu"}
@@ -263,7 +263,7 @@ def test_cancel_progress_and_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (lambda: ObservationSet(()), "no run to identify"),
         (lambda: ObservationSet((free_only(), free_only())), "two runs are called 'free'"),
@@ -292,8 +292,8 @@ def test_cancel_progress_and_time() -> None:
         (lambda: FitOptions(loss="huber"), "choose linear"),  # type: ignore[arg-type]
     ],
 )
-def test_bad_input_is_a_sentence(call: object, words: str) -> None:
-    with pytest.raises(ParameterError, match=words):
+def test_bad_input_is_a_sentence(call: object, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
         call()  # type: ignore[operator]
 
 

@@ -1,4 +1,4 @@
-"""What to measure next, how far a parameter can move, and a fit that keeps pace with a running dwell."""
+"""Next best measurement, profile likelihood, and a live fit during a dwell."""
 
 import threading
 from dataclasses import replace
@@ -82,7 +82,7 @@ def test_where_errors_are_small_the_profile_is_the_standard_error() -> None:
 
 
 def test_the_profile_of_one_nonlinear_parameter_is_known() -> None:
-    """One load that tells k2 badly: the interval is where the deflection is within 1.96 errors, and it is lopsided."""
+    """One load that determines k2 poorly: the interval is where the deflection is within 1.96 errors, and it is lopsided."""
     w = load_compliance(Tactor())
     run = StaticLoadingObservation("one", np.ones(1), np.array([w]), np.array([0.1 * w]))
     got = profile_interval(joint_fit(ObservationSet((run,))), "k2")
@@ -159,5 +159,5 @@ def test_a_point_that_is_none_is_told_and_forgotten() -> None:
 
 def test_a_live_fit_out_of_time_says_so() -> None:
     live = LiveFit(time_budget_s=0.0)
-    words = live.add_point(150.0, amplifier_response(Tactor(), 150.0).fundamental[0], 1e-6).message
-    assert "not identifiable yet" in words or "time was over" in words
+    text = live.add_point(150.0, amplifier_response(Tactor(), 150.0).fundamental[0], 1e-6).message
+    assert "not identifiable yet" in text or "time was over" in text

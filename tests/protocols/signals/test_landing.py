@@ -1,4 +1,4 @@
-"""The landing detector on traces of masses, bumps, drift and a sensor out of range."""
+"""Weight step detection on traces of weights, bumps, drift and a sensor out of range."""
 
 import numpy as np
 import pytest

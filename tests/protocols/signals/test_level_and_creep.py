@@ -1,4 +1,4 @@
-"""Levels, steps and creep: bias, scatter against the bound, and the coverage of what is stated, over hundreds of seeds."""
+"""Levels, steps and creep: bias, scatter against the bound, and coverage, over hundreds of seeds."""
 
 import numpy as np
 import pytest
@@ -65,28 +65,28 @@ def test_a_step_is_read_where_it_is_asked_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("step_s", "read_s", "words"),
+    ("step_s", "read_s", "message"),
     [
         (0.05, 0.3, "0.05 s were recorded before the step, 0.1 s are needed"),
         (0.5, 0.02, "begins before the step"),
         (0.5, 0.49, "ends 0.5 s after the step, 0.54 s are needed"),
     ],
 )
-def test_a_window_that_is_not_there_is_named(step_s: float, read_s: float, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_a_window_that_is_not_there_is_named(step_s: float, read_s: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         estimate_step(np.zeros(5000), RATE, step_s, read_s)
 
 
 @pytest.mark.parametrize(
-    ("samples", "mains_hz", "words"),
+    ("samples", "mains_hz", "message"),
     [
         (np.zeros(5), None, "has 5 samples, at least 24"),
         (np.full(100, np.nan), None, "100 of 100 samples are not finite"),
         (np.zeros(50), 50.0, "10 ms are shorter than a cycle of the mains"),
     ],
 )
-def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | None, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_a_level_of_nothing_is_refused(samples: np.ndarray, mains_hz: float | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         estimate_level(samples, RATE, mains_hz)
 
 

@@ -1,4 +1,4 @@
-"""The band of a spectrum in rows, against numpy's transform of the whole."""
+"""Band of a long spectrum, against numpy's transform of the whole record."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Hysteresis loops, free decays and the multisine, against signals whose truth is known."""
+"""Hysteresis loops, free decays and the multisine, against signals with known parameters."""
 
 import numpy as np
 import pytest
@@ -62,7 +62,7 @@ def test_cycles_that_are_no_whole_number_of_samples_are_folded() -> None:
 
 
 @pytest.mark.parametrize(
-    ("drive", "moved", "words"),
+    ("drive", "moved", "message"),
     [
         (np.zeros((1, 20)), np.zeros((1, 20)), "only repetition shows the error"),
         (np.zeros((2, 20)), np.zeros((2, 20)), "the drive stands at 0"),
@@ -70,8 +70,8 @@ def test_cycles_that_are_no_whole_number_of_samples_are_folded() -> None:
         (np.full((2, 20), np.nan), np.zeros((2, 20)), "40 of 40 samples are not finite"),
     ],
 )
-def test_what_is_no_loop_is_refused(drive: np.ndarray, moved: np.ndarray, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_what_is_no_loop_is_refused(drive: np.ndarray, moved: np.ndarray, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         measure_loops(drive, moved)
 
 
@@ -124,7 +124,7 @@ def test_the_step_of_the_model_rings_at_its_pole() -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "words"),
+    ("samples", "message"),
     [
         (np.random.default_rng(4).standard_normal(1000), "nothing rings between 60 and 500 Hz"),
         (np.zeros(1000), "nothing rings between 60 and 500 Hz"),
@@ -132,8 +132,8 @@ def test_the_step_of_the_model_rings_at_its_pole() -> None:
         (np.zeros(10), "has 10 samples, at least 16"),
     ],
 )
-def test_what_does_not_ring_has_no_frequency(samples: np.ndarray, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_what_does_not_ring_has_no_frequency(samples: np.ndarray, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         fit_decay(samples, RATE, (60, 500))
 
 

@@ -149,7 +149,7 @@ def test_periods_that_repeat_tell_the_response_and_its_error() -> None:
 
 @pytest.mark.parametrize("damping", [0.2, 0.003])
 def test_what_repeats_with_every_period_is_in_the_error_bars(damping: float) -> None:
-    """A card that folds back, odd harmonics: no period knows of them. However narrow the resonance, it is not among them."""
+    """A card that folds back, odd harmonics: they repeat in every period. A resonance is not mistaken for them, however narrow."""
     rng = np.random.default_rng(8)
     f = np.arange(25.0, 525.0, 2.0)
     H = 1e-4 / (1 - (f / 158.3) ** 2 + 2j * damping * f / 158.3)
@@ -274,7 +274,7 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"resolution_hz": 0.1}, "a sweep of 20 s gives lines of 1.6 Hz, not 0.1 Hz"),
         ({"band_hz": (25, 3000)}, "within 0..2500 Hz"),
@@ -288,29 +288,29 @@ def test_the_stated_error_of_a_peak_covers_and_is_near_the_bound() -> None:
         ),
     ],
 )
-def test_a_sweep_that_cannot_be_used_is_refused(change: dict, words: str) -> None:
+def test_a_sweep_that_cannot_be_used_is_refused(change: dict, message: str) -> None:
     drive, moved = bench()
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         estimate_swept_response(
             **({"drive": drive, "displacement": moved, "rate_hz": RATE, "band_hz": (25, 525)} | change)
         )
 
 
 @pytest.mark.parametrize(
-    ("period_s", "dropped", "words"),
+    ("period_s", "dropped", "message"),
     [
         (1.00003, 1, "must be a whole number"),
         (1.0, 5, "at least two must remain"),
         (0.5, -1, "at least two must remain"),
     ],
 )
-def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         estimate_periodic_response(np.ones(30_000), np.ones(30_000), RATE, period_s, (25, 525), dropped)
 
 
 @pytest.mark.parametrize(
-    ("samples", "words"),
+    ("samples", "message"),
     [
         (np.random.default_rng(6).standard_normal(100_000), r"is largest at .* Hz, in a peak only \d lines wide"),
         (np.zeros(100_000), "is zero in 125..500 Hz"),
@@ -318,8 +318,8 @@ def test_periods_that_cannot_be_used_are_refused(period_s: float, dropped: int, 
         (np.zeros(100), "has 100 samples, at least 256"),
     ],
 )
-def test_no_peak_is_no_number(samples: np.ndarray, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_no_peak_is_no_number(samples: np.ndarray, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         spectrum_peak(samples, RATE)
 
 

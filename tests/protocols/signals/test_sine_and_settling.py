@@ -1,4 +1,4 @@
-"""The sine fit and the settling detector, against signals whose truth is known."""
+"""Sine fit and settling detector, against signals with known parameters."""
 
 import numpy as np
 import pytest
@@ -71,14 +71,14 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def detector(**changes: float) -> SettlingDetector:
-    wanted = {
+    expected = {
         "rate_hz": RATE,
         "frequency_hz": 100.0,
         "window_samples": 200,
         "drive_amplitude_v": 2.0,
         "tolerance": 0.005,
     }
-    return SettlingDetector(**(wanted | changes))  # type: ignore[arg-type]
+    return SettlingDetector(**(expected | changes))  # type: ignore[arg-type]
 
 
 def test_a_ringing_response_is_not_settled_before_it_has_rung_out() -> None:
