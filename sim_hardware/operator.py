@@ -76,8 +76,8 @@ class SimulatedOperator:
 
     def answer(self, ask_id: int) -> str | None:
         """Return the answer, once, when it is due."""
-        due_s, words = self._answers.get(ask_id, (0.0, None))
-        if words is None or (due_s and self._bench.now() < due_s):
+        due_s, answer = self._answers.get(ask_id, (0.0, None))
+        if answer is None or (due_s and self._bench.now() < due_s):
             return None
         del self._answers[ask_id]
-        return words
+        return answer

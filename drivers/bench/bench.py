@@ -188,9 +188,9 @@ class Bench:
                 raise
             # An earlier run left high voltage on, and the level of the source cannot be measured now.
             trouble = shutdown.command_rest(self.amplifier.force_rest)
-            words = f"the card cannot see the drive: {error}.{trouble}"
-            self.watchdog.log(f"the program could not confirm rest: {words}")
-            raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {words}") from error
+            message = f"the card cannot see the drive: {error}.{trouble}"
+            self.watchdog.log(f"the program could not confirm rest: {message}")
+            raise UnsafeError(f"{MANUAL_SHUTDOWN_INSTRUCTIONS}. What was measured: {message}") from error
         with stream:
             # An earlier run may have left high voltage on: then any failure from here on must measure rest.
             armed = ArmedBench(

@@ -62,9 +62,9 @@ def verify_rest(
         timeout_s: longest wait for rest.
         initial_rest: the measurement at arming.
     """
-    wanted_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, math.inf
+    expected_v, limit_v, noise_limit_v = rest_v, REST_TOLERANCE_V, math.inf
     if initial_rest is not None:
-        wanted_v, limit_v = initial_rest.measured_v, REST_REPEATABILITY_V
+        expected_v, limit_v = initial_rest.measured_v, REST_REPEATABILITY_V
         noise_limit_v = MAX_NOISE_RATIO * initial_rest.noise_v + NOISE_MARGIN_V
     begin_s = clock.now()
     fresh = math.ceil((begin_s - start_time_s + STALE_SAMPLES_S) * rate_hz)
@@ -83,15 +83,15 @@ def verify_rest(
             still = still[-needed:]
             seen = still if still.size == needed else volts
             mean_v, noise_v = float(seen.mean()), float(seen.std())
-            if still.size == needed and abs(mean_v - wanted_v) <= limit_v and noise_v <= noise_limit_v:
+            if still.size == needed and abs(mean_v - expected_v) <= limit_v and noise_v <= noise_limit_v:
                 return RestMeasurement(
                     True, mean_v, f"the card sees {mean_v:z.3f} V at the amplifier's input: rest", noise_v
                 )
         if start + block.size >= fresh + needed and clock.now() - begin_s > timeout_s:
             noise = f", noise {noise_v:.2g} V" if noise_v > noise_limit_v else ""
             lowest_v, highest_v = min(e[1] for e in extremes), max(e[2] for e in extremes)
-            words = (
-                f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {wanted_v:.4g} V "
+            message = (
+                f"the card sees {mean_v:z.3f} V (lowest {lowest_v:z.3f} V, highest {highest_v:z.3f} V) at the amplifier's input where rest is {expected_v:.4g} V "
                 f"(limit ±{limit_v:g} V{noise}, watched for {timeout_s:.1f} s)"
             )
-            return RestMeasurement(False, mean_v, words, noise_v)
+            return RestMeasurement(False, mean_v, message, noise_v)

@@ -76,8 +76,8 @@ class SafeShutdown:
                 trouble = f" The source did not obey: {error}."
             else:
                 return ""
-        told = self.watchdog.request_rest(trouble.strip(" ."))
-        return f"{trouble} The watchdog says: {told}." if told else trouble
+        outcome = self.watchdog.request_rest(trouble.strip(" ."))
+        return f"{trouble} The watchdog says: {outcome}." if outcome else trouble
 
     def measure_rest(
         self,

@@ -225,8 +225,8 @@ class BurstGenerator(ABC):
             self._last_amplitude_vpp = vpp = amplitude + (IDLE_AMPLITUDE_VPP - amplitude) * i / steps
             way.step(self._amplitude_command(vpp), partial(self._set_amplitude, vpp))
             self._clock.sleep(self._step_interval_s)
-        for words in self._abort_commands():
-            way.step(words, partial(self._send, words))
+        for command in self._abort_commands():
+            way.step(command, partial(self._send, command))
         left = way.query(self._query_amplitude)
         way.raise_first_error()
         if left is not None:
@@ -315,10 +315,10 @@ class BurstGenerator(ABC):
         self._set_rate(rate_hz, points.size)
         self._set_cycles(cycles)
         if self.CAN_FREEZE_RANGE:
-            wanted = self._amplitude_setting_vpp(points, full_v)
-            self._change_amplitude(wanted)
+            expected = self._amplitude_setting_vpp(points, full_v)
+            self._change_amplitude(expected)
             self._check_readback(
-                self._query_amplitude(), wanted, LEVEL_TOLERANCE_V, "the amplitude in volts peak to peak"
+                self._query_amplitude(), expected, LEVEL_TOLERANCE_V, "the amplitude in volts peak to peak"
             )
         self._burst_end_s = (
             self._clock.now() + seconds
@@ -327,14 +327,14 @@ class BurstGenerator(ABC):
         self._burst_end_s = self._clock.now() + seconds
 
     def _load_waveform(self, points: Points) -> None:
-        wanted = hashlib.sha256(points.tobytes()).hexdigest()
-        if wanted == self._stored_waveform:
+        expected = hashlib.sha256(points.tobytes()).hexdigest()
+        if expected == self._stored_waveform:
             return
         if self.CAN_FREEZE_RANGE:
             self._change_amplitude(IDLE_AMPLITUDE_VPP)  # a transient during the download then stays this small
         self._stored_waveform = None
         self._download_waveform(points)
-        self._stored_waveform = wanted
+        self._stored_waveform = expected
 
     def _check_readback(self, readback: float, setpoint: float, tolerance: float, quantity: str) -> None:
         if not abs(readback - setpoint) <= tolerance:

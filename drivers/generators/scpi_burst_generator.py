@@ -95,11 +95,11 @@ class ScpiBurstGenerator(BurstGenerator):
         self._write_checked(self._amplitude_command(vpp))
 
     def _set_rate(self, rate_hz: float, point_count: int) -> None:
-        wanted = rate_hz * point_count if self.RATE_IS_SAMPLE_RATE else rate_hz
-        self._write_checked(f"{self.SOURCE_PREFIX}{self.RATE_HEADER} {wanted:.10g}")
+        setpoint = rate_hz * point_count if self.RATE_IS_SAMPLE_RATE else rate_hz
+        self._write_checked(f"{self.SOURCE_PREFIX}{self.RATE_HEADER} {setpoint:.10g}")
         seen = self._scpi.query_float(f"{self.SOURCE_PREFIX}{self.RATE_HEADER}?")
         self._check_readback(
-            seen, wanted, 1e-6 * wanted + 1e-6, "the sample rate" if self.RATE_IS_SAMPLE_RATE else "the frequency"
+            seen, setpoint, 1e-6 * setpoint + 1e-6, "the sample rate" if self.RATE_IS_SAMPLE_RATE else "the frequency"
         )
 
     def _set_cycles(self, cycles: int) -> None:

@@ -44,10 +44,10 @@ class SiglentSdg(BurstGenerator):
                 f"{self._scpi.instrument}: 'C1:{command}?' was answered by '{answer[:60]}', which is no list of parameters; "
                 f"check the cable at {self._scpi.link.name}"
             )
-        words = answer[header.end() :].split(",")
+        fields = answer[header.end() :].split(",")
         if command == "OUTP":
-            words = ["STATE", *words]
-        return dict(zip(words[::2], words[1::2], strict=False))
+            fields = ["STATE", *fields]
+        return dict(zip(fields[::2], fields[1::2], strict=False))
 
     def _query_number(self, command: str, name: str) -> float:
         text = self._query_setting(f"{command} {name}")
@@ -69,8 +69,8 @@ class SiglentSdg(BurstGenerator):
         self._check_readback(self._query_number(command, name), value, tolerance, f"{command} {name}")
 
     def _set_keywords(self, command: str, **values: str) -> None:
-        words = ",".join(f"{name},{value}" for name, value in values.items())
-        self._scpi.link.write(f"C1:{command} {words.removeprefix('STATE,') if command == 'OUTP' else words}")
+        fields = ",".join(f"{name},{value}" for name, value in values.items())
+        self._scpi.link.write(f"C1:{command} {fields.removeprefix('STATE,') if command == 'OUTP' else fields}")
         seen = self._query_parameters(command)
         for name, value in values.items():
             if seen.get(name) != value:

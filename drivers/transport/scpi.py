@@ -77,7 +77,7 @@ class ScpiSession:
         """
         answer = self.query(f"{command};:SYST:ERR?")
         shown = command.partition(",#")[0]
-        code, _, words = answer.partition(",")
+        code, _, text = answer.partition(",")
         try:
             refused = int(code) != 0
         except ValueError:
@@ -87,8 +87,8 @@ class ScpiSession:
                 f"check the cable at {self.link.name}"
             ) from None
         if refused:
-            words = words.strip().strip('"')
-            raise InstrumentError(f"{self.instrument} refused '{shown}': {words} ({code})")
+            text = text.strip().strip('"')
+            raise InstrumentError(f"{self.instrument} refused '{shown}': {text} ({code})")
 
     def identify(self) -> Identity:
         """Return the identity that `*IDN?` reports."""

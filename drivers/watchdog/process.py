@@ -98,10 +98,10 @@ class WatchdogLoop:
             self._log("the program ended without a word; the source was at rest, nothing was to be done")
 
     def _handle_line(self, line: str, now: float) -> None:
-        word, _, words = line.partition(" ")
-        match word:
+        keyword, _, argument = line.partition(" ")
+        match keyword:
             case "beat":
-                self._last_heartbeat_s, self._allowed_silence_s = now, float(words)
+                self._last_heartbeat_s, self._allowed_silence_s = now, float(argument)
             case "pulse":
                 self._last_pulse_s = now
             case "live":
@@ -110,12 +110,12 @@ class WatchdogLoop:
             case "rest":
                 self._live = self._took_over = False
             case "log":
-                self._log_folder = Path(words)
+                self._log_folder = Path(argument)
             case "note":
-                self._log(words, to_stderr=False)
+                self._log(argument, to_stderr=False)
             case "help" if self._config.own_connection:
                 self._bring_to_rest(
-                    f"the program could not, and asked for it: {words}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
+                    f"the program could not, and asked for it: {argument}", REQUESTED_REST_TIMEOUT_S, to_stderr=False
                 )
             case "help":
                 send_line("could-not the watchdog has no connection of its own while the program lives")

@@ -218,8 +218,8 @@ def place_weight_prompt(side: float, mass_kg: float, has_previous: bool) -> Prom
 
 def remove_weight_prompt(side: float, mass_kg: float) -> Prompt:
     """Take a weight off; or say that it was wrong."""
-    words = f"Take the {format_grams(mass_kg)} weight off."
-    return Prompt("remove-weight", words, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
+    text = f"Take the {format_grams(mass_kg)} weight off."
+    return Prompt("remove-weight", text, {"mass_kg": mass_kg, "side": side}, (DONE, REPEAT), hands_on=True)
 
 
 def repeat_or_keep_prompt(action: str, message: str, attempt: int) -> Prompt:

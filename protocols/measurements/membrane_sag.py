@@ -192,18 +192,18 @@ class MembraneSag(Protocol):
 
     def _hang_prompt(self) -> Prompt:
         stretch = f" at {1e3 * self.elongation_m:g} mm elongation" if self.elongation_m else " without stretch"
-        words = (
+        text = (
             f"Take the reference away; clamp the membrane{stretch}, its centre under the sensor, and let it hang free."
         )
-        return Prompt("hang-membrane", words, self._prompt_values)
+        return Prompt("hang-membrane", text, self._prompt_values)
 
     @property
     def _prompt_values(self) -> dict[str, float]:
         return {"reference_m": self.reference_m, "elongation_m": self.elongation_m}
 
     def _out_of_range_prompt(self) -> Prompt:
-        words = (
+        text = (
             "The sensor was out of its range: the membrane hangs too far from the reference. Choose another depth "
             "(reference_m) or move the sensor. Repeat, or keep it as it is?"
         )
-        return Prompt("out-of-range", words, choices=("repeat", "keep"))
+        return Prompt("out-of-range", text, choices=("repeat", "keep"))

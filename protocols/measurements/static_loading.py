@@ -198,12 +198,12 @@ class StaticLoading(Protocol):
         low_m, high_m = expected_m / self.plausible_factor, expected_m * self.plausible_factor
         if low_m <= moved_m <= high_m:
             return ""
-        said = f"{1e6 * moved_m:+.1f} µm under {weight}, {1e6 * low_m:.0f} to {1e6 * high_m:.0f} µm are expected"
+        deviation = f"{1e6 * moved_m:+.1f} µm under {weight}, {1e6 * low_m:.0f} to {1e6 * high_m:.0f} µm are expected"
         if self._moved_backwards(mass_kg, zero, loaded):
-            return f"{said}: the wrong way. Either something else moved, or the sensor's gain has the wrong sign."
+            return f"{deviation}: the wrong way. Either something else moved, or the sensor's gain has the wrong sign."
         if moved_m < low_m:
-            return f"{said}: too little. Is it {weight}, and does it lie free on the centre?"
-        return f"{said}: too much. Is it {weight} alone, and was the sensor left untouched?"
+            return f"{deviation}: too little. Is it {weight}, and does it lie free on the centre?"
+        return f"{deviation}: too much. Is it {weight} alone, and was the sensor left untouched?"
 
     def _moved_backwards(self, mass_kg: float, zero: Recording, loaded: Recording) -> bool:
         """Whether the centre went the other way, as far as this weight moves it."""

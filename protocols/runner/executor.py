@@ -271,24 +271,24 @@ class StepExecutor:
         self, armed: ArmedBench, drive: Drive | None, step: Record, settled: SettlingResult, entry: int
     ) -> Recording:
         start_row = self._run_file.row_count
-        wanted = math.ceil(step.duration_s * armed.rate_hz)
-        if wanted > MAX_RECORDING_SCANS:
-            raise BenchError(recording_too_long_message(wanted))
+        scans = math.ceil(step.duration_s * armed.rate_hz)
+        if scans > MAX_RECORDING_SCANS:
+            raise BenchError(recording_too_long_message(scans))
         buffer = RecordingBuffer(self._channels, self._read_block(armed))
         if step.drive is not None:
             while buffer.scans < step.lead_s * armed.rate_hz:
                 buffer.add(self._read_block(armed))
             self._start_drive(armed, step.drive)
             # The card continued while the source was started; those samples are the rest before the drive.
-            wanted += max(self._scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
-        while buffer.scans < wanted:
+            scans += max(self._scan_index(armed, BLOCK_LATENCY_S) - buffer.first_scan, 0)
+        while buffer.scans < scans:
             buffer.add(self._read_block(armed))
-        samples, quality = buffer.finish(wanted)
+        samples, quality = buffer.finish(scans)
         if not settled.settled:
             quality |= Quality.UNSETTLED
         if self._calibration_warning:
             quality |= Quality.CALIBRATION_EXPIRED
-        rows = (start_row, start_row + wanted)
+        rows = (start_row, start_row + scans)
         fields: dict[str, Any] = {
             "index": self._recording_count,
             "rows": rows,

@@ -96,9 +96,9 @@ class PlanProgress:
     def new_warnings(self) -> list[str]:
         """Return the protocol's warnings that were not reported before."""
         new = [
-            words
-            for words in dict.fromkeys(self._protocol.warnings(self.points))
-            if words not in self._reported_warnings
+            warning
+            for warning in dict.fromkeys(self._protocol.warnings(self.points))
+            if warning not in self._reported_warnings
         ]
         self._reported_warnings.update(new)
         return new

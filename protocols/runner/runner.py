@@ -158,9 +158,9 @@ class Runner:
             RunStarted(self._protocol.name, path, rehearsal.duration_s, rehearsal.entries, self._bench.simulated)
         )
         self._recorder.publish_external()  # faults injected before the run
-        for words in (self._bench.watchdog.inactive_reason, self._calibration_warning, self._resume_state.message):
-            if words:
-                self._recorder.publish(LogMessage(words))
+        for message in (self._bench.watchdog.inactive_reason, self._calibration_warning, self._resume_state.message):
+            if message:
+                self._recorder.publish(LogMessage(message))
         for numerics in PRELOADED_MODULES:
             importlib.import_module(numerics)
         for entry, point in self._resume_state.points:
@@ -207,8 +207,8 @@ class Runner:
         else:
             self._recorder.publish(self._plan_progress.add_point(index, point))
             self._add_curves(self._analyze_curves(armed, index, entry, results))
-            for words in self._plan_progress.new_warnings():
-                self._recorder.publish(LogMessage(words))
+            for warning in self._plan_progress.new_warnings():
+                self._recorder.publish(LogMessage(warning))
 
     def _analyze_curves(
         self, armed: ArmedBench, index: int, entry: PlanEntry, results: Iterator[Any]
@@ -241,10 +241,10 @@ class Runner:
             return
         _, before = self._plan_progress.measured[last]
         self._measure_entry(armed, last)
-        words, question = assess_drift(
+        message, question = assess_drift(
             self._protocol, self._plan_progress.plan[last].label, before, self._plan_progress.measured[last][1]
         )
-        self._recorder.publish(LogMessage(words))
+        self._recorder.publish(LogMessage(message))
         if question is not None and self._executor.ask_operator(question) != question.choices[0]:
             raise RunCancelled
 

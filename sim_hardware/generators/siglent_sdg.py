@@ -64,10 +64,10 @@ class SimulatedSiglentSdg:
         return 1.0 if self._high_z else 0.5
 
     def _set_output(self, a: Arguments) -> None:
-        words = [word.upper() for word in a]
-        if words and words[0] in ("ON", "OFF"):
-            self._generator.apply_settings(on=words.pop(0) == "ON")
-        requested = _parse_pairs(words)
+        keywords = [word.upper() for word in a]
+        if keywords and keywords[0] in ("ON", "OFF"):
+            self._generator.apply_settings(on=keywords.pop(0) == "ON")
+        requested = _parse_pairs(keywords)
         if "LOAD" in requested:
             self._high_z = requested["LOAD"] == "HZ"
         if "PLRT" in requested:
@@ -144,10 +144,10 @@ class SimulatedSiglentSdg:
         )
 
     def _download(self, a: Arguments) -> None:
-        *words, data = a
-        if len(words) % 2 == 0 or words[-1] != "WAVEDATA":
+        *parameters, data = a
+        if len(parameters) % 2 == 0 or parameters[-1] != "WAVEDATA":
             return
-        requested = _parse_pairs(words[:-1])
+        requested = _parse_pairs(parameters[:-1])
         points = np.frombuffer(data.encode("latin-1"), "<i2") / FULL_SCALE
         self._stored_waveforms[requested["WVNM"]] = points, requested
         if requested["WVNM"] == self._selected_name:

@@ -158,9 +158,9 @@ class SimulatedCard:
         """The sensor's volts, constant from the moment at which it got stuck."""
         if not self._faults.was_ever_active("sensor-stuck"):
             return volts
-        begun = self._faults.active_since("sensor-stuck", t)
-        for begin in np.unique(begun[~np.isnan(begun)]).tolist():
-            stuck = begun == begin
+        onsets = self._faults.active_since("sensor-stuck", t)
+        for begin in np.unique(onsets[~np.isnan(onsets)]).tolist():
+            stuck = onsets == begin
             held_v = self._stuck_v.setdefault(begin, float(volts[stuck][0]))
             volts = np.where(stuck, held_v, volts)
         return volts

@@ -225,8 +225,8 @@ class Plant:
         if constant is None:
             return None
         volts, hv = constant
-        wanted = float(self._amplifier.map.specimen_v(volts)) if hv and not change.state.shorted else 0.0
-        if wanted != self._previous_specimen_v or change.state.side * wanted != self._previous_bending_v:
+        requested_v = float(self._amplifier.map.specimen_v(volts)) if hv and not change.state.shorted else 0.0
+        if requested_v != self._previous_specimen_v or change.state.side * requested_v != self._previous_bending_v:
             return None
         return stepper.steady_displacement(self._previous_bending_v, self._previous_force_n)
 
@@ -278,7 +278,7 @@ class Plant:
     def _requested_voltage(self, first: int, stop: int, state: SetupState) -> Array:
         """Volts the amplifier wants on the specimen, grid steps first..stop; none where its electrodes are shorted."""
         volts, hv = self._history.read(np.arange(first, stop) / self._rate)
-        wanted = self._amplifier.map.specimen_v(volts)
+        requested_v = self._amplifier.map.specimen_v(volts)
         if state.shorted:
-            return np.zeros_like(wanted)
-        return wanted if hv.all() else np.where(hv, wanted, 0.0)
+            return np.zeros_like(requested_v)
+        return requested_v if hv.all() else np.where(hv, requested_v, 0.0)

@@ -149,12 +149,12 @@ def limit_slew(target: Array, start_v: float, step_v: float) -> Array:
     if rises.max() <= step_v and rises.min() >= -step_v:
         return target
     jumps = np.flatnonzero(np.abs(rises) > step_v)
-    out, wanted = target.copy(), target.tolist()
+    out, targets = target.copy(), target.tolist()
     i, n = int(jumps[0]), target.size
     while True:
         at = float(out[i - 1]) if i else start_v
-        while i < n and abs(wanted[i] - at) > step_v:
-            at += math.copysign(step_v, wanted[i] - at)
+        while i < n and abs(targets[i] - at) > step_v:
+            at += math.copysign(step_v, targets[i] - at)
             out[i] = at
             i += 1
         # Caught up: sample i is admissible; continue at the next one that is not.

@@ -154,5 +154,5 @@ class BenchProcess(Closeable):
         if self._child.poll() is None:
             return f" within {self._timeout_s:g} s"
         self._stderr.seek(0)
-        said = self._stderr.read().strip().splitlines()
-        return f": it ended with code {self._child.returncode}" + (f" ({said[-1][:300]})" if said else "")
+        lines = self._stderr.read().strip().splitlines()
+        return f": it ended with code {self._child.returncode}" + (f" ({lines[-1][:300]})" if lines else "")

@@ -40,8 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("--source", metavar="MODULE:FACTORY", help="yields (source, bench, clock)")
     kind.add_argument("--digitizer", metavar="MODULE:FACTORY", help="yields (digitizer, bench)")
-    asked, rest = parser.parse_known_args(arguments)
-    named = asked.source or asked.digitizer
+    chosen, rest = parser.parse_known_args(arguments)
+    named = chosen.source or chosen.digitizer
     sys.path.insert(0, str(Path.cwd()))
     deprecated.install()
     try:
@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"'{named}' cannot be loaded ({error}); give it as module:function, from the folder it is in")
     if not callable(factory):
         parser.error(f"'{named}' is no function; give it as module:function")
-    suite = SUITE_FOLDER / ("source_contract.py" if asked.source else "digitizer_contract.py")
+    suite = SUITE_FOLDER / ("source_contract.py" if chosen.source else "digitizer_contract.py")
     # No pytest configuration of the current folder: the contract is the same everywhere.
     options = ["-c", os.devnull, "--rootdir", str(SUITE_FOLDER), "--import-mode=importlib", "-p", "no:cacheprovider"]
     return int(pytest.main([*options, str(suite), *rest], plugins=[FactoryPlugin(factory)]))
