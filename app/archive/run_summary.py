@@ -35,11 +35,6 @@ class RunState(StrEnum):
     NEWER = "newer version"
     DAMAGED = "damaged"
 
-    @property
-    def readable(self) -> bool:
-        """Whether the file can be opened."""
-        return self not in (RunState.NEWER, RunState.DAMAGED)
-
 
 class RunSummary(NamedTuple):
     """Summary of one run; a plain tuple, as a list may have ten thousand."""
@@ -85,7 +80,8 @@ class RunSummary(NamedTuple):
 
     @property
     def readable(self) -> bool:
-        return RunState(self.state).readable
+        """Whether the file can be opened."""
+        return self.state not in (RunState.NEWER, RunState.DAMAGED)
 
     @property
     def parameters(self) -> dict[str, Any]:

@@ -160,10 +160,10 @@ def identification_command_result(identification: IdentificationResult) -> Comma
                 "How well each run is explained",
                 (
                     Column("run", "", [r.label for r in runs]),
-                    Column("residuals", "", [r.points for r in runs]),
+                    Column("residuals", "", [len(r.values) for r in runs]),
                     Column("chi_square", "", [r.chi_square for r in runs], "chi-square", format_spec=".4g"),
-                    Column("probability", "", [r.probability for r in runs], format_spec=".2g"),
-                    Column("outliers", "", [r.outliers for r in runs], "beyond 4 errors"),
+                    Column("probability", "", [r.p_value for r in runs], format_spec=".2g"),
+                    Column("outliers", "", [len(r.outliers) for r in runs], "beyond 4 errors"),
                 ),
             )
         )

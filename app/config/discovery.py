@@ -28,7 +28,7 @@ class FoundDevice:
 
 def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[FoundDevice], list[str]]:
     """Return the connected devices, and messages on searches that failed."""
-    from drivers import list_resources
+    from drivers import list_devices, list_resources, list_serial_ports
 
     names, notes = list_resources()
     for host in hosts:
@@ -42,8 +42,12 @@ def find_devices(hosts: Sequence[str] = (), server: str = "") -> tuple[list[Foun
             found.append(_query_instrument(resource))
         except BenchError as error:
             notes.append(str(error))
-    cards, trouble = _find_cards(server)
-    return [*found, *cards, *_find_serial_ports()], notes + trouble
+    try:
+        found += [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)]
+    except BenchError as error:
+        notes.append(str(error))
+    found += [FoundDevice("serial port", name, description) for name, description in list_serial_ports()]
+    return found, notes
 
 
 def _query_instrument(resource: str) -> FoundDevice:
@@ -64,18 +68,3 @@ def _role_of(identity: Identity) -> tuple[str, str]:
     if any(re.match(dialect.model_pattern, model, re.IGNORECASE) for dialect in SUPPLY_DIALECTS):
         return "supply", ""
     return "instrument", ""
-
-
-def _find_cards(server: str) -> tuple[list[FoundDevice], list[str]]:
-    from drivers import list_devices
-
-    try:
-        return [FoundDevice("card", name, str(seen), seen.serial) for name, seen in list_devices(server or None)], []
-    except BenchError as error:
-        return [], [str(error)]
-
-
-def _find_serial_ports() -> list[FoundDevice]:
-    from drivers import list_serial_ports
-
-    return [FoundDevice("serial port", name, words) for name, words in list_serial_ports()]

@@ -128,32 +128,24 @@ def _entry_points(group: str) -> Sequence[EntryPoint]:
 
 def _load_plug_in(entry_point: EntryPoint) -> PlugIn:
     package = f"{entry_point.dist.name} {entry_point.dist.version}" if entry_point.dist else "an unknown package"
-    begin = f"the plug-in driver '{entry_point.name}' ({package})"
+    begin, found, problem = f"the plug-in driver '{entry_point.name}' ({package})", None, ""
+    interface = INTERFACES[entry_point.group]
     try:
         deprecated.install()
         found = entry_point.load()
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
-        words = f"{type(error).__name__}: {error}".strip(": ")
-        return PlugIn(
-            entry_point.name,
-            package,
-            None,
-            f"{begin} cannot be loaded: {words}. Update or remove the package {package}",
-        )
-    if not callable(found):
-        return PlugIn(entry_point.name, package, None, f"{begin} is no driver: {entry_point.value} cannot be called")
-    if inspect.isclass(found):
-        deprecated.adapt_driver(found, INTERFACES[entry_point.group])
-    if inspect.isclass(found) and (missing := _missing_methods(found, INTERFACES[entry_point.group])):
-        return PlugIn(
-            entry_point.name,
-            package,
-            None,
-            f"{begin} is no {INTERFACES[entry_point.group].__name__}: it lacks {', '.join(missing)}",
-        )
-    return PlugIn(entry_point.name, package, found)
+        reason = f"{type(error).__name__}: {error}".strip(": ")
+        problem = f"{begin} cannot be loaded: {reason}. Update or remove the package {package}"
+    else:
+        if inspect.isclass(found):
+            deprecated.adapt_driver(found, interface)
+            if missing := _missing_methods(found, interface):
+                problem = f"{begin} is no {interface.__name__}: it lacks {', '.join(missing)}"
+        elif not callable(found):
+            problem = f"{begin} is no driver: {entry_point.value} cannot be called"
+    return PlugIn(entry_point.name, package, None if problem else found, problem)
 
 
 def _missing_methods(driver_class: type, interface: type) -> list[str]:

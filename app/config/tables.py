@@ -7,10 +7,11 @@ What drives the amplifier, and what else is read: the tables [source], [supply] 
 
 from dataclasses import asdict
 from datetime import date
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
 
 from app.common import read_value
 from app.config import driver_registry as drivers
@@ -36,18 +37,17 @@ SERIAL_DESCRIPTION = "serial number; where it is given, another instrument at th
 class GeneratorTable(ConfigTable):
     """The function generator."""
 
-    driver: Annotated[str, "which driver: auto asks the instrument who it is"] = drivers.AUTO
+    driver: Annotated[
+        str,
+        AfterValidator(partial(drivers.check_driver_name, drivers.SOURCES)),
+        "which driver: auto asks the instrument who it is",
+    ] = drivers.AUTO
     resource: Annotated[str, "VISA resource string, e.g. TCPIP::192.0.2.7::5025::SOCKET"] = ""
     timeout_s: Annotated[float, Unit("s"), Interval(gt=0, le=60), "how long an answer may take"] = 2.0
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
         9600
     )
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
-
-    @field_validator("driver")
-    @classmethod
-    def _check_driver(cls, name: str) -> str:
-        return drivers.check_driver_name(drivers.SOURCES, name)
 
 
 class AmplifierTable(ConfigTable):
@@ -94,7 +94,7 @@ class AmplifierTable(ConfigTable):
 class CardTable(ConfigTable):
     """The data acquisition card."""
 
-    driver: str = "ni"
+    driver: Annotated[str, AfterValidator(partial(drivers.check_driver_name, drivers.DIGITIZERS))] = "ni"
     device: Annotated[str, "the card's name, e.g. Dev1"] = "Dev1"
     serial: Annotated[str, SERIAL_DESCRIPTION] = ""
     drive_channel: Annotated[str, "terminal that sees the amplifier's input"] = "ai0"
@@ -102,11 +102,6 @@ class CardTable(ConfigTable):
     server: Annotated[str, "host:port of NI's gRPC device server; empty for a local card"] = ""
     range_v: Annotated[float, Unit("V"), Interval(gt=0, le=10), "input range, plus and minus"] = 10.0
     terminal: Literal["DEFAULT", "DIFF", "RSE", "NRSE", "PSEUDO_DIFF"] = "DEFAULT"
-
-    @field_validator("driver")
-    @classmethod
-    def _check_driver(cls, name: str) -> str:
-        return drivers.check_driver_name(drivers.DIGITIZERS, name)
 
 
 class SensorTable(ConfigTable):
@@ -203,7 +198,7 @@ class SupplyTable(ConfigTable):
     baud: Annotated[int, Unit("1/s"), Interval(ge=300, le=4_000_000), "bits per second of a serial line (ASRL...)"] = (
         9600
     )
-    serial: Annotated[str, "serial number; where it is given, another instrument at this address is refused"] = ""
+    serial: Annotated[str, SERIAL_DESCRIPTION] = ""
     channel: Annotated[int, Interval(ge=1, le=4), "number of its output"] = 1
     current_limit_a: Annotated[float, Unit("A"), Interval(gt=0, le=1), "what the amplifier's input may draw"] = 0.1
     fall_time_s: Annotated[

@@ -14,6 +14,7 @@ from model.identification import (
     JointFit,
     ObservationSet,
     PaperChainOptions,
+    RunResiduals,
     assess_adequacy,
     default_values,
     identify_by_paper_chain,
@@ -23,17 +24,6 @@ from model.identification import (
 from protocols.runfile.reader import Run
 
 Method = Literal["chain", "joint"]
-
-
-@dataclass(frozen=True, slots=True)
-class RunMisfit:
-    """Misfit of one run."""
-
-    label: str
-    points: int
-    chi_square: float
-    probability: float
-    outliers: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +38,7 @@ class IdentificationResult:
     fixed: Mapping[str, float | None]
     """Parameters of the model that were held, with their values."""
     verdict: str
-    misfits: tuple[RunMisfit, ...] = ()
+    misfits: tuple[RunResiduals, ...] = ()
     validation: tuple[CurveValidation, ...] = ()
     unidentified: tuple[str, ...] = ()
     """Combinations of parameters that these runs do not determine, as text."""
@@ -138,9 +128,7 @@ def identify_observations(
         fit.covariance_of(estimates),
         _fixed_parameters(options.base_values(), estimates),
         fit.verdict,
-        misfits=tuple(
-            RunMisfit(r.label, len(r.values), r.chi_square, r.p_value, len(r.outliers)) for r in fit.residuals
-        ),
+        misfits=fit.residuals,
         unidentified=tuple(c.description for c in fit.unidentified_combinations),
         notes=(*exclusions, *([] if fit.converged else [fit.message])),
         duration_s=fit.duration_s,

@@ -114,18 +114,13 @@ def run_observations(run: Run) -> Iterator[Observation]:
             yield from observe(run, columns, usable_mask(columns["quality"]))
 
 
-def _gain_error(run: Run) -> tuple[SharedError, ...]:
-    """Return the gain error of the displacement sensor, which all its values share."""
-    sensor = run.sensor
-    if not sensor.gain_relative_uncertainty > 0:
-        return ()
-    return (
-        SharedError(f"gain of {sensor.name} {sensor.serial}".strip(), "displacement", sensor.gain_relative_uncertainty),
-    )
-
-
 def _common_arguments(run: Run) -> dict[str, Any]:
-    return {"shared_errors": _gain_error(run), "simulated": run.simulated}
+    """Return the gain error of the displacement sensor, which all its values share, and whether the run is simulated."""
+    sensor, errors = run.sensor, tuple[SharedError, ...]()
+    if sensor.gain_relative_uncertainty > 0:
+        name = f"gain of {sensor.name} {sensor.serial}".strip()
+        errors = (SharedError(name, "displacement", sensor.gain_relative_uncertainty),)
+    return {"shared_errors": errors, "simulated": run.simulated}
 
 
 def _response(

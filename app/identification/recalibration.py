@@ -1,7 +1,7 @@
 """Recalibration of runs: raw samples are reduced again with corrected sensor and amplifier tables."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -165,7 +165,3 @@ class RecalibratedRun(Run):
 
 def _format_value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value) or "none"
-
-
-OpenRun = Callable[[Path], Run]
-"""Opens a run file, as recorded or corrected."""

@@ -166,7 +166,7 @@ def agreement_blocks(summary: SpecimenSummary, plots: Sequence[ReportPlot]) -> l
     if found is not None and found.misfits:
         heads = ("points of", "residuals", "χ²", "p", "beyond 4 errors")
         rows = [
-            (m.label, str(m.points), f"{m.chi_square:.1f}", typeset_probability(m.probability), str(m.outliers))
+            (m.label, str(len(m.values)), f"{m.chi_square:.1f}", typeset_probability(m.p_value), str(len(m.outliers)))
             for m in found.misfits
         ]
         note = (

@@ -10,6 +10,7 @@ from .fit_options import FitCancelled as FitCancelled
 from .fit_options import FitOptions as FitOptions
 from .fit_options import IdentificationError as IdentificationError
 from .fit_result import JointFit as JointFit
+from .fit_result import RunResiduals as RunResiduals
 from .fit_result import format_p_value as format_p_value
 from .joint_least_squares import joint_fit as joint_fit
 from .live_fit import LiveFit as LiveFit

@@ -154,7 +154,8 @@ def match_columns(table: ImportTable, kind: TableKind, named: Mapping[str, str])
     of: dict[str, TableColumn] = {}
     for name, head in named.items():
         if kind.column(name) is None:
-            raise TableImportError(f"--column {name}={head}: {kind.name} has no '{name}'; it has: {_spec_names(kind)}")
+            known = ", ".join(slot.name for slot in kind.columns if not slot.name.endswith("_errors"))
+            raise TableImportError(f"--column {name}={head}: {kind.name} has no '{name}'; it has: {known}")
         of[name] = _column_by_heading(table, head, f"--column {name}={head}")
     for cells in table.columns:
         if any(cells is known for known in of.values()):
@@ -296,7 +297,3 @@ def _check_required(
             raise TableImportError(
                 f"{table.path} has no column {wanted}, which {kind.name} needs; it has: {have}. Say which it is: --column {group[0]}=NAME"
             )
-
-
-def _spec_names(kind: TableKind) -> str:
-    return ", ".join(slot.name for slot in kind.columns if not slot.name.endswith("_errors"))

@@ -52,7 +52,12 @@ def import_files(
     try:
         parts = progress.part(0.0, READ_SHARE).split_by_files(options.files)
         sheets = [read_table(path, file_progress) for path, file_progress in zip(options.files, parts, strict=True)]
-        wanted = [every[options.kind] if options.kind else _kind_of(sheet, every, options.columns) for sheet in sheets]
+        wanted = [
+            every[options.kind]
+            if options.kind
+            else every.get(str(sheet.metadata.get("protocol"))) or detect_kind(sheet, options.columns)
+            for sheet in sheets
+        ]
         taken = _import_tables(sheets, wanted, options, amplifier, progress.part(READ_SHARE, BUILT_SHARE))
         written = [] if options.dry_run else [write_imported_run(each, asked, options.folder) for each, asked in taken]
     except (TableImportError, StorageError) as error:
@@ -110,12 +115,6 @@ def read_time(text: str) -> datetime:
     if when > datetime.now(UTC):
         raise UsageError(f"--measured {text}: that day is still to come")
     return when
-
-
-def _kind_of(sheet: ImportTable, every: Mapping[str, TableKind], columns: Mapping[str, str]) -> TableKind:
-    """Return the kind that an exported table names, else the one that its columns suggest."""
-    name = str(sheet.metadata.get("protocol", ""))
-    return every[name] if name in every else detect_kind(sheet, columns)
 
 
 def _import_tables(
