@@ -2,6 +2,7 @@ from .amplifier_map import AmplifierMap as AmplifierMap
 from .arrays import Array as Array
 from .arrays import Complex as Complex
 from .arrays import Mask as Mask
+from .arrays import gauss_legendre as gauss_legendre
 from .estimate import EstimatedQuantity as EstimatedQuantity
 from .membrane import GRAVITY as GRAVITY
 from .membrane import LOAD_SPEC as LOAD_SPEC
@@ -16,11 +17,17 @@ from .parameter_spec import parameter_specs as parameter_specs
 from .parameters import Beam as Beam
 from .parameters import Membrane as Membrane
 from .parameters import Tactor as Tactor
+from .parameters import beam_from_values as beam_from_values
+from .parameters import beams as beams
+from .skin_model import CONTACT_LENGTH as CONTACT_LENGTH
+from .skin_model import NO_SKIN as NO_SKIN
 from .skin_model import PRE_STRETCH as PRE_STRETCH
 from .skin_model import THRESHOLD_M as THRESHOLD_M
 from .skin_model import Skin as Skin
 from .skin_model import point_stiffness as point_stiffness
 from .skin_model import skin as skin
+from .specimen import C_S as C_S
+from .specimen import K_S as K_S
 from .specimen import Specimen as Specimen
 from .specimen import replace_variables as replace_variables
 from .specimen import specimen_record as specimen_record

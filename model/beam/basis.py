@@ -10,8 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
-from model.parameter_spec import ParameterError
+from model import Array, ParameterError
 
 N_MAX = 300
 """Further shapes gain nothing: the error is below 1e-7 there, and the rounding of the supplementary shapes begins to show."""

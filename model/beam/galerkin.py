@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array, gauss_legendre
+from model import Array, Beam, gauss_legendre
 from model.beam.basis import check_shape_count, shape_functions, wavenumbers
-from model.parameters import Beam
 
 
 class Gram(NamedTuple):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeev, dpotrf, dtrtri
 
-from model.arrays import Array, Complex
+from model import Array, Complex
 
 DOUBLE_POLE_TOLERANCE = 1e-4
 """Where left and right vector are this close to orthogonal, two poles all but meet and their residues cancel to fewer than

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
-from model.arrays import Array, Mask
+from model import Array, Mask, beam_from_values
 from model.identification.fit_result import MIN_P_VALUE, JointFit, format_p_value
 from model.identification.forward_model import (
     Values,
@@ -22,7 +22,6 @@ from model.identification.forward_model import (
 from model.identification.model_discrepancy import Discrepancy, possible_discrepancies
 from model.identification.observations import FrequencyResponseObservation, observed_values
 from model.identification.receptance import ReceptanceSolver
-from model.parameters import beam_from_values
 
 SIGNIFICANCE_LEVEL = 0.01
 """Probability, over all tests together, below which a finding is reported."""

@@ -7,10 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from model.estimate import EstimatedQuantity
-from model.parameter_spec import ParameterError, parameter_specs
-from model.parameters import Membrane, Tactor
-from model.specimen import variable_specs
+from model import EstimatedQuantity, Membrane, ParameterError, Tactor, parameter_specs, variable_specs
 from model.studies.uncertainty import EstimateSet
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.arrays import Array
+from model import GRAVITY, Array, ParameterError
 from model.identification import parameters as known
 from model.identification.fit_result import UNKNOWN_RELATIVE_ERROR, JointFit
 from model.identification.forward_model import with_predictions
@@ -20,8 +20,6 @@ from model.identification.observations import (
     VoltageStepsObservation,
 )
 from model.identification.residuals import LeastSquaresProblem
-from model.membrane import GRAVITY
-from model.parameter_spec import ParameterError
 
 
 @dataclass(frozen=True)

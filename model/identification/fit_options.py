@@ -6,11 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap, Membrane, ParameterError, Tactor
 from model.identification import parameters as known
 from model.identification.observations import ObservationSet
-from model.parameter_spec import ParameterError
-from model.parameters import Membrane, Tactor
 
 MIN_SHAPES, MAX_SHAPES = 3, 60
 

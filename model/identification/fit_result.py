@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from model.arrays import Array
-from model.estimate import EstimatedQuantity
+from model import Array, EstimatedQuantity
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, Loss
 from model.identification.observations import ObservationSet, observed_values

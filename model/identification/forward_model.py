@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Complex
+from model import AmplifierMap, Array, Beam, Complex, Membrane, beam_from_values, parameter_specs, point_stiffness, sag
 from model.beam import matrices, modal_form, receptance
 from model.identification import parameters as known
 from model.identification.observations import (
@@ -26,11 +25,7 @@ from model.identification.observations import (
     with_observed_values,
 )
 from model.identification.receptance import Factors, ReceptanceSolver
-from model.membrane import sag
-from model.parameter_spec import parameter_specs
-from model.parameters import Beam, Membrane, beam_from_values
 from model.response import fourier_series, harmonic_orders, load_compliance, peak_to_peak, voltage_gain
-from model.skin_model import point_stiffness
 
 Values = Mapping[str, Any]
 

@@ -11,13 +11,12 @@ from time import monotonic
 
 import numpy as np
 
-from model.arrays import Array
+from model import Array, ParameterError
 from model.identification import parameters as known
 from model.identification.fit_options import FitCancelled, FitOptions, IdentificationError
 from model.identification.fit_result import JointFit
 from model.identification.observations import ObservationSet
 from model.identification.residuals import LeastSquaresProblem
-from model.parameter_spec import ParameterError
 
 LOG_RANGE = 12.0
 """How far a logarithm may go to either side: five powers of ten."""

@@ -6,13 +6,12 @@ from time import perf_counter
 
 import numpy as np
 
-from model.estimate import EstimatedQuantity
+from model import EstimatedQuantity, ParameterError
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.fit_result import JointFit, UnidentifiedCombination
 from model.identification.joint_least_squares import joint_fit
 from model.identification.observations import FrequencyResponseObservation, ObservationSet
 from model.identification.parameters import elongation_parameter
-from model.parameter_spec import ParameterError
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from model.arrays import Array
+from model import Array, Skin, Tactor, parameter_specs
 from model.identification.fit_result import JointFit
 from model.identification.forward_model import skin_from_values
 from model.identification.observations import (
@@ -24,10 +24,7 @@ from model.identification.observations import (
 )
 from model.identification.paper_chain import parabola_vertex
 from model.identification.residuals import LeastSquaresProblem
-from model.parameter_spec import parameter_specs
-from model.parameters import Tactor
 from model.response import Excitation, exact_response
-from model.skin_model import Skin
 
 
 @dataclass(frozen=True)

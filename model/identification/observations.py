@@ -10,10 +10,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from model.arrays import Array, Complex, Mask
-from model.membrane import weight_per_length
-from model.parameter_spec import ParameterError
-from model.parameters import Membrane
+from model import Array, Complex, Mask, Membrane, ParameterError, weight_per_length
 
 Side = Literal["mfc", "aluminium", "both"]
 ErrorTarget = Literal["displacement", "volts", "load", "mass", "delay"]

@@ -12,8 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Mask
+from model import AmplifierMap, Array, Mask, Membrane, ParameterError, Tactor, point_stiffness, young_modulus_from_sag
 from model.identification.forward_model import equation_factors, specimen_harmonic
 from model.identification.observations import (
     FrequencyResponseObservation,
@@ -25,11 +24,7 @@ from model.identification.observations import (
 )
 from model.identification.parameters import elongation_parameter
 from model.identification.receptance import Factors, ReceptanceSolver
-from model.membrane import young_modulus_from_sag
-from model.parameter_spec import ParameterError
-from model.parameters import Membrane, Tactor
 from model.response import load_compliance, voltage_gain
-from model.skin_model import point_stiffness
 
 DampingTreatment = Literal["counted", "neglected"]
 

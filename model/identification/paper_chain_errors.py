@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from model.arrays import Array
-from model.estimate import EstimatedQuantity
+from model import Array, EstimatedQuantity, ParameterError
 from model.identification.fit_options import FitCancelled
 from model.identification.forward_model import ForwardModel, modulus_prediction
 from model.identification.observations import (
@@ -33,7 +32,6 @@ from model.identification.paper_chain import (
     parabola_vertex,
 )
 from model.identification.parameters import default_values, elongation_parameter, parameter_spec, parse_elongation
-from model.parameter_spec import ParameterError
 
 
 def linearized_errors(

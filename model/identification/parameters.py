@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 from annotated_types import Interval
 
+from model import C_S, CONTACT_LENGTH, K_S, Membrane, ParameterError, ParameterSpec, Tactor, parameter_specs, skin
 from model.identification.observations import (
     SHARED_ERROR_UNITS,
     FrequencyResponseObservation,
@@ -14,10 +15,6 @@ from model.identification.observations import (
     StaticLoadingObservation,
     VoltageStepsObservation,
 )
-from model.parameter_spec import ParameterError, ParameterSpec, parameter_specs
-from model.parameters import Membrane, Tactor
-from model.skin_model import CONTACT_LENGTH, skin
-from model.specimen import C_S, K_S
 
 ASYMMETRY = ParameterSpec(
     "asymmetry", "1", Interval(gt=-1, lt=1), "share by which loads deflect more on the MFC side, less on the other", 0.0

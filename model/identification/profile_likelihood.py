@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from model.arrays import Array
+from model import Array, ParameterError
 from model.identification import parameters as known
 from model.identification.fit_result import JointFit, fit_cost
 from model.identification.joint_least_squares import CancelCheck, joint_fit
-from model.parameter_spec import ParameterError
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arrays import Array, Complex
+from model import Array, Complex
 from model.beam import gram
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from model.arrays import Array
+from model import Array
 from model.identification import parameters as known
 from model.identification.fit_options import FitOptions, IdentificationError
 from model.identification.forward_model import ForwardModel

@@ -10,10 +10,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array, Complex
-from model.parameters import Tactor
+from model import NO_SKIN, Array, Complex, Skin, Tactor
 from model.response.harmonic_response import Excitation, check_frequency, check_position
-from model.skin_model import NO_SKIN, Skin
 
 
 def exact_response(

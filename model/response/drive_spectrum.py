@@ -9,9 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Complex
-from model.parameter_spec import ParameterError
+from model import AmplifierMap, Array, Complex, ParameterError
 
 Waveform = Literal["sine", "square"]
 

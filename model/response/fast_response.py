@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Complex
+from model import AmplifierMap, Array, Complex, Specimen
 from model.beam import ModalForm, matrices, modal_form, receptance
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, interpolated_maximum, output_rows
-from model.specimen import Specimen
 
 HARMONIC_ORDERS = 48
 SAMPLES_PER_PERIOD = 256

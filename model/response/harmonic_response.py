@@ -7,13 +7,9 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Complex
+from model import NO_SKIN, AmplifierMap, Array, Complex, ParameterSpec, Skin, Tactor
 from model.beam import Matrices, ModalForm, gram, matrices, modal_form, receptance, shape_functions
-from model.parameter_spec import ParameterSpec
-from model.parameters import Tactor
 from model.response.drive_spectrum import Waveform, fourier_series
-from model.skin_model import NO_SKIN, Skin
 
 Excitation = Literal["voltage", "load"]
 

@@ -6,16 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from annotated_types import Interval
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Mask
+from model import AmplifierMap, Array, Mask, ParameterSpec, Skin, Tactor
 from model.beam import ModalForm, receptance
-from model.parameter_spec import ParameterSpec
-from model.parameters import Tactor
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC, harmonic_orders, tactor_modal_form
 from model.response.perception import THRESHOLD_M
 from model.response.time_response import onset_response, unit_step
-from model.skin_model import Skin
 
 THRESHOLD_SPEC = ParameterSpec("threshold", "m", Interval(gt=0), "deflection that can be felt", THRESHOLD_M)
 TOLERANCE_SPEC = ParameterSpec(

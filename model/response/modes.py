@@ -5,11 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
+from model import NO_SKIN, Array, Beam, Skin, Tactor
 from model.beam import matrices
-from model.parameters import Beam, Tactor
 from model.response.harmonic_response import output_rows, system_matrices
-from model.skin_model import NO_SKIN, Skin
 
 
 def natural_frequencies(tactor: Tactor, skin: Skin | None = None, n: int = 7) -> Array:

@@ -6,10 +6,9 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
-from model.parameter_spec import ParameterError, ParameterSpec
+from model import THRESHOLD_M as THRESHOLD_M
+from model import Array, ParameterError, ParameterSpec
 from model.response.harmonic_response import PERIODIC_FREQUENCY_SPEC
-from model.skin_model import THRESHOLD_M as THRESHOLD_M
 
 THRESHOLD_AMPLITUDE = ParameterSpec(
     "threshold amplitude", "m", Interval(gt=0), "smallest amplitude that is felt", THRESHOLD_M

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
-from model.parameters import Beam, Tactor
+from model import Array, Beam, Tactor
 from model.response.harmonic_response import check_position
 
 

@@ -11,14 +11,10 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array, Complex, Mask
+from model import AmplifierMap, Array, Complex, Mask, ParameterError, ParameterSpec, Skin, Tactor
 from model.beam import ModalForm
-from model.parameter_spec import ParameterError, ParameterSpec
-from model.parameters import Tactor
 from model.response.drive_spectrum import fourier_series
 from model.response.harmonic_response import FREQUENCY_SPEC, tactor_modal_form
-from model.skin_model import Skin
 
 DURATION_SPEC = ParameterSpec("duration", "s", Interval(gt=0), "duration of the sweep", None)
 

@@ -4,12 +4,9 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import ArrayLike
 
-from model.arrays import Array, Complex
+from model import Array, Complex, ParameterSpec, Skin, Tactor
 from model.beam import ModalForm
-from model.parameter_spec import ParameterSpec
-from model.parameters import Tactor
 from model.response.harmonic_response import tactor_modal_form
-from model.skin_model import Skin
 
 TIME_SPEC = ParameterSpec("time", "s", Interval(ge=0), "time since the drive began", None)
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array
-from model.parameters import Tactor
+from model import Array, Skin, Tactor
 from model.response import check_frequency, exact_response, frequency_response, natural_frequencies
-from model.skin_model import Skin
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from model.amplifier_map import AmplifierMap
-from model.arrays import Array
-from model.membrane import GRAVITY
-from model.parameters import Membrane, Tactor, beams
+from model import GRAVITY, AmplifierMap, Array, Membrane, Specimen, Tactor, beams
 from model.response import load_compliance, natural_frequencies_of, voltage_gain
-from model.specimen import Specimen
 from model.studies.parameter_study import FIGURE_FREQUENCIES_HZ, Study, fig10_study, fig11_study, fig12_study
 
 

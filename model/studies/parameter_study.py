@@ -17,12 +17,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.amplifier_map import AmplifierMap
+from model import AmplifierMap, Membrane, ParameterError, Specimen, Tactor, specimen_record, variable_specs
 from model.beam import check_shape_count, matrices, modal_form, receptance
-from model.parameter_spec import ParameterError
-from model.parameters import Membrane, Tactor
 from model.response import check_frequency, fourier_series, harmonic_orders, peak_to_peak, samples_per_period
-from model.specimen import Specimen, specimen_record, variable_specs
 
 Measure = Literal["fundamental", "peak_to_peak", "receptance"]
 MEASURE_UNITS: Mapping[Measure, str] = {"fundamental": "m", "peak_to_peak": "m", "receptance": "m/V"}

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arrays import Array
-from model.parameter_spec import ParameterError
+from model import Array, ParameterError
 from model.studies.parameter_study import Study, study_responses
 
 

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from model.arrays import Array, Mask
-from model.parameter_spec import ParameterError
-from model.specimen import variable_specs
+from model import Array, Mask, ParameterError, variable_specs
 
 ParameterizedCurve = Callable[[Mapping[str, Array]], Array]
 """Takes arrays of P values by name and gives P curves, (P, F)."""
